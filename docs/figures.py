@@ -69,20 +69,20 @@ class Expression(NamedTuple):
 
         keyword = {**self.keyword, **{key: [value] for key, value in row.items()}}
         for values in product(*self.positional, *keyword.values()):
-            known = [convert(value) for value in values]
-            named = dict(zip(keyword, known[len(self.positional) :], strict=True))
-            yield partial(FUNCTIONS[self.function], *known[: len(self.positional)], **named)
+            converted = [convert(value) for value in values]
+            named = dict(zip(keyword, converted[len(self.positional) :], strict=True))
+            yield partial(FUNCTIONS[self.function], *converted[: len(self.positional)], **named)
 
 
 def parse(text: str) -> Expression:
     """Parse a figure comment; a comma separates alternative values of one argument."""
-    words = text.split()
-    aggregate = words.pop(0) if words[0] in AGGREGATES else ""
-    spec = words.pop()[1:] if words[-1].startswith(":") else ""
-    pairs = [re.match(r"(?:([\w-]+)=)?(.+)", word) for word in words[1:]]
+    parts = text.split()
+    aggregate = parts.pop(0) if parts[0] in AGGREGATES else ""
+    spec = parts.pop()[1:] if parts[-1].startswith(":") else ""
+    pairs = [re.match(r"(?:([\w-]+)=)?(.+)", word) for word in parts[1:]]
     positional = [pair[2].split(",") for pair in pairs if pair and not pair[1]]
     keyword = {pair[1]: pair[2].split(",") for pair in pairs if pair and pair[1]}
-    return Expression(aggregate, words[0], positional, keyword, spec)
+    return Expression(aggregate, parts[0], positional, keyword, spec)
 
 
 def convert(text: str) -> Any:

@@ -94,8 +94,8 @@ def profiles(*columns: str) -> str:
 def _columns(table: str, columns: Sequence[str]) -> str:
     """Return some columns of a table, by number from 0; all without numbers."""
     rows = [re.split(r"(?<!\\)\|", line)[1:-1] for line in table.splitlines()]
-    chosen = [int(column) for column in columns] or range(len(rows[0]))
-    return "\n".join(f"|{'|'.join(row[column] for column in chosen)}|" for row in rows)
+    selected = [int(column) for column in columns] or range(len(rows[0]))
+    return "\n".join(f"|{'|'.join(row[column] for column in selected)}|" for row in rows)
 
 
 def python(*names: str) -> str:
@@ -103,20 +103,22 @@ def python(*names: str) -> str:
     parts = []
     for name in names:
         module, _, last = name.rpartition(".")
-        found = getattr(importlib.import_module(module), last, None)
-        shown = {name: found}
-        if found is None or inspect.ismodule(found):
-            found = importlib.import_module(name)
-            own = (each for each in vars(found).values() if inspect.isclass(each))
-            shown = {f"{name}.{e.__name__}": e for e in own if e.__module__ == name}
-        for path, each in shown.items():
+        item = getattr(importlib.import_module(module), last, None)
+        items = {name: item}
+        if item is None or inspect.ismodule(item):
+            item = importlib.import_module(name)
+            classes = (member for member in vars(item).values() if inspect.isclass(member))
+            items = {f"{name}.{e.__name__}": e for e in classes if e.__module__ == name}
+        for path, entry in items.items():
             try:
-                called = re.sub(r"\b[a-z_][\w.]*\.(?=\w)", "", str(inspect.signature(each)))
-                called = re.sub(r"ndarray\[tuple\[.*?\], dtype\[(\w+)\]\]", r"NDArray[\1]", called)
-                told = f"{each.__name__}{called}\n\n"
+                signature = re.sub(r"\b[a-z_][\w.]*\.(?=\w)", "", str(inspect.signature(entry)))
+                signature = re.sub(
+                    r"ndarray\[tuple\[.*?\], dtype\[(\w+)\]\]", r"NDArray[\1]", signature
+                )
+                heading = f"{entry.__name__}{signature}\n\n"
             except ValueError:  # an enumeration, an exception
-                told = ""
-            parts.append(f"### {path}\n\n```text\n{told}{inspect.getdoc(each) or ''}\n```\n")
+                heading = ""
+            parts.append(f"### {path}\n\n```text\n{heading}{inspect.getdoc(entry) or ''}\n```\n")
     return "\n".join(parts)
 
 
@@ -134,20 +136,20 @@ PARTS: dict[str, Callable[..., str]] = {
     "triangulators": lambda: _table(
         "triangulator | holes | what it does",
         (
-            (f"`{name}`", "yes" if each.handles_holes else "no", each.description)
-            for name, each in BUILTIN.items()
+            (f"`{name}`", "yes" if entry.handles_holes else "no", entry.description)
+            for name, entry in BUILTIN.items()
         ),
     ),
     "criteria": lambda: _table(
         "criterion | symbol | unit | what it sums over triangles",
         (
-            (f"`{name}`", each.symbol, each.unit, each.description)
-            for name, each in CRITERIA.items()
+            (f"`{name}`", entry.symbol, entry.unit, entry.description)
+            for name, entry in CRITERIA.items()
         ),
     ),
     "scenes": lambda: _table(
         "scene | what it holds | licence of its data",
-        ((f"`{name}`", each.description, each.licence) for name, each in ENTRIES.items()),
+        ((f"`{name}`", entry.description, entry.licence) for name, entry in ENTRIES.items()),
     ),
     "rasterisers": lambda: _table(
         "rasteriser | devices it knows | counters",
@@ -163,8 +165,8 @@ PARTS: dict[str, Callable[..., str]] = {
     "metrics": lambda: _table(
         "figure | kind | unit | better | what it is",
         (
-            (f"`{each.name}`", each.kind, each.unit, each.better, each.description)
-            for each in list_metrics().values()
+            (f"`{entry.name}`", entry.kind, entry.unit, entry.better, entry.description)
+            for entry in list_metrics().values()
         ),
     ),
     "devices": devices,

@@ -77,15 +77,15 @@ def json_values(file: str, path: str, **keys: object) -> list[Any]:
     """Return the values at a dotted path; `*` is any item, `key=value` the items that match."""
     values = [_json(file.format_map(keys))]
     for step in path.format_map(keys).split("."):
-        key, _, wanted = step.partition("=")
+        key, _, value_of_key = step.partition("=")
         values = [
             item
             for value in values
             for item in (
                 value
                 if step == "*"
-                else [each for each in value if str(each[key]) == wanted]
-                if wanted
+                else [item for item in value if str(item[key]) == value_of_key]
+                if value_of_key
                 else [value[int(step) if isinstance(value, list) else step]]
             )
         ]
@@ -204,10 +204,10 @@ def arithmetic_ps(px: int, rounds: int) -> list[float]:
 def repeated_on_h200(column: str) -> float:
     """Return how many draws of the first day were measured again, and the largest change."""
     key = ["scene", "resolution", "triangulator"]
-    again = select("h200/judged.csv", work=0, samples=1, order="native").set_index(key)
+    repeated = select("h200/judged.csv", work=0, samples=1, order="native").set_index(key)
     first = pd.concat(select(f"h200/gains-{scene}/summary.csv") for scene in ("city", "glyphs"))
     first = first.set_index(key)["draw_ms"]
-    changes = (again["measured_ns"].reindex(first.index) / (1e6 * first) - 1).abs()
+    changes = (repeated["measured_ns"].reindex(first.index) / (1e6 * first) - 1).abs()
     return {"draws": changes.count(), "change": changes.max()}[column]
 
 
@@ -227,15 +227,17 @@ def moved_on_another_cpu() -> float:
     """Return the largest change of a ratio of times on another CPU, as a share rounded up."""
     key = ["scene", "rasteriser", "resolution", "rotation", "fit", "work", "samples", "order"]
     files = ("llvmpipe/gains-on-another.csv", "llvmpipe/gains/gains.csv")
-    there, here = (select(f).set_index([*key, "triangulator", "base"])["time_ratio"] for f in files)
-    return math.ceil(100 * (there / here.reindex(there.index) - 1).abs().max()) / 100
+    another, first = (
+        select(f).set_index([*key, "triangulator", "base"])["time_ratio"] for f in files
+    )
+    return math.ceil(100 * (another / first.reindex(another.index) - 1).abs().max()) / 100
 
 
 def flips_ms(scene: str, language: str, candidate: str, base: str = "", add: int = 0) -> str:
     """Return milliseconds of `scripts/flips_times.py`, with the ratio to a base in brackets."""
-    where = {"scene": scene, "language": language}
+    selection = {"scene": scene, "language": language}
     ms, before = (
-        csv("flips-times.csv", "ms", candidate=name.replace("_", " "), **where)[0]
+        csv("flips-times.csv", "ms", candidate=name.replace("_", " "), **selection)[0]
         for name in (candidate, base or candidate)
     )
     if not base:
@@ -290,14 +292,14 @@ def _law_coverage() -> list[str]:
             for _, row in lost.iterrows()
         ),
     ]
-    least = min([*terms["covered"][pooled], *profiles["covered"].drop(lost.index)])
-    return [str(sum(pooled) + len(profiles)), f"{least:.3f}", "", "; ".join(exceptions)]
+    minimum = min([*terms["covered"][pooled], *profiles["covered"].drop(lost.index)])
+    return [str(sum(pooled) + len(profiles)), f"{minimum:.3f}", "", "; ".join(exceptions)]
 
 
 def profile_term(term: str, profile: str) -> str:
     """Return the cost of a term of a device's law, "-" if it is not significant."""
-    (found,) = json_values(f"reference/profiles/{profile}.json", f"terms.name={term}")
-    return format_seconds(found["cost"]) if found["shown"] else "-"
+    (term_entry,) = json_values(f"reference/profiles/{profile}.json", f"terms.name={term}")
+    return format_seconds(term_entry["cost"]) if term_entry["shown"] else "-"
 
 
 def judged(profile: str, scene: str) -> list[str]:
@@ -314,25 +316,25 @@ def judged(profile: str, scene: str) -> list[str]:
     ]
 
 
-def size_or_aspect(what: str, profile: str) -> str:
+def size_or_aspect(quantity: str, profile: str) -> str:
     """Return the relative time of small or thin triangles.
 
-    what : "8px", a pixel of triangles of that area relative to one of large ones; "16:1", thin
+    quantity : "8px", a pixel of triangles of that area relative to one of large ones; "16:1", thin
         triangles relative to 1:1, for both areas; "twice", the aspect from which they take twice
         as long
     """
     device = _json(f"reference/profiles/{profile}.json")
-    if what == "twice":
+    if quantity == "twice":
         doubled = (aspect["doubled_at"] for aspect in device["aspects"])
         return ", ".join(f"{ends[0]:.0f}:1" if ends else "-" for ends in doubled)
-    if what.endswith(":1"):
+    if quantity.endswith(":1"):
         ratios = (dict(zip(a["aspects"], a["ratios"], strict=True)) for a in device["aspects"])
-        return ", ".join(f"{by_aspect[int(what[:-2])]:.2f}" for by_aspect in ratios)
+        return ", ".join(f"{by_aspect[int(quantity[:-2])]:.2f}" for by_aspect in ratios)
     timed = {draw["name"]: draw for draw in device["times"] if draw["kind"] == "size"}
     small, large = (
         (median(timed[f"{side} px"]["epochs"]) - device["empty"])
         / timed[f"{side} px"]["counters"]["fragments"]
-        for side in (math.isqrt(2 * int(what[:-2])), 64)
+        for side in (math.isqrt(2 * int(quantity[:-2])), 64)
     )
     return f"{small / large:.1f}"
 

@@ -125,8 +125,8 @@ class Frame:
         """First column and row, last column and row of the drawn pixels."""
         if self.scissor is None:
             return UNBOUNDED
-        left, bottom, width, height = self.scissor
-        return np.array([left, bottom, left + width - 1, bottom + height - 1], np.int64)
+        x, y, width, height = self.scissor
+        return np.array([x, y, x + width - 1, y + height - 1], np.int64)
 
     @property
     def depths(self) -> NDArray[np.int32] | None:

@@ -126,7 +126,7 @@ class Reporter:
         if self._verbose and message:
             self.console.print(message.rstrip(), markup=False, style="dim", soft_wrap=True)
 
-    def once(self, message: str, *, warn: bool = False) -> None:
+    def say_once(self, message: str, *, warn: bool = False) -> None:
         """Print a line or a warning, unless printed before."""
         if message not in self._shown:
             self._shown.add(message)

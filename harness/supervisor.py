@@ -127,15 +127,15 @@ class _Supervisor:
             os.set_blocking(descriptor, False)
             poll.register(descriptor, select.POLLIN)
         while (code := self._reap()) is None:
-            now = time.monotonic()
-            for number in [n for n, due in self._to_forward.items() if due <= now]:
+            time_s = time.monotonic()
+            for number in [n for n, due in self._to_forward.items() if due <= time_s]:
                 del self._to_forward[number]
                 os.kill(self._child, number)
-            if now >= self._deadline:
+            if time_s >= self._deadline:
                 self._kill()
                 return _say("stopped", INTERRUPTED)
             due = min([self._deadline, *self._to_forward.values()])
-            poll.poll(None if due == inf else 1000 * (due - now) + 1)
+            poll.poll(None if due == inf else 1000 * (due - time_s) + 1)
             self._note_own_signals()
             if is_open and not self._note_child_signals():
                 is_open = False  # the child is ending
@@ -157,26 +157,26 @@ class _Supervisor:
         return code
 
     def _note_own_signals(self) -> None:
-        now = time.monotonic()
+        time_s = time.monotonic()
         for number in _read(self._from_signals) or b"":
-            is_known = now - self._received.get(number, -inf) < FORWARD_AFTER_S
+            is_known = time_s - self._received.get(number, -inf) < FORWARD_AFTER_S
             if number in system.STOPPING and not is_known:
-                self._to_forward.setdefault(number, now + FORWARD_AFTER_S)
-                self._deadline = min(self._deadline, now + END_TIMEOUT_S)
+                self._to_forward.setdefault(number, time_s + FORWARD_AFTER_S)
+                self._deadline = min(self._deadline, time_s + END_TIMEOUT_S)
 
     def _note_child_signals(self) -> bool:
         """Return whether the child's pipe is open."""
-        now = time.monotonic()
+        time_s = time.monotonic()
         content = _read(self._from_child)
         for number in content or b"":
             if number == _NO_LIMIT:
                 self._deadline = inf
             elif number == _CLEANUP:
-                self._deadline = now + CLEANUP_TIMEOUT_S
+                self._deadline = time_s + CLEANUP_TIMEOUT_S
             elif number in system.STOPPING:
-                self._received[number] = now
+                self._received[number] = time_s
                 self._to_forward.pop(number, None)
-                self._deadline = min(self._deadline, now + END_TIMEOUT_S)
+                self._deadline = min(self._deadline, time_s + END_TIMEOUT_S)
         return content != b""
 
     def _kill(self) -> None:

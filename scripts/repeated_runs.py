@@ -35,14 +35,14 @@ def compare_repeated(
     common = [record for record in first if record.is_ok and record.key in second_by_key]
     repeated = [second_by_key[record.key] for record in common]
     cases = zip(common, repeated, strict=True)
-    unequal = [record.key for record, again in cases if record.counters != again.counters]
+    unequal = [record.key for record, repeat in cases if record.counters != repeat.counters]
     first_verdicts, second_verdicts = _verdicts(common), _verdicts(repeated)
     agreement = {}
     for device, verdicts in first_verdicts.items():
         pairs = verdicts.keys() & second_verdicts[device].keys()
-        both = {pair: {verdicts[pair], second_verdicts[device][pair]} for pair in pairs}
-        decided = [pair for pair in pairs if UNDECIDED not in both[pair]]
-        equal = {pair for pair in pairs if len(both[pair]) == 1}
+        verdicts_of = {pair: {verdicts[pair], second_verdicts[device][pair]} for pair in pairs}
+        decided = [pair for pair in pairs if UNDECIDED not in verdicts_of[pair]]
+        equal = {pair for pair in pairs if len(verdicts_of[pair]) == 1}
         if pairs:
             counts = (len(pairs), len(equal), len(decided), len(equal.intersection(decided)))
             agreement[device] = counts

@@ -20,7 +20,7 @@ from triangulators.polygon_arrays import offsets_of
 
 MAX_SIMPLE_VERTICES = 96  # up to which all pairs of a ring's edges are compared
 
-UNSURE, LEFT, RIGHT = 0, 1, -1
+UNSURE, COUNTERCLOCKWISE, CLOCKWISE = 0, 1, -1
 
 
 class Boundary(NamedTuple):
@@ -71,9 +71,9 @@ def rings_of(polygon: shapely.Polygon) -> tuple[np.ndarray, np.ndarray]:
     """Return the vertices (n, 2) and the offsets of the rings in them, (h + 2,) int64."""
     lengths = shapely.get_num_points(shapely.get_rings(polygon))
     coordinates = shapely.get_coordinates(polygon)
-    keep = np.ones(len(coordinates), dtype=bool)
-    keep[np.cumsum(lengths) - 1] = False  # shapely repeats a ring's first vertex at its end
-    return coordinates[keep], offsets_of(lengths - 1)
+    is_distinct = np.ones(len(coordinates), dtype=bool)
+    is_distinct[np.cumsum(lengths) - 1] = False  # shapely repeats a ring's first vertex at its end
+    return coordinates[is_distinct], offsets_of(lengths - 1)
 
 
 def vertices(polygon: shapely.Polygon) -> np.ndarray:
@@ -126,13 +126,13 @@ def _boundary_of_simple_ring(polygon: shapely.Polygon) -> Boundary | None:
     if orientation == UNSURE:
         return None
     n = len(coordinates) - 1
-    site, edges = _simple_ring_edges(n, orientation == LEFT)
+    site, edges = _simple_ring_edges(n, orientation == COUNTERCLOCKWISE)
     return Boundary(coordinates[:n], np.array((0, n)), site.copy(), edges.copy(), 0)
 
 
 @njit(nogil=True)
 def find_ring_orientation(coordinates: np.ndarray) -> int:
-    """Return the orientation of a simple ring, LEFT or RIGHT, or UNSURE.
+    """Return the orientation of a simple ring, COUNTERCLOCKWISE or CLOCKWISE, or UNSURE.
 
     coordinates: (n + 1, 2), as shapely gives them: the first vertex is repeated at the end. In the
     coordinates of a polygon with holes it is also in the middle, so they are UNSURE.
@@ -164,7 +164,7 @@ def find_ring_orientation(coordinates: np.ndarray) -> int:
             return UNSURE
     if not abs(area) > 1e-12 * span * span * n:
         return UNSURE
-    return LEFT if area > 0.0 else RIGHT
+    return COUNTERCLOCKWISE if area > 0.0 else CLOCKWISE
 
 
 @njit(nogil=True)
@@ -192,18 +192,18 @@ def _meets_no_later_edge(coordinates: np.ndarray, a: int, n: int) -> bool:
 @njit(nogil=True)
 def _certain_side(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> int:
     """Return the side of a-b that c is on, 1 or -1; 0 if it is on a-b or uncertain."""
-    left, right = (ax - cx) * (by - cy), (ay - cy) * (bx - cx)
-    determinant = left - right
-    if abs(determinant) <= FILTER * (abs(left) + abs(right)):
+    positive, negative = (ax - cx) * (by - cy), (ay - cy) * (bx - cx)
+    determinant = positive - negative
+    if abs(determinant) <= FILTER * (abs(positive) + abs(negative)):
         return 0
     return 1 if determinant > 0.0 else -1
 
 
 @lru_cache(maxsize=256)
-def _simple_ring_edges(n: int, left: bool) -> tuple[np.ndarray, np.ndarray]:
+def _simple_ring_edges(n: int, is_counterclockwise: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return the sites and the boundary edges of a simple ring of n vertices."""
     site = np.arange(n, dtype=np.int32)
-    ring = site if left else site[::-1]
+    ring = site if is_counterclockwise else site[::-1]
     return site, np.column_stack((ring, np.roll(ring, -1)))
 
 
@@ -224,9 +224,9 @@ def orient_rings(points: np.ndarray, ring_offsets: np.ndarray) -> np.ndarray:
     ring = np.empty(len(points), dtype=np.int32)
     for number in range(len(ring_offsets) - 1):
         start, end = ring_offsets[number], ring_offsets[number + 1]
-        left = twice_ring_area(points[start:end]) > 0.0
+        is_counterclockwise = twice_ring_area(points[start:end]) > 0.0
         for k in range(start, end):
-            ring[k] = k if left == (number == 0) else end - 1 - (k - start)
+            ring[k] = k if is_counterclockwise == (number == 0) else end - 1 - (k - start)
     return ring
 
 

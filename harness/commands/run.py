@@ -157,7 +157,7 @@ def run(
             resume=resume is not None,
             force=force,
             database=database_path() if cached else None,
-            beside=baseline,
+            baseline=baseline,
             base=run_inputs.resolve_base_name(base, plan),
         )
         result = carry_out(plan, folder, reporter, run_options)

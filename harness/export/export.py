@@ -87,7 +87,7 @@ class Certified:
     refused: int = 0
 
     @classmethod
-    def of(cls, name: str) -> "Certified":
+    def create(cls, name: str) -> "Certified":
         """Return empty sums for the triangulator `name`."""
         return cls(parse(name).criterion or DEFAULT_CRITERION)
 
@@ -217,7 +217,7 @@ def export_file(
     target = Path(out)
     make = _find_writer(target)
     name = resolve_triangulator_name(triangulator)
-    report = Report(certified=Certified.of(name) if certify else None)
+    report = Report(certified=Certified.create(name) if certify else None)
     evidence = certify if isinstance(certify, Path) else None
     chunks = _read_chunks(str(source), chunk, solid=target.suffix.lower() in MODEL_SUFFIXES)
     try:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from harness.frame import Frame
 from harness.measuring.pool import MeasuringPool
-from harness.metrics.registry import LEAST, OUTLINE
+from harness.metrics.registry import MIN_QUADS, OUTLINE
 from harness.rasterisers.reference import count_outline_quads, count_quads
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons, warm_up
@@ -44,7 +44,7 @@ def start_bounds(
 ) -> Pending:
     """Start computing both bounds; `parts` is any triangulation (m, 3) of each polygon."""
     outline = pool.compute(compute_outline_bounds, frame, parts)
-    return {OUTLINE: outline, LEAST: pool.compute(compute_min_quads, frame, pool.database)}
+    return {OUTLINE: outline, MIN_QUADS: pool.compute(compute_min_quads, frame, pool.database)}
 
 
 def collect_bounds(pending: Pending) -> dict[str, NDArray[np.int64]]:
@@ -85,8 +85,8 @@ def estimate_seconds(frame: Frame) -> NDArray[np.float64]:
     if frame.scissor is None:
         return seconds
     # The minimum of a polygon need not be the minimum of its visible part.
-    left, bottom, width, height = frame.scissor
-    inside = (low >= (left, bottom)) & (high <= (left + width, bottom + height))
+    x, y, width, height = frame.scissor
+    inside = (low >= (x, y)) & (high <= (x + width, y + height))
     return np.where(inside.all(axis=1), seconds, np.inf)
 
 

@@ -73,11 +73,11 @@ class OtherVersion:
 
 def make_base_facts(facts: Mapping[str, Any]) -> dict[str, Any]:
     """Return the content of BASE's `run.json`, given HEAD's."""
-    beside = facts["beside"]
+    baseline = facts["beside"]
     environment = dict(facts["environment"])
-    project = {**(environment.get("project") or {}), "commit": beside["commit"], "dirty": False}
-    environment["project"] = project if beside["commit"] else None
-    return {**facts, "environment": environment, "beside": {**beside, "is_base": True}}
+    project = {**(environment.get("project") or {}), "commit": baseline["commit"], "dirty": False}
+    environment["project"] = project if baseline["commit"] else None
+    return {**facts, "environment": environment, "beside": {**baseline, "is_base": True}}
 
 
 @contextmanager

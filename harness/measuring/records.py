@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from harness.frame import Frame
 from harness.measuring.other_version import make_base_facts
 from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times
-from harness.metrics.registry import LEAST, OUTLINE
+from harness.metrics.registry import MIN_QUADS, OUTLINE
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters
 from harness.results import drawings
@@ -144,7 +144,7 @@ def make_counted(
     """Return the record of a counted case, without time.
 
     covered : result of `count_covered`
-    limits : quads (p,) of `OUTLINE` and `LEAST`, -1 if unknown
+    limits : quads (p,) of `OUTLINE` and `MIN_QUADS`, -1 if unknown
     """
     parts = [part for part in triangulation.parts if part is not None]
     proven, gap = summarise_gaps(triangulation.gaps)
@@ -168,7 +168,7 @@ def make_counted(
         largest_gap=gap,
         coverage_error=_compute_coverage_error(triangulation, counters, covered),
         outline_quads=_sum_outline_quads(triangulation.drawn, limits.get(OUTLINE)),
-        least=_sum_least_quads(triangulation.drawn, counters, limits.get(LEAST)),
+        least=_sum_least_quads(triangulation.drawn, counters, limits.get(MIN_QUADS)),
         views=_sum_views(frame, counters),
     )
 
@@ -216,14 +216,14 @@ def _sum_outline_quads(drawn: NDArray[np.bool_], outline: NDArray[np.int64] | No
 
 
 def _sum_least_quads(
-    drawn: NDArray[np.bool_], counters: Counters, least: NDArray[np.int64] | None
+    drawn: NDArray[np.bool_], counters: Counters, minima: NDArray[np.int64] | None
 ) -> LeastQuads | None:
     """Return the minimum quads and the drawn quads, over drawn polygons with a minimum."""
     quads, fragments = counters.get("quads"), counters.get("fragments")
-    if least is None or quads is None or fragments is None or not (quads.ndim and fragments.ndim):
+    if minima is None or quads is None or fragments is None or not (quads.ndim and fragments.ndim):
         return None
-    has_minimum = drawn & (least >= 0)
-    sums = (int(values[has_minimum].sum()) for values in (least, quads, fragments))
+    has_minimum = drawn & (minima >= 0)
+    sums = (int(values[has_minimum].sum()) for values in (minima, quads, fragments))
     return LeastQuads(int(has_minimum.sum()), *sums)
 
 

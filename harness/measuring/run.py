@@ -105,7 +105,7 @@ class RunOptions:
     force : resume even if plan, code or device differ from the run's
     split : function by which a study divides the scene, or None
     database : cache of triangulations, or None
-    beside : interleaved baseline, or None
+    baseline : interleaved baseline, or None
     base : triangulator to which tables and reports compare the others
     """
 
@@ -113,7 +113,7 @@ class RunOptions:
     force: bool = False
     split: Split | None = None
     database: Path | None = None
-    beside: OtherVersion | None = None
+    baseline: OtherVersion | None = None
     base: str | None = None
 
 
@@ -151,7 +151,7 @@ def run(
     """
     start = time.perf_counter()
     options = options or RunOptions()
-    pool = MeasuringPool(open_worker, plan.timeout_s, options.database, options.beside)
+    pool = MeasuringPool(open_worker, plan.timeout_s, options.database, options.baseline)
     try:
         # Names are checked first: loading a scene may take long.
         broken = find_broken(plan.triangulators, pool)
@@ -212,8 +212,12 @@ def _measure(
         ORIGINAL if viewing_of(scene) is not None and not options.split else None
     )
     facts = _make_facts(plan, scene) | ({"base": base} if base else {})
-    if beside := options.beside:
-        facts["beside"] = {"base": beside.name, "commit": beside.commit, "twice": beside.twice}
+    if baseline := options.baseline:
+        facts["beside"] = {
+            "base": baseline.name,
+            "commit": baseline.commit,
+            "twice": baseline.twice,
+        }
         (head,) = plans
         base_recipes = [replace(recipe, other=True) for recipe in head.triangulators]
         plans = [replace(head, triangulators=(*head.triangulators, *base_recipes))]
@@ -231,7 +235,7 @@ def _measure(
         writer = RunWriter(stores, records, reporter, with_drawings=not options.split)
         writer.write_facts({**facts, "interrupted": True})  # until the run has finished
         # BASE's code triangulates in another process, not in HEAD's rounds.
-        rounds = not (options.split or options.beside)
+        rounds = not (options.split or options.baseline)
         try:
             with _handle_signals(pool, reporter):
                 for number, (part, part_plan) in enumerate(zip(parts, plans, strict=True)):

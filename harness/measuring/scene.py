@@ -190,7 +190,7 @@ class SceneRun:
 
         def report_wait(waited: float) -> None:
             if waited > MESSAGE_AFTER_S:
-                self.reporter.once(
+                self.reporter.say_once(
                     f"compiling {recipe.base}, once on each machine ..."
                     if recipe.builtin
                     else f"still waiting for the first polygons of {recipe.base} ..."
@@ -214,7 +214,7 @@ class SceneRun:
             return "failed", str(error)
         self.reporter.detail(result.trace)
         for note in result.notes:
-            self.reporter.once(note, warn=True)
+            self.reporter.say_once(note, warn=True)
         if not any(part is not None and len(part) for part in result.parts):
             status: Status = "failed" if result.failed else "skipped"
             return (

@@ -33,7 +33,7 @@ LANES_PER_QUAD = 4
 OUTLINE = "outline_quads"
 """Field of a record, and column, of the quads that the polygons' outlines cover."""
 
-LEAST = "least"
+MIN_QUADS = "least"
 """Column of each polygon's minimum number of quads, whose sums are in `Record.least`."""
 
 
@@ -169,11 +169,11 @@ def regret(record: Record) -> float | None:
     """Extra helper lanes relative to the triangulation with the minimum number of quads, over the
     polygons whose minimum is known.
     """
-    least = record.least
-    if least is None or LANES_PER_QUAD * least.quads <= least.fragments:
+    sums = record.least
+    if sums is None or LANES_PER_QUAD * sums.quads <= sums.fragments:
         return None
-    minimum = LANES_PER_QUAD * least.quads - least.fragments
-    return (LANES_PER_QUAD * least.shaded - least.fragments) / minimum - 1.0
+    min_lanes = LANES_PER_QUAD * sums.quads - sums.fragments
+    return (LANES_PER_QUAD * sums.shaded - sums.fragments) / min_lanes - 1.0
 
 
 @_metric("lanes per pixel above the lower bound", "x", "ratio", best_case=0.0)
@@ -340,7 +340,7 @@ def list_costs(names: Iterable[str], *, of_order: bool = False) -> list[str]:
 
     of_order : whether to include counters that also depend on the order of triangles
     """
-    candidates = [name for name in names if not name.startswith(PREDICTED) and name != LEAST]
+    candidates = [name for name in names if not name.startswith(PREDICTED) and name != MIN_QUADS]
     first = [name for name in COST_COUNTERS if name in candidates]
     return [
         name

@@ -14,7 +14,7 @@ from pydantic import model_validator as validator
 from harness.errors import IncompatibleRunsError, InputError
 from harness.measuring.timing import EMPTY, Times
 from harness.page import saved
-from harness.page.saved import Finite, SavedModel, Share, Text, Whole, check_rounds
+from harness.page.saved import Count, Finite, SavedModel, Share, Text, check_rounds
 from harness.profile import design, measured
 from harness.profile.counted import TERMS, counters, design_of
 from harness.profile.design import DESIGN
@@ -36,14 +36,14 @@ Counted = Mapping[str, int]
 
 class _Page(SavedModel):
     harness: Text
-    design: Whole
+    design: Count
     seed: Annotated[int, Field(ge=0, lt=2**53)]
 
 
 class _Draw(SavedModel):
-    checksum: Whole
-    fragments: Whole
-    quads: Whole
+    checksum: Count
+    fragments: Count
+    quads: Count
 
 
 class _Law(SavedModel):
@@ -59,10 +59,10 @@ class Result(saved.Measured):
     format: Literal["raster-harness device profile"]
     page: _Page
     draws: Annotated[list[_Draw], Field(min_length=1, max_length=1000)]
-    differing: Whole
+    differing: Count
     limited: bool
     times: dict[Annotated[str, StringConstraints(max_length=20)], saved.Times] | None
-    epochs: Annotated[list[Whole], Field(max_length=10_000)]
+    epochs: Annotated[list[Count], Field(max_length=10_000)]
     law: _Law | None
 
     @validator(mode="after")
@@ -104,7 +104,7 @@ def import_profile(file: Path, result: Result, name: str) -> tuple[dict[str, Any
     if set(result.times) != {*names, EMPTY, CONTROL}:
         raise InputError(f"{file}: the timed draws are not the {len(draws)} draws of the design")
     times = {
-        each: Times(told.repeats, told.samples_s, epochs) for each, told in result.times.items()
+        name: Times(drawn.repeats, drawn.samples_s, epochs) for name, drawn in result.times.items()
     }
     measurement = measured.normalise_times(times, names)
     _check_law(file, result, draws, exact, measurement)
@@ -151,8 +151,8 @@ def _check_law(
     fitted, _ = select_fitted(draws)
     labels = np.unique([draws[n].group for n in fitted], return_inverse=True)[1]
     costs, _ = fit_form(rows[fitted], measurement.times[fitted], labels, form)
-    shown = predict_times(rows, np.array(list(result.law.seconds.values())), form)
-    if (np.abs(shown / predict_times(rows, costs, form) - 1.0) > LAW_TOLERANCE).any():
+    stated = predict_times(rows, np.array(list(result.law.seconds.values())), form)
+    if (np.abs(stated / predict_times(rows, costs, form) - 1.0) > LAW_TOLERANCE).any():
         raise InputError(f"{file}: the law does not follow from the times")
 
 

@@ -20,13 +20,13 @@ from harness.measuring import records
 from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times
 from harness.metrics.registry import PREDICTED
 from harness.page.saved import (
+    Count,
     Finite,
     Measured,
     Name,
     SavedModel,
     Share,
     Text,
-    Whole,
     check_rounds,
     list_warnings,
 )
@@ -62,27 +62,27 @@ class _Record(SavedModel):
     rotation: Finite
     fit: Literal["box", "circle"] = "box"
     reason: Annotated[str, StringConstraints(max_length=10_000)] | None = None
-    polygons: Whole
-    polygons_skipped: Whole = 0
-    polygons_failed: Whole = 0
-    vertices: Whole
-    triangles: Whole
+    polygons: Count
+    polygons_skipped: Count = 0
+    polygons_failed: Count = 0
+    vertices: Count
+    triangles: Count
     predicted: dict[Name, Finite]
     triangulate_s: Share | None = None
     conforming: bool | None = None
-    t_junctions: Whole = 0
-    proven: Whole | None = None
+    t_junctions: Count = 0
+    proven: Count | None = None
     largest_gap: Share | None = None
-    outline_quads: Whole | None = None
+    outline_quads: Count | None = None
 
 
 class _Counters(SavedModel):
     """Counters per polygon."""
 
-    fragments: list[Whole]
-    quads: list[Whole]
-    partial_quads: list[Whole]
-    covering_triangles: list[Whole] | None = None
+    fragments: list[Count]
+    quads: list[Count]
+    partial_quads: list[Count]
+    covering_triangles: list[Count] | None = None
 
     def arrays(self) -> dict[str, NDArray[np.int64]]:
         """Return the counters (p,) by name; results of older pages lack the last counter."""
@@ -103,7 +103,7 @@ def count_exactly(geometry: Geometry, rows: NDArray[Any]) -> tuple[NDArray[np.in
 class _Case(SavedModel):
     record: _Record
     counters: _Counters
-    differing: Whole
+    differing: Count
 
     @validator(mode="after")
     def _check_counters(self) -> Self:

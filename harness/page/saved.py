@@ -23,7 +23,7 @@ MAX_BYTES = 256 * 2**20
 Text = Annotated[str, StringConstraints(max_length=500, pattern=r"^[^\x00-\x1f\x7f]*$")]
 Long = Annotated[str, StringConstraints(max_length=10_000)]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f]+$")]
-Whole = Annotated[int, Field(ge=0, le=2**53)]
+Count = Annotated[int, Field(ge=0, le=2**53)]
 Share = Annotated[float, Field(ge=0.0, le=1e9, allow_inf_nan=False)]
 Finite = Annotated[float, Field(gt=-MAX_NUMBER, lt=MAX_NUMBER, allow_inf_nan=False)]
 Seconds = Annotated[float, Field(gt=0.0, le=1e5, allow_inf_nan=False)]
@@ -49,7 +49,7 @@ class SavedDevice(SavedModel):
     timer: bool
     step: Literal[1, 2, 4, 8, 16] | None
     fallback: bool
-    limits: Annotated[dict[Name, Whole], Field(min_length=1, max_length=100)]
+    limits: Annotated[dict[Name, Count], Field(min_length=1, max_length=100)]
 
 
 class Timer(SavedModel):

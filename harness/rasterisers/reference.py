@@ -203,10 +203,10 @@ def count_tiles(
     counts = np.zeros((len(triangles), 2), np.int64)
     corners = np.zeros((3, 2), np.int64)
     for t in range(len(triangles)):
-        left, right, bottom, top = tile_box(points, triangles[t], side, window, corners)
-        counts[t, 0] = max(0, right - left + 1) * max(0, top - bottom + 1)
+        min_column, max_column, bottom, top = tile_box(points, triangles[t], side, window, corners)
+        counts[t, 0] = max(0, max_column - min_column + 1) * max(0, top - bottom + 1)
         for row in range(bottom, top + 1):
-            low, high = tile_span(corners, row, side, left, right)
+            low, high = tile_span(corners, row, side, min_column, max_column)
             counts[t, 1] += max(0, high - low + 1)
     return counts
 
@@ -235,14 +235,19 @@ def tile_box(
     if doubled < 0:
         for axis in range(2):
             corners[1, axis], corners[2, axis] = corners[2, axis], corners[1, axis]
-    left, right = corners[:, 0].min() // side, (corners[:, 0].max() - 1) // side
+    min_column, max_column = corners[:, 0].min() // side, (corners[:, 0].max() - 1) // side
     bottom, top = corners[:, 1].min() // side, (corners[:, 1].max() - 1) // side
-    return max(left, window[0]), min(right, window[2]), max(bottom, window[1]), min(top, window[3])
+    return (
+        max(min_column, window[0]),
+        min(max_column, window[2]),
+        max(bottom, window[1]),
+        min(top, window[3]),
+    )
 
 
 @njit(error_model="numpy", inline="always")
 def tile_span(
-    corners: NDArray[np.int64], row: int, side: int, left: int, right: int
+    corners: NDArray[np.int64], row: int, side: int, min_column: int, max_column: int
 ) -> tuple[int, int]:
     """Return first and last tile of a row that no edge of the triangle excludes."""
     for k in range(3):
@@ -252,12 +257,12 @@ def tile_span(
         # Inside at column x' if value > dy * side * x', x' a corner of the tile.
         value = dx * (side * furthest_row - y) + dy * x
         if dy > 0:
-            right = min(right, (value - 1) // (dy * side))
+            max_column = min(max_column, (value - 1) // (dy * side))
         elif dy < 0:
-            left = max(left, -((value - 1) // (-dy * side)) - 1)
+            min_column = max(min_column, -((value - 1) // (-dy * side)) - 1)
         elif value <= 0:
-            return left, left - 1
-    return left, right
+            return min_column, min_column - 1
+    return min_column, max_column
 
 
 class Binning(CpuRasteriser):

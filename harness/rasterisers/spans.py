@@ -47,19 +47,19 @@ def setup(
 
     Fills `edges` (3, 3): constant + per_row*y - per_column*x is an edge function at the centre
     of pixel (x, y), less 1 if the top-left rule excludes the edge itself, so that a pixel is
-    inside if no edge function is negative. Returns (first row, last row, left column, right
-    column, whether the triangle has an area).
+    inside if no edge function is negative. Returns (first row, last row, first column,
+    last column, whether the triangle has an area).
     """
     ax, ay = np.int64(points[triangle[0], 0]), np.int64(points[triangle[0], 1])
     bx, by = np.int64(points[triangle[1], 0]), np.int64(points[triangle[1], 1])
     cx, cy = np.int64(points[triangle[2], 0]), np.int64(points[triangle[2], 1])
-    left, right = pixel_range(int(min(ax, bx, cx)), int(max(ax, bx, cx)))
+    min_x, max_x = pixel_range(int(min(ax, bx, cx)), int(max(ax, bx, cx)))
     first, last = pixel_range(int(min(ay, by, cy)), int(max(ay, by, cy)))
-    left, right = max(left, window[0]), min(right, window[2])
+    min_x, max_x = max(min_x, window[0]), min(max_x, window[2])
     first, last = max(first, window[1]), min(last, window[3])
     doubled = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
     if doubled == 0:
-        return first, last, left, right, False
+        return first, last, min_x, max_x, False
     if doubled < 0:
         bx, by, cx, cy = cx, cy, bx, by
     for k in range(3):
@@ -69,23 +69,23 @@ def setup(
         edges[k, 1] = _UNIT * dx
         edges[k, 2] = _UNIT * dy
         ax, ay, bx, by, cx, cy = bx, by, cx, cy, ax, ay
-    return first, last, left, right, True
+    return first, last, min_x, max_x, True
 
 
 @njit(error_model="numpy", inline="always")
-def span(edges: Edges, y: int, left: int, right: int) -> tuple[int, int]:
+def span(edges: Edges, y: int, min_x: int, max_x: int) -> tuple[int, int]:
     """First and last covered pixel of row `y`; empty if first > last."""
     for k in range(3):
         value = edges[k, 0] + edges[k, 1] * y
         step = edges[k, 2]
         if step > 0:
-            right = min(right, value // step)
+            max_x = min(max_x, value // step)
         elif step < 0:
             # The least x with value - step x >= 0 is value / step rounded up; // rounds down.
-            left = max(left, -(value // -step))
+            min_x = max(min_x, -(value // -step))
         elif value < 0:
-            return left, left - 1
-    return left, right
+            return min_x, min_x - 1
+    return min_x, max_x
 
 
 @njit(error_model="numpy")
@@ -100,16 +100,16 @@ def count_triangles(points: Points, triangles: Triangles, window: Window) -> NDA
     edges = np.zeros((3, 3), np.int64)
     spans = np.zeros((4, 2), np.int64)
     for t in range(len(triangles)):
-        first, last, left, right, solid = setup(points, triangles[t], edges, window)
-        counts[t, BBOX_TESTS] = max(0, last - first + 1) * max(0, right - left + 1)
-        if not solid or left > right:
+        first, last, min_x, max_x, solid = setup(points, triangles[t], edges, window)
+        counts[t, BBOX_TESTS] = max(0, last - first + 1) * max(0, max_x - min_x + 1)
+        if not solid or min_x > max_x:
             continue
         for block in range(first >> 2, (last >> 2) + 1):
             for j in range(4):
                 y = 4 * block + j
                 spans[j, 0], spans[j, 1] = 0, -1
                 if first <= y <= last:
-                    spans[j, 0], spans[j, 1] = span(edges, y, left, right)
+                    spans[j, 0], spans[j, 1] = span(edges, y, min_x, max_x)
                 counts[t, FRAGMENTS] += max(0, spans[j, 1] - spans[j, 0] + 1)
             for rows in (spans[:2], spans[2:]):
                 full = count_full_quads(rows)
@@ -136,14 +136,14 @@ def outline_quads(
         if len(part) == 0:
             continue
         corners = points[part.ravel()]
-        left, right = pixel_range(int(corners[:, 0].min()), int(corners[:, 0].max()))
+        min_x, max_x = pixel_range(int(corners[:, 0].min()), int(corners[:, 0].max()))
         first, last = pixel_range(int(corners[:, 1].min()), int(corners[:, 1].max()))
-        left, right = max(left, window[0]), min(right, window[2])
+        min_x, max_x = max(min_x, window[0]), min(max_x, window[2])
         first, last = max(first, window[1]), min(last, window[3])
-        if left > right or first > last:
+        if min_x > max_x or first > last:
             continue
-        column, row = left >> 1, first >> 1
-        touched = np.zeros(((last >> 1) - row + 1, (right >> 1) - column + 1), np.bool_)
+        column, row = min_x >> 1, first >> 1
+        touched = np.zeros(((last >> 1) - row + 1, (max_x >> 1) - column + 1), np.bool_)
         for t in range(len(part)):
             bottom, top, west, east, solid = setup(points, part[t], edges, window)
             if not solid:
@@ -193,12 +193,12 @@ def fill(
     edges = np.zeros((3, 3), np.int64)
     height, width = picture.shape
     for t in range(len(triangles)):
-        first, last, left, right, solid = setup(points, triangles[t], edges, window)
+        first, last, min_x, max_x, solid = setup(points, triangles[t], edges, window)
         if not solid:
             continue
-        left, right = max(left, 0), min(right, width - 1)
+        min_x, max_x = max(min_x, 0), min(max_x, width - 1)
         for y in range(max(first, 0), min(last, height - 1) + 1):
-            low, high = span(edges, y, left, right)
+            low, high = span(edges, y, min_x, max_x)
             if low <= high:
                 picture[y, low : high + 1] = colours[t]
 
@@ -218,15 +218,15 @@ def shade(
     edges = np.zeros((3, 3), np.int64)
     rows = np.zeros((2, 2), np.int64)
     for t in range(len(triangles)):
-        first, last, left, right, solid = setup(points, triangles[t], edges, window)
+        first, last, min_x, max_x, solid = setup(points, triangles[t], edges, window)
         if not solid:
             continue
         for bottom in range(first & ~1, last + 1, 2):
             for k in range(2):
                 rows[k, 0], rows[k, 1] = 0, -1
                 if first <= bottom + k <= last:
-                    rows[k, 0], rows[k, 1] = span(edges, bottom + k, left, right)
-            for column in range(left & ~1, right + 1, 2):
+                    rows[k, 0], rows[k, 1] = span(edges, bottom + k, min_x, max_x)
+            for column in range(min_x & ~1, max_x + 1, 2):
                 lanes = 0
                 for lane in range(4):
                     lanes += rows[lane >> 1, 0] <= column + (lane & 1) <= rows[lane >> 1, 1]
@@ -281,19 +281,19 @@ def count_visible(
     for view in range(len(begins) - 1):
         nearest[:], slack[:] = DEEPEST, -1.0
         for t in range(begins[view], begins[view + 1]):
-            first, last, left, right, solid = setup(points, triangles[t], edges, window)
-            left, right = max(left, 0), min(right, width - 1)
-            if not solid or left > right:
+            first, last, min_x, max_x, solid = setup(points, triangles[t], edges, window)
+            min_x, max_x = max(min_x, 0), min(max_x, width - 1)
+            if not solid or min_x > max_x:
                 continue
             x0, y0, z0, across, up = _plane(points, depths, triangles[t])
             # Single-precision rounding error at a pixel's centre, in steps of the depth buffer.
             loose = STEPS + SHARE * 256.0 * (abs(across) * width + abs(up) * height)
             for bottom in range(max(first, 0) & ~1, min(last, height - 1) + 1, 2):
-                low, high = right + 1, left - 1
+                low, high = max_x + 1, min_x - 1
                 for k in range(2):
-                    rows[k, 0], rows[k, 1] = span(edges, bottom + k, left, right)
+                    rows[k, 0], rows[k, 1] = span(edges, bottom + k, min_x, max_x)
                     if not first <= bottom + k <= last or rows[k, 0] > rows[k, 1]:
-                        rows[k, 0], rows[k, 1] = right + 1, left - 1
+                        rows[k, 0], rows[k, 1] = max_x + 1, min_x - 1
                     low, high = min(low, rows[k, 0]), max(high, rows[k, 1])
                 for column in range(low & ~1, high + 1, 2):
                     passed = 0

@@ -80,7 +80,7 @@ class ViewContent(TypedDict):
     """A view: numbers of sampled polygons, and each triangulator's predictions for the sample."""
 
     polygons: int
-    chosen: list[int]
+    sampled: list[int]
     predicted: dict[str, dict[str, list[float]]]
     drawing: Drawing | None
 
@@ -233,7 +233,7 @@ class _Polygons:
         sample = self._samples[name] = choose_sample(polygons, self._max)
         view: ViewContent = {
             "polygons": polygons,
-            "chosen": sample.tolist(),
+            "sampled": sample.tolist(),
             "predicted": {},
             "drawing": None,
         }

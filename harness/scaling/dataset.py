@@ -346,7 +346,7 @@ class Dataset:
                         self.done[key] = answer.value
                         amount += missing[key].size or 1
                         for note in answer.value.notes:
-                            reporter.once(note)
+                            reporter.say_once(note)
                         stage.complete(amount)
         finally:
             summary = self._summary(len(self.done) - before, set_aside, begun)

@@ -25,10 +25,10 @@ def arrange_in_rows(
     space = gap * sizes.mean()
     width = max(np.sqrt(aspect * (sizes + space).prod(axis=1).sum()), sizes[:, 0].max())
     arranged, x, y, row_height = [], 0.0, 0.0, 0.0
-    for polygon, (left, _, _, top), (w, h) in zip(polygons, bounds, sizes, strict=True):
+    for polygon, (min_x, _, _, max_y), (w, h) in zip(polygons, bounds, sizes, strict=True):
         if x > 0 and x + w > width:
             x, y, row_height = 0.0, y - row_height - space, 0.0
-        arranged.append(translate(polygon, x - left, y - top))
+        arranged.append(translate(polygon, x - min_x, y - max_y))
         x, row_height = x + w + space, max(row_height, h)
     return arranged
 

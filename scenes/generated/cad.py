@@ -74,9 +74,9 @@ def _build_circle(x: float, y: float, radius: float, segments: int) -> shapely.P
 
 def _build_slot(x: float, y: float, length: float, radius: float, segments: int) -> shapely.Polygon:
     """Return a hole with round ends, along x."""
-    right = _build_arc((x + length / 2, y), radius, -np.pi / 2, np.pi / 2, segments)
-    left = _build_arc((x - length / 2, y), radius, np.pi / 2, 3 * np.pi / 2, segments)
-    return shapely.Polygon(np.concatenate([right, left]))
+    right_arc = _build_arc((x + length / 2, y), radius, -np.pi / 2, np.pi / 2, segments)
+    left_arc = _build_arc((x - length / 2, y), radius, np.pi / 2, 3 * np.pi / 2, segments)
+    return shapely.Polygon(np.concatenate([right_arc, left_arc]))
 
 
 def _build_rounded(w: float, h: float, radius: float, segments: int) -> np.ndarray:

@@ -71,8 +71,8 @@ def _build_courtyards(w: float, d: float, courtyards: int, u: Sequence[float]) -
     pitch = (w - wall) / count
     rings: list[Ring] = [[(0, 0), (w, 0), (w, d), (0, d)]]
     for k in range(count):
-        left, right = wall + k * pitch, (k + 1) * pitch
-        rings.append([(left, wall), (left, d - wall), (right, d - wall), (right, wall)])
+        west, east = wall + k * pitch, (k + 1) * pitch
+        rings.append([(west, wall), (west, d - wall), (east, d - wall), (east, wall)])
     return rings
 
 

@@ -162,8 +162,8 @@ def random_maze(rng: Generator, n: int) -> Ring:
     of the distance of neighbours, so the polygon stays simple for every tree.
     """
     side = max(2, round(np.sqrt(n / 4)))
-    right, up = _spanning_tree(rng, side)
-    left, down = np.roll(right, 1, axis=0), np.roll(up, 1, axis=1)
+    opens_right, opens_up = _spanning_tree(rng, side)
+    opens_left, opens_down = np.roll(opens_right, 1, axis=0), np.roll(opens_up, 1, axis=1)
     x = y = 0
     path = []
     for _ in range(4 * side * side):
@@ -172,13 +172,13 @@ def random_maze(rng: Generator, n: int) -> Ring:
         # Keep the tree on the left: follow a branch that begins here, otherwise go around the cell.
         if y % 2 == 0:
             if x % 2 == 0:
-                x, y = (x, y - 1) if down[cell] else (x + 1, y)
+                x, y = (x, y - 1) if opens_down[cell] else (x + 1, y)
             else:
-                x, y = (x + 1, y) if right[cell] else (x, y + 1)
+                x, y = (x + 1, y) if opens_right[cell] else (x, y + 1)
         elif x % 2 == 1:
-            x, y = (x, y + 1) if up[cell] else (x - 1, y)
+            x, y = (x, y + 1) if opens_up[cell] else (x - 1, y)
         else:
-            x, y = (x - 1, y) if left[cell] else (x, y - 1)
+            x, y = (x - 1, y) if opens_left[cell] else (x, y - 1)
     points = np.array(path) + rng.uniform(-0.35, 0.35, (len(path), 2))
     return np.asarray(_SIDE / (2 * side) * points)
 

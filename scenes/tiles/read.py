@@ -248,12 +248,12 @@ def _choose_tiles(
             raise error from None
         if zoom is None or not (-180 <= west < east <= 180 and south < north):
             raise error
-        (left, top), (right, bottom) = (
+        (min_x, min_y), (max_x, max_y) = (
             locate_tile(*corner, zoom) for corner in ((west, north), (east, south))
         )
-        if (right - left + 1) * (bottom - top + 1) > MAX_TILES:
+        if (max_x - min_x + 1) * (max_y - min_y + 1) > MAX_TILES:
             raise SceneError(f"tiles={tiles} is more than {MAX_TILES} tiles: give a smaller box")
-        columns, rows = range(left, right + 1), range(top, bottom + 1)
+        columns, rows = range(min_x, max_x + 1), range(min_y, max_y + 1)
         return [TilePosition(zoom, x, y) for x in columns for y in rows]
     if not tiles.isdecimal() or not 1 <= int(tiles) <= MAX_TILES:
         raise error

@@ -67,16 +67,18 @@ def predict_times(table: pd.DataFrame) -> pd.DataFrame:
 
 def relative(table: pd.DataFrame, column: str, **base: str) -> pd.Series:
     """Return a column relative to that of the case that differs in `base` alone."""
-    others = [name for name in CASE if name not in base]
-    wanted = (table[list(base)] == list(base.values())).all(axis=1)
-    of_base = table[wanted].set_index(others)[column]
-    return table[column] / of_base.reindex(pd.MultiIndex.from_frame(table[others])).to_numpy()
+    other_columns = [name for name in CASE if name not in base]
+    is_base = (table[list(base)] == list(base.values())).all(axis=1)
+    of_base = table[is_base].set_index(other_columns)[column]
+    return (
+        table[column] / of_base.reindex(pd.MultiIndex.from_frame(table[other_columns])).to_numpy()
+    )
 
 
 def rows(table: pd.DataFrame, **where: object) -> pd.DataFrame:
     """Return the rows whose columns equal `where`; by default one sample and no arithmetic."""
-    where = {"samples": 1, "work": 0, **where}
-    return table[(table[list(where)] == list(where.values())).all(axis=1)]
+    selection = {"samples": 1, "work": 0, **where}
+    return table[(table[list(selection)] == list(selection.values())).all(axis=1)]
 
 
 def errors(measured: pd.Series, predicted: pd.Series) -> pd.Series:

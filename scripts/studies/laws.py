@@ -75,20 +75,20 @@ class FittedDevice(NamedTuple):
 class Clock:
     """The clock of a synthetic machine whose speed drifts by up to `DRIFT`."""
 
-    now: float = 0.0
+    seconds: float = 0.0
     logs: list[float] = field(default_factory=list)
 
     def __call__(self) -> float:
         """Return the seconds since the start."""
-        return self.now
+        return self.seconds
 
     def spend(self, seconds: float) -> float:
         """Advance by a batch of `seconds` at mean speed; return the time by a coarse timer."""
-        slower = DRIFT * np.sin(self.now / 7.0)
+        slower = DRIFT * np.sin(self.seconds / 7.0)
         self.logs.append(slower)
-        before = np.floor(self.now / STEP_S)
-        self.now += seconds * float(np.exp(slower))
-        return float((np.floor(self.now / STEP_S) - before) * STEP_S)
+        before = np.floor(self.seconds / STEP_S)
+        self.seconds += seconds * float(np.exp(slower))
+        return float((np.floor(self.seconds / STEP_S) - before) * STEP_S)
 
 
 class Drawing:

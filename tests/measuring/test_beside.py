@@ -76,7 +76,7 @@ def measure(
             plan,
             Path(out),
             Reporter(quiet=True),
-            running.RunOptions(resume=resume, beside=replace(other, twice=twice)),
+            running.RunOptions(resume=resume, baseline=replace(other, twice=twice)),
             open_worker=lambda *_: InlineWorker(),
         )
 

@@ -10,7 +10,7 @@ import shapely
 from harness.frame import View, make_frame
 from harness.measuring import lower_limits, records
 from harness.measuring.pool import MeasuringPool
-from harness.metrics.registry import LEAST, OUTLINE, find_metric
+from harness.metrics.registry import MIN_QUADS, OUTLINE, find_metric
 from harness.rasterisers.reference import count_outline_quads
 from harness.results.record import LeastQuads
 from harness.workers.worker import TaskError, Worker
@@ -30,19 +30,19 @@ def limits_of(frame, open_worker=inline):
 def test_minimum_quads_are_between_outline_and_triangulations():
     frame = make_frame(load("city:buildings=25").polygons, View(200))
     limits = limits_of(frame)
-    assert (limits[OUTLINE] <= limits[LEAST]).all()
+    assert (limits[OUTLINE] <= limits[MIN_QUADS]).all()
     for name in ("ear-clipping", "optimal:expected-quads", "optimal:half-perimeter", "greedy"):
         parts = [triangulate(polygon, name) for polygon in frame.polygons]
         of_polygon = lower_limits.count_quads(frame, parts)
-        assert (limits[LEAST] <= of_polygon).all()
-        assert (limits[LEAST] < of_polygon).any()
+        assert (limits[MIN_QUADS] <= of_polygon).all()
+        assert (limits[MIN_QUADS] < of_polygon).any()
 
 
 def test_the_quickest_polygons_are_solved_within_the_budget(monkeypatch):
     frame = make_frame(load("city:buildings=25").polygons, View(200))
     seconds = lower_limits.estimate_seconds(frame)
     monkeypatch.setattr(lower_limits, "MAX_SEARCH_S", seconds.sum() / 2)
-    has_minimum = limits_of(frame)[LEAST] >= 0
+    has_minimum = limits_of(frame)[MIN_QUADS] >= 0
     assert has_minimum.any()
     assert seconds[has_minimum].max() <= seconds[~has_minimum].min()
     assert (
@@ -51,7 +51,7 @@ def test_the_quickest_polygons_are_solved_within_the_budget(monkeypatch):
         < seconds[has_minimum].sum() + seconds[~has_minimum].min()
     )
     monkeypatch.setattr(lower_limits, "MAX_SEARCH_S", 0.0)
-    assert (limits_of(frame)[LEAST] == -1).all()
+    assert (limits_of(frame)[MIN_QUADS] == -1).all()
 
 
 def test_seconds_grow_with_height_vertices_and_holes():
@@ -77,7 +77,7 @@ def test_a_crash_does_not_affect_outline_quads():
     frame = make_frame([shapely.box(0, 0, 1, 1)], View(32))
     limits = limits_of(frame, lambda *_: Failing())
     assert limits[OUTLINE].item() > 0
-    assert LEAST not in limits
+    assert MIN_QUADS not in limits
 
 
 def test_regret_is_helper_lanes_above_the_minimum():

@@ -223,7 +223,7 @@ def test_lost_polygons_are_counted_and_rounding_reported(tmp_path):
     assert summary.counts["dropped", "thinner than the grid of 1/256 px"] == 1
     lines: list[str] = []
     reporter = Reporter(quiet=True)
-    reporter.once = lines.append
+    reporter.say_once = lines.append
     path = written(tmp_path / "5000.pmtiles", {0: encoded([COURT], extents=5000)})
     name, selection = parse_tile_selection(path)
     dataset = Dataset(name, tmp_path / "5000", TileCensus(NAMES, selection))

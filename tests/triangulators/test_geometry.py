@@ -16,9 +16,9 @@ from triangulators.geometry.unfold import fold_back, grow, unfold
 from triangulators.geometry.visibility import find_visible_sites
 from triangulators.initial import initial_triangulations, make_cycle
 from triangulators.polygon import (
-    LEFT,
+    CLOCKWISE,
+    COUNTERCLOCKWISE,
     MAX_SIMPLE_VERTICES,
-    RIGHT,
     UNSURE,
     boundary,
     checked_boundary,
@@ -126,7 +126,7 @@ def test_ring_orientation_accepts_only_valid_rings(points, scale):
     turning = find_ring_orientation(shapely.get_coordinates(polygon))
     if turning != UNSURE:
         assert polygon.is_valid
-        assert polygon.exterior.is_ccw == (turning == LEFT)
+        assert polygon.exterior.is_ccw == (turning == COUNTERCLOCKWISE)
 
 
 @settings(max_examples=300, deadline=None, suppress_health_check=list(HealthCheck))
@@ -151,8 +151,8 @@ def test_ring_orientation_accepts_buildings_and_rejects_holes():
     ]
     assert [turning != UNSURE for turning in passed] == simple
     assert find_ring_orientation(shapely.get_coordinates(shapely.reverse(star(20)))) in (
-        LEFT,
-        RIGHT,
+        COUNTERCLOCKWISE,
+        CLOCKWISE,
     )
     assert (
         find_ring_orientation(shapely.get_coordinates(with_hole(np.random.default_rng(0), 8, 4)))

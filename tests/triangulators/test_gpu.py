@@ -108,7 +108,7 @@ def test_spans_around_int32_orientation_limit(corners, device_counts):
 
 def prepared(polygons):
     arrays = PolygonArray.from_shapely(polygons)
-    rings = Rings.of(arrays.vertex_offsets)
+    rings = Rings.allocate(arrays.vertex_offsets)
     prepare_rings(arrays.coords, np.ones(len(polygons), bool), MAX_VERTICES, rings)
     return rings
 

@@ -144,24 +144,24 @@ def _exclude(
         waiting[e] = False
         a, b = edges[e, 0], edges[e, 1]
         right_start, end = start[2 * e + 1], start[2 * e + 2]
-        left, right = at_left[e], at_right[e]
+        left_index, right_index = at_left[e], at_right[e]
         is_blocked = False
-        while left < right_start and not is_blocked:
-            t = items[left]
+        while left_index < right_start and not is_blocked:
+            t = items[left_index]
             # The vertex that is neither a nor b.
             c = triangles[t, 0] + triangles[t, 1] + triangles[t, 2] - a - b
-            while alive[t] and right < end:
-                u = items[right]
+            while alive[t] and right_index < end:
+                u = items[right_index]
                 d = triangles[u, 0] + triangles[u, 1] + triangles[u, 2] - a - b
                 total = value[t] + value[u]
                 if alive[u] and not _is_lighter_flipped(points, a, b, c, d, total, cost, units):
                     is_blocked = True
                     break
-                right += 1
+                right_index += 1
             if not is_blocked:
-                left += 1  # no pair of t blocks
-                right = right_start
-        at_left[e], at_right[e] = left, right
+                left_index += 1  # no pair of t blocks
+                right_index = right_start
+        at_left[e], at_right[e] = left_index, right_index
         if is_blocked:
             continue
         excluded[count] = e

@@ -191,11 +191,11 @@ def _find_meeting_edge(sides: _Sides, scale: float, a: int, b: int, stack: np.nd
     while height > 0:
         height -= 1
         node = stack[height]
-        left, bottom, right, top = boxes[node]
-        if left > high_x or right < low_x or bottom > high_y or top < low_y:
+        min_x, min_y, max_x, max_y = boxes[node]
+        if min_x > high_x or max_x < low_x or min_y > high_y or max_y < low_y:
             continue
-        distance = dx * (0.5 * (bottom + top) - ay) - dy * (0.5 * (left + right) - ax)
-        reach = 0.5 * (abs(dx) * (top - bottom) + abs(dy) * (right - left))
+        distance = dx * (0.5 * (min_y + max_y) - ay) - dy * (0.5 * (min_x + max_x) - ax)
+        reach = 0.5 * (abs(dx) * (max_y - min_y) + abs(dy) * (max_x - min_x))
         if abs(distance) > reach + margin:
             continue
         if node < size:

@@ -34,21 +34,21 @@ def copy_rows(source: np.ndarray, into: np.ndarray) -> None:
 
 @njit(nogil=True)
 def grouped(keys: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sort keys (n,) in 0..count - 1 by counting; return start (count + 1,) and places (n,) int32.
+    """Sort keys (n,) in 0..count - 1 by counting: start (count + 1,) and positions (n,) int32.
 
-    `places[start[k]:start[k + 1]]` are the indices of the keys equal to k, ascending.
+    `positions[start[k]:start[k + 1]]` are the indices of the keys equal to k, ascending.
     """
     start = np.zeros(count + 2, dtype=np.int64)
     for key in keys:
         start[key + 2] += 1
     for k in range(count):
         start[k + 2] += start[k + 1]
-    places = np.empty(len(keys), dtype=np.int32)
+    positions = np.empty(len(keys), dtype=np.int32)
     # start[k + 1] is the next free position for key k, and finally the start of k + 1.
-    for place in range(len(keys)):
-        places[start[keys[place] + 1]] = place
-        start[keys[place] + 1] += 1
-    return start[:-1], places
+    for index in range(len(keys)):
+        positions[start[keys[index] + 1]] = index
+        start[keys[index] + 1] += 1
+    return start[:-1], positions
 
 
 @njit
@@ -128,8 +128,8 @@ def push(_typing: Any, rows: Any, _numbers: Any, _lane: Any, _values: Any) -> An
         x, y = load(pointer(x_row)), load(pointer(y_row))
         weight, beyond = load(pointer(weight_row)), load(pointer(beyond_row))
         a, b, cost, none = (spread(builder.extract_value(values, k)) for k in range(4))
-        left = builder.icmp_signed(">", builder.mul(a, y), builder.mul(b, x))
-        total = builder.select(left, builder.add(builder.add(beyond, weight), cost), none)
+        is_left = builder.icmp_signed(">", builder.mul(a, y), builder.mul(b, x))
+        total = builder.select(is_left, builder.add(builder.add(beyond, weight), cost), none)
         lower = builder.select(builder.icmp_signed("<", total, before), total, before)
         builder.store(lower, target, align=4)
         return context.get_dummy_value()

@@ -230,13 +230,13 @@ _UNIT, _HALF = 256, 128
 
 
 @njit(inline="always")
-def _clip_span(value: int, step: int, left: int, right: int) -> tuple[int, int]:
-    """Clip the span left..right by an edge."""
+def _clip_span(value: int, step: int, low: int, high: int) -> tuple[int, int]:
+    """Clip the span low..high by an edge."""
     if step > 0:
-        return left, min(right, value // step)
+        return low, min(high, value // step)
     if step < 0:
-        return max(left, -(value // -step)), right
-    return (left, right) if value >= 0 else (left, left - 1)
+        return max(low, -(value // -step)), high
+    return (low, high) if value >= 0 else (low, low - 1)
 
 
 @njit(error_model="numpy")
@@ -270,9 +270,9 @@ def exact_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float
         return 0.0
     if doubled < 0:
         x1, y1, x2, y2 = x2, y2, x1, y1
-    left, right = -((_HALF - min(x0, x1, x2)) // _UNIT), (max(x0, x1, x2) - _HALF) // _UNIT
+    min_x, max_x = -((_HALF - min(x0, x1, x2)) // _UNIT), (max(x0, x1, x2) - _HALF) // _UNIT
     first, last = -((_HALF - min(y0, y1, y2)) // _UNIT), (max(y0, y1, y2) - _HALF) // _UNIT
-    if left > right:
+    if min_x > max_x:
         return 0.0
     # Each edge function in row 0, minus 1 if the edge does not cover its points.
     u0, v0, u1, v1, u2, v2 = x1 - x0, y1 - y0, x2 - x1, y2 - y1, x0 - x2, y0 - y2
@@ -281,7 +281,7 @@ def exact_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float
     c2 = u2 * (_HALF - y2) - v2 * (_HALF - x2) - (0 if v2 < 0 or (v2 == 0 and u2 > 0) else 1)
     total, before_low, before_high = 0, 0, -1
     for y in range(first & ~1, last + 1):
-        low, high = left, right if y >= first else left - 1
+        low, high = min_x, max_x if y >= first else min_x - 1
         low, high = _clip_span(c0 + _UNIT * u0 * y, _UNIT * v0, low, high)
         low, high = _clip_span(c1 + _UNIT * u1 * y, _UNIT * v1, low, high)
         low, high = _clip_span(c2 + _UNIT * u2 * y, _UNIT * v2, low, high)

@@ -145,8 +145,8 @@ def _sign(p: float, i: float, q: float, j: float, r: float, k: float) -> float:
     """Return the exact sign of p i + q j + r k, of integers up to 2^53."""
     high, middle, low = 0, 0, 0
     mask = (1 << _PIECE_BITS) - 1
-    for left, right in ((p, i), (q, j), (r, k)):
-        first, second = int(left), int(right)
+    for x, y in ((p, i), (q, j), (r, k)):
+        first, second = int(x), int(y)
         high += (first >> _PIECE_BITS) * (second >> _PIECE_BITS)
         middle += (first >> _PIECE_BITS) * (second & mask) + (first & mask) * (
             second >> _PIECE_BITS
@@ -185,8 +185,8 @@ def _winding(points: np.ndarray, corner: np.ndarray) -> float:
     for e in range(0, len(corner), 3):
         a, b, c = corner[e], corner[e + 1], corner[e + 2]
         ax, ay = points[a, 0], points[a, 1]
-        left = (points[b, 0] - ax) * (points[c, 1] - ay)
-        turn = left - (points[b, 1] - ay) * (points[c, 0] - ax)
+        product = (points[b, 0] - ax) * (points[c, 1] - ay)
+        turn = product - (points[b, 1] - ay) * (points[c, 0] - ax)
         if turn > 0.0 or turn < 0.0:
             return 1.0 if turn > 0.0 else -1.0
     return 0.0

@@ -75,8 +75,8 @@ def _exact(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> 
 def _expanded(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     expansion = np.empty(13)
     length = 0
-    for left, right in ((ax, by), (-ax, cy), (-cx, by), (-ay, bx), (ay, cx), (cy, bx)):
-        rounded, error = _product(left, right)
+    for first, second in ((ax, by), (-ax, cy), (-cx, by), (-ay, bx), (ay, cx), (cy, bx)):
+        rounded, error = _product(first, second)
         length = _grow(expansion, length, error)
         length = _grow(expansion, length, rounded)
     # Components do not overlap: the last has the sign, and at least half of the value.
@@ -100,22 +100,22 @@ def _exact_difference(a: float, b: float, c: float, d: float) -> bool:
 
 @njit(nogil=True)
 def _in_doubt(
-    ax: float, ay: float, bx: float, by: float, cx: float, cy: float, left: float, right: float
+    ax: float, ay: float, bx: float, by: float, cx: float, cy: float, plus: float, minus: float
 ) -> float:
-    """Return `orient` if the rounded determinant left - right may have the wrong sign.
+    """Return `orient` if the rounded determinant plus - minus may have the wrong sign.
 
     A separate function, so that `orient` is short enough for LLVM to inline.
     """
     if (
         _exact_difference(ax, cx, by, cy)
         and _exact_difference(ay, cy, bx, cx)
-        and (abs(left) > _MIN_PRODUCT or ax == cx or by == cy)
-        and (abs(right) > _MIN_PRODUCT or ay == cy or bx == cx)
+        and (abs(plus) > _MIN_PRODUCT or ax == cx or by == cy)
+        and (abs(minus) > _MIN_PRODUCT or ay == cy or bx == cx)
     ):
-        left, left_error = _product(ax - cx, by - cy)
-        right, right_error = _product(ay - cy, bx - cx)
-        determinant = (left - right) + (left_error - right_error)
-        if determinant != 0.0 or left == right:
+        plus, plus_error = _product(ax - cx, by - cy)
+        minus, minus_error = _product(ay - cy, bx - cx)
+        determinant = (plus - minus) + (plus_error - minus_error)
+        if determinant != 0.0 or plus == minus:
             return determinant
     return _exact(ax, ay, bx, by, cx, cy)
 
@@ -123,12 +123,12 @@ def _in_doubt(
 @njit(nogil=True)
 def orient(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """Return twice the signed area of a, b, c: positive if they turn left; exact in sign."""
-    left = (ax - cx) * (by - cy)
-    right = (ay - cy) * (bx - cx)
-    determinant = left - right
-    if abs(determinant) > FILTER * (abs(left) + abs(right)) + _MIN_PRODUCT:
+    plus = (ax - cx) * (by - cy)
+    minus = (ay - cy) * (bx - cx)
+    determinant = plus - minus
+    if abs(determinant) > FILTER * (abs(plus) + abs(minus)) + _MIN_PRODUCT:
         return determinant
-    return _in_doubt(ax, ay, bx, by, cx, cy, left, right)
+    return _in_doubt(ax, ay, bx, by, cx, cy, plus, minus)
 
 
 @njit(nogil=True)
@@ -137,10 +137,10 @@ def twice_area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float)
 
     Rounding leaves a sliver's determinant few digits, which depend on the first vertex.
     """
-    left = (bx - ax) * (cy - ay)
-    right = (by - ay) * (cx - ax)
-    if abs(left - right) > _ACCURATE * (abs(left) + abs(right)) + _MIN_PRODUCT:
-        return abs(left - right)
+    plus = (bx - ax) * (cy - ay)
+    minus = (by - ay) * (cx - ax)
+    if abs(plus - minus) > _ACCURATE * (abs(plus) + abs(minus)) + _MIN_PRODUCT:
+        return abs(plus - minus)
     return abs(_exact(ax, ay, bx, by, cx, cy))
 
 

@@ -268,7 +268,7 @@ class Engine:
 
         A result is wrong if it is not a triangulation of the reported cost.
         """
-        rings = Rings.of(batch.vertex_offsets)
+        rings = Rings.allocate(batch.vertex_offsets)
         prepare_rings(batch.coords, selected, min(max_vertices, MAX_VERTICES), rings)
         bases = np.zeros(len(rings.corners), dtype=np.uint32)
         wrong = 0

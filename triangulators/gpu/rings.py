@@ -51,7 +51,7 @@ class Rings(NamedTuple):
     turned: np.ndarray
 
     @classmethod
-    def of(cls, vertex_offsets: np.ndarray) -> "Rings":
+    def allocate(cls, vertex_offsets: np.ndarray) -> "Rings":
         """Allocate rings; none is prepared."""
         count = len(vertex_offsets) - 1
         return cls(
@@ -177,14 +177,14 @@ def _walk_tree(
         # The CPU's order: the new vertex last and the smaller side first.
         triangles[size, 0], triangles[size, 1], triangles[size, 2] = j, i, k
         size += 1
-        left, right = below[k, 0], below[k, 1]
+        later, sooner = below[k, 0], below[k, 1]
         if k - i <= j - k:
-            left, right = right, left
-        if left >= 0:
-            stack[height] = left
+            later, sooner = sooner, later
+        if later >= 0:
+            stack[height] = later
             height += 1
-        if right >= 0:
-            stack[height] = right
+        if sooner >= 0:
+            stack[height] = sooner
             height += 1
     return size == n - 2 and total == np.int64(bases[0])
 

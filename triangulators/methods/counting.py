@@ -38,10 +38,10 @@ def count_in_cycle(ring: Cycle, max_count: int | None = None) -> int:
         row: dict[int, int] = {}
         for j in above[i]:
             total = 1 if j == i + 1 else 0
-            for k, right in ways[j].items():
-                left = row.get(k)
-                if left is not None:
-                    total += left * right
+            for k, after in ways[j].items():
+                before = row.get(k)
+                if before is not None:
+                    total += before * after
             row[j] = total
             if max_count is not None and total > max_count:
                 return total

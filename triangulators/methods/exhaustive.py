@@ -81,12 +81,13 @@ def _list_all(ring: Cycle) -> np.ndarray:
     return lists[n - 1][0].astype(np.int32)
 
 
-def _join(left: np.ndarray, right: np.ndarray, triangle: Triangle) -> np.ndarray:
-    """Return all combinations of a left and a right part with the triangle between them."""
-    count = len(left) * len(right)
+def _join(before: np.ndarray, after: np.ndarray, triangle: Triangle) -> np.ndarray:
+    """Return all combinations of parts before and after the apex with the triangle between them."""
+    count = len(before) * len(after)
     between = np.broadcast_to(np.array(triangle, dtype=np.int16), (count, 1, 3))
     return np.concatenate(
-        (np.repeat(left, len(right), axis=0), between, np.tile(right, (len(left), 1, 1))), axis=1
+        (np.repeat(before, len(after), axis=0), between, np.tile(after, (len(before), 1, 1))),
+        axis=1,
     )
 
 

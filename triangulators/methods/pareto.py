@@ -37,7 +37,7 @@ class Front(NamedTuple):
 
 
 class _Partial(NamedTuple):
-    """A front of a sub-polygon: costs (f, 2) and, for each, (apex, left entry, right entry)."""
+    """A front of a sub-polygon: costs (f, 2) and, for each, (apex, first entry, second entry)."""
 
     costs: np.ndarray
     origin: np.ndarray
@@ -111,14 +111,14 @@ def _merge(
     costs: list[np.ndarray] = []
     origins: list[np.ndarray] = []
     for k in apexes:
-        left, right = fronts[i, k].costs, fronts[k, j].costs
+        first, second = fronts[i, k].costs, fronts[k, j].costs
         triangle = np.array([[i, k, j]], dtype=np.int32)
         triangle_costs = np.array([total_cost(points, triangle, cost) for cost in pair])
-        sums = (left[:, None] + right[None, :]).reshape(-1, 2) + triangle_costs
+        sums = (first[:, None] + second[None, :]).reshape(-1, 2) + triangle_costs
         rows = _non_dominated(sums)
         costs.append(sums[rows])
         origins.append(
-            np.column_stack((np.full(len(rows), k), rows // len(right), rows % len(right)))
+            np.column_stack((np.full(len(rows), k), rows // len(second), rows % len(second)))
         )
     if not costs:
         return _Partial(np.empty((0, 2)), np.empty((0, 3), dtype=np.int32))
@@ -146,7 +146,7 @@ def _trace(fronts: dict[tuple[int, int], _Partial], n: int, entry: int) -> list[
         i, j, which = waiting.pop()
         if j - i < 2:
             continue
-        k, left, right = fronts[i, j].origin[which].tolist()
+        k, first, second = fronts[i, j].origin[which].tolist()
         triangles.append((i, k, j))
-        waiting += [(i, k, left), (k, j, right)]
+        waiting += [(i, k, first), (k, j, second)]
     return triangles

@@ -136,8 +136,8 @@ def _find_bridges(
     if doubt is 0.
     """
     edges = _list_edges(points, ring_offsets, ring, cycle, merged)
-    fewest = len(cycle) + 1
-    places = np.empty(len(cycle), dtype=np.int32)
+    min_count = len(cycle) + 1
+    positions = np.empty(len(cycle), dtype=np.int32)
     for direction in range(8 if doubt == 0.0 else 4):
         best, limit = _find_furthest(points, ring_offsets, ring, merged, direction)
         x, y = points[ring[best], 0], points[ring[best], 1]
@@ -145,15 +145,15 @@ def _find_bridges(
         for position in range(len(cycle)):
             ax, ay = points[cycle[position], 0], points[cycle[position], 1]
             if _along(ax, ay, direction) < limit and not _is_blocked(edges, x, y, ax, ay, doubt):
-                places[count] = position
+                positions[count] = position
                 count += 1
-                if count == fewest:
+                if count == min_count:
                     break
-        if 0 < count < fewest:
-            fewest = count
+        if 0 < count < min_count:
+            min_count = count
             tip[0] = best
-            copy_row(places[:count], bridges)
-    return fewest if fewest <= len(cycle) else 0
+            copy_row(positions[:count], bridges)
+    return min_count if min_count <= len(cycle) else 0
 
 
 @njit(nogil=True)

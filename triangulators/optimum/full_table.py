@@ -146,8 +146,8 @@ def _fill_float(
                     w = max(high_x, rx[j]) - min(low_x, rx[j])
                     h = max(high_y, ry[j]) - min(low_y, ry[j])
                     total = cost + table[k, j] + by_box * (w * h)
-                    left = (a * ry[j] > b * rx[j]) | convex
-                    row[j] = min(row[j], total if left else _NONE)
+                    is_left = (a * ry[j] > b * rx[j]) | convex
+                    row[j] = min(row[j], total if is_left else _NONE)
                 continue
             if _compute_sides(number, rx, ry, k, first, side) <= doubt:
                 for j in range(k + 1, n):
@@ -245,10 +245,10 @@ def _trace(
                 h = max(y[i], y[j], y[k]) - min(y[i], y[j], y[k])
                 total += by_box * (w * h)
             if total < best:
-                left = (x[k] - xi) * dy - (y[k] - yi) * dx
+                side = (x[k] - xi) * dy - (y[k] - yi) * dx
                 if not exact:
-                    left = orient(xi, yi, float(x[k]), float(y[k]), float(x[j]), float(y[j]))
-                if left > 0.0:
+                    side = orient(xi, yi, float(x[k]), float(y[k]), float(x[j]), float(y[j]))
+                if side > 0.0:
                     best, apex = total, k
                     if total == target_sum:
                         break

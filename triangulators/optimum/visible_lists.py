@@ -225,10 +225,10 @@ def _least_of_any(
     xi, yi, xj, yj = points[i, 0], points[i, 1], points[j, 0], points[j, 1]
     best = none
     for r in range(first, end):
-        left = row[apex[r]]
-        if left < none:
+        below = row[apex[r]]
+        if below < none:
             triangle = triangle_cost(cost, xi, yi, lists[1, r], lists[2, r], xj, yj)
-            best = min(best, left + lists[0, r] + triangle)
+            best = min(best, below + lists[0, r] + triangle)
     return best
 
 
@@ -253,7 +253,7 @@ def _least_of_weights(
 
 
 @njit
-def _free(_i: int, _k: int, _j: int, _how: Any) -> int:
+def _free(_i: int, _k: int, _j: int, _context: Any) -> int:
     return 0
 
 

@@ -22,7 +22,7 @@ function marksOfPolygons() {
     if (!each.counted || !each.counted[measure] || (isRatio() && each === base)) continue;
     const predicted = view.predicted[name];
     const drawn = predicted.triangles;
-    for (let k = 0; k < view.chosen.length; k++) {
+    for (let k = 0; k < view.sampled.length; k++) {
       if (!drawn[k]) continue;
       const under = (column, name) => {
         if (!isRatio()) return 1;
@@ -85,8 +85,8 @@ function noteOn(marks) {
   const base = isRatio() ? `, relative to ${group().base} on the same ${chosen("level") === "cases" ? "scene" : "polygon"}` : "";
   const unit = [chosen("criterion-a"), chosen("criterion-b")].some(isInUnit);
   const line = isRatio() ? " On the dashed line both ratios are equal." : unit ? " On the dashed line both are equal." : "";
-  const sample = chosen("level") === "polygons" && view && view.chosen.length < view.polygons
-    ? ` A random sample of ${number(view.chosen.length)} of ${number(view.polygons)} polygons.` : "";
+  const sample = chosen("level") === "polygons" && view && view.sampled.length < view.polygons
+    ? ` A random sample of ${number(view.sampled.length)} of ${number(view.polygons)} polygons.` : "";
   const same = chart.same ? ` ${number(chart.same)} marks on 1, equal to ${group().base}, are not drawn.` : "";
   return `${number(marks.length)} marks${base}.${line}${same}${sample}`;
 }
@@ -174,7 +174,7 @@ function linesOn(mark) {
   const [a, b] = [chosen("criterion-a"), chosen("criterion-b")];
   const of = isRatio() ? `, of ${at.base}'s` : "";
   const view = state.report.views[at.view];
-  const which = mark.polygon === null ? `${at.scene}, all polygons` : `polygon ${view.chosen[mark.polygon]} of ${at.scene}`;
+  const which = mark.polygon === null ? `${at.scene}, all polygons` : `polygon ${view.sampled[mark.polygon]} of ${at.scene}`;
   const lines = [row.triangulator, which, `${at.rasteriser} on ${at.device}, ${at.condition}`];
   lines.push(`measured ${words(chosen("measure"))}: ${number(mark.y)}${of}`);
   for (const [i, criterion] of [a, b].entries()) {

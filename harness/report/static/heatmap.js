@@ -97,7 +97,7 @@ function drawLegend(most) {
 /* Label of a polygon: the number in the frame, and in the scene if different. */
 function polygonName(k) {
   const view = state.report.views[group().view];
-  const own = view.chosen[k], source = view.drawing.source[k];
+  const own = view.sampled[k], source = view.drawing.source[k];
   return own === source ? `${own}` : `${own} (of the scene: ${source})`;
 }
 
@@ -110,7 +110,7 @@ function costsOf(name) {
 function mostDifferent(a, b) {
   const view = state.report.views[group().view];
   const [p, q] = [costsOf(a), costsOf(b)];
-  const order = view.chosen.map((_, k) => k);
+  const order = view.sampled.map((_, k) => k);
   const gap = (k) => (p && q && view.predicted[a].triangles[k] && view.predicted[b].triangles[k] ? Math.abs(p[k] - q[k]) : -1);
   return order.sort((i, j) => gap(j) - gap(i));
 }
