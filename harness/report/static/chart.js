@@ -226,7 +226,7 @@ function setUpChart() {
   tables.chart = () => csvOfObjects(chart.marks.map((mark) => ({
     triangulator: mark.case.row.triangulator, rasteriser: mark.case.row.rasteriser, device: mark.case.row.device,
     resolution: mark.case.row.resolution, rotation: mark.case.row.rotation,
-    polygon: mark.polygon === null ? "all" : state.report.views[group().view].chosen[mark.polygon],
+    polygon: mark.polygon === null ? "all" : state.report.views[group().view].sampled[mark.polygon],
     scale: chosen("scale"), base: group().base,
     [`predicted_${chosen("criterion-a")}`]: mark.x[0], [`predicted_${chosen("criterion-b")}`]: mark.x[1], [chosen("measure")]: mark.y,
   })));
