@@ -49,7 +49,7 @@ class Triangulating(PartWork):
 
     def make(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
         """Triangulate the rows."""
-        report = Report(certified=Certified.of(self.triangulator) if self.certify else None)
+        report = Report(certified=Certified.create(self.triangulator) if self.certify else None)
         with Output(path, forced=True) as output:
             parameters = {"threads": threads, "order": self.order}
             options = TriangulationOptions(self.triangulator, parameters)
