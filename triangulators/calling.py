@@ -37,7 +37,7 @@ def triangulate(
         The criterion, if the name contains none: a name, a `Criterion`, or a Numba function of
         three points (six numbers).
     repair
-        Insert collinear vertices that a library dropped, which removes its T-junctions.
+        Insert collinear vertices that a library dropped, which removes T-junctions.
     order
         "walk" puts the triangles in an order from neighbour to neighbour, in which a GPU transforms
         few vertices twice; "native" leaves the triangulator's order. The default is a walk for
@@ -63,7 +63,7 @@ def triangulate(
     UnknownNameError
         If there is no such triangulator, criterion or order.
     ArgumentError
-        If the criterion or its weights are given twice or are invalid.
+        If the criterion or the weights are given twice or are invalid.
     TriangulationError
         If the triangulator failed; the base of the errors above.
 
@@ -72,8 +72,8 @@ def triangulate(
     Neither a signal nor another thread interrupts a call while C++ runs, and some steps take time
     quadratic in the size of the polygon. On one core, "ear-clipping" takes about 20 s for 10,000
     holes or 100,000 vertices, and 100 times as long for ten times as many; "delaunay" about 13 s
-    for 10,000 holes; the test of validity up to 40 s for 100,000 vertices. Call it in a process of
-    its own if it must end in time.
+    for 10,000 holes; the test of validity up to 40 s for 100,000 vertices. To enforce
+    a time limit, call `triangulate` in a separate process.
 
     Examples
     --------
@@ -142,7 +142,7 @@ def _run_triangulator(
     *,
     with_gap: bool = False,
 ) -> tuple[Boundary, Choice, Any]:
-    """Return a triangulator's unchecked result, paired with its gap if `Entry.with_gap` is set."""
+    """Return a triangulator's unchecked result, paired with the gap if `Entry.with_gap` is set."""
     choice = parse(name)
     entry = choice.entry
     check_criterion(name, criterion)
@@ -156,9 +156,9 @@ def _run_triangulator(
 
 
 def _check_triangles(outline: Boundary, raw: Any, choice: Choice, criterion: Any) -> np.ndarray:
-    """Return triangles as int32 (m, 3), counter-clockwise, without those of zero area.
+    """Return triangles as int32 (m, 3), counter-clockwise, without triangles of zero area.
 
-    Raises `TriangulationError` for any other result, and if a user's criterion is not a finite
+    Raises `TriangulationError` for invalid results, and if a user's criterion is not a finite
     number for a triangle.
     """
     try:

@@ -2,7 +2,7 @@
 
     from triangulators.dropin import triangulate_float64   # was: from mapbox_earcut import ...
 
-`method` is one of these triangulators:
+`method` is a triangulator:
 
 - "flips:l1" (the default, also "flips"): earcut's triangles, with diagonals flipped while that
   shortens them in the L1 metric, which a GPU's quads follow (`flip`). Takes little longer than
@@ -44,12 +44,13 @@ def triangulate_float64(
     vertices
         (n, 2) float64, the vertices of all rings, the exterior first.
     ring_end_indices
-        (r,) uint32, the end of each ring in `vertices`; the last one is n.
+        (r,) uint32, the end of each ring in `vertices`; the last is n.
     method
         "flips:l1", "refined:half-perimeter" or "optimal:half-perimeter"; see the module.
     order
         "walk" is an order from neighbour to neighbour, in which a GPU transforms few vertices
-        twice; "native" leaves flipped triangles at earcut's positions. Other methods always walk.
+        twice; "native" leaves flipped triangles at earcut's positions. Methods without flips always
+        walk.
 
     Returns
     -------
@@ -61,7 +62,7 @@ def triangulate_float64(
     UnknownNameError
         If there is no such method or order.
     ValueError
-        As `mapbox_earcut` raises for arrays that do not fit each other.
+        As `mapbox_earcut` raises for inconsistent arrays.
 
     Examples
     --------
@@ -156,7 +157,7 @@ def triangulate_int64(
 def _improve(
     raw: np.ndarray, vertices: np.ndarray, ring_end_indices: np.ndarray, method: str, order: str
 ) -> np.ndarray:
-    """Improve earcut's triangles `raw`, or return them if the rings are invalid."""
+    """Improve earcut's triangles `raw`, or return `raw` if the rings are invalid."""
     method = SHORT_NAMES.get(method, method)
     if method not in METHODS:
         raise UnknownNameError(f"unknown method {method!r}; {suggest(method, METHODS)}")
@@ -176,7 +177,7 @@ def _search_triangles(
     points: np.ndarray, ring_offsets: np.ndarray, method: str
 ) -> np.ndarray | None:
     """Return triangles (m, 3) of a method other than flips, or None if the rings are invalid."""
-    # Imported here, because these take a second to import, and flips do not need them.
+    # Imported here, because flips need none of these modules, whose import takes a second.
     from triangulators.methods import flips, optimal
     from triangulators.optimum.full_table import solve_ring
     from triangulators.polygon import UNSURE, checked_boundary, find_ring_orientation

@@ -1,4 +1,4 @@
-"""Exceptions of the package, the suggestion of a known name, and one-line formatting."""
+"""Exceptions of the package, the suggestion of a known name, and formatting in a line."""
 
 import difflib
 import traceback
@@ -25,7 +25,7 @@ class SkippedError(TriangulationError):
 
 
 class UnavailableError(TriangulationError):
-    """An optional package is missing; the message contains the command that installs it."""
+    """An optional package is missing; the message contains the installation command."""
 
 
 class UnknownNameError(TriangulationError, ValueError):
@@ -54,19 +54,19 @@ def suggest(name: str, names: Iterable[str], cutoff: float = 0.6, fallback: str 
 
 
 def format_error(error: BaseException) -> str:
-    """Return an exception as one short line with the file and line that raised it."""
+    """Return an exception as a short line with the file and line of the origin."""
     text = summarize_error(error)
     frames = traceback.extract_tb(error.__traceback__)
     return f"{text} ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else text
 
 
 def summarize_error(error: BaseException) -> str:
-    """Return an exception's type and message as one short line."""
+    """Return an exception's type and message as a short line."""
     text = truncate(str(error))
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
 
 
 def truncate(text: str) -> str:
-    """Return a text as one line of at most `MAX_MESSAGE` characters, with its full length."""
+    """Return a text as a line of at most `MAX_MESSAGE` characters, and the full length if cut."""
     line = " ".join(text[: 4 * MAX_MESSAGE].split())[:MAX_MESSAGE]
     return f"{line} ... ({len(text):,} characters)" if len(text) > MAX_MESSAGE else line

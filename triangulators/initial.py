@@ -15,7 +15,7 @@ from triangulators.polygon import Boundary
 from triangulators.verify import insert_dropped_vertices, orient_triangles, verify_boundary
 
 _MAX_GREEDY_VERTICES = 1000
-"""Vertices up to which all pairs of them are tried."""
+"""Number of vertices up to which all pairs are tried."""
 
 
 def initial_triangulations(outline: Boundary) -> list[np.ndarray]:
@@ -53,7 +53,7 @@ def find_best_initial(outline: Boundary, cost: Cost) -> np.ndarray:
 
 
 class Cycle(NamedTuple):
-    """A simple polygon: `cycle` (n,) has its vertices counter-clockwise, as indices.
+    """A simple polygon: `cycle` (n,) has the vertices counter-clockwise, as indices.
 
     `points` (n, 2) are the coordinates of the cycle; position i sees
     `target[start[i]:start[i + 1]]`, ascending, all > i (see `find_visible_pairs`).
@@ -66,7 +66,7 @@ class Cycle(NamedTuple):
 
 
 def make_cycle(outline: Boundary, who: str) -> Cycle:
-    """Return a polygon's only ring and its visible vertices; raise `SkippedError` for holes."""
+    """Return a polygon's only ring with visible pairs; raise `SkippedError` for holes."""
     if outline.holes:
         raise SkippedError(f"{who}: the polygon has holes")
     cycle = outline.edges[:, 0].copy()

@@ -1,4 +1,4 @@
-"""Triangulations by other libraries: ear clipping, Delaunay, manifold, sweep."""
+"""Triangulations by third-party libraries: ear clipping, Delaunay, manifold, sweep."""
 
 import ctypes.util
 import importlib.util
@@ -24,7 +24,7 @@ def ear_clipping(outline: Boundary) -> np.ndarray:
 def delaunay(outline: Boundary) -> np.ndarray:
     """Return the constrained Delaunay triangulation (m, 3) of GEOS, through shapely.
 
-    GEOS returns coordinates; they are mapped back to vertex indices.
+    GEOS returns coordinates; mapped back here to vertex indices.
     """
     try:
         pieces = shapely.constrained_delaunay_triangles(

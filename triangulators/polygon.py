@@ -1,9 +1,9 @@
 """A shapely polygon as arrays: its vertices, its rings, its boundary edges.
 
-Most polygons are one simple ring, whose edges meet only at common vertices, so they are valid. One
-compiled pass (`find_ring_orientation`) recognises them if a float64 filter is certain; for a
-building it takes a tenth of the time of a general validity test. GEOS tests all other polygons, and
-its reasons are the error messages.
+Most polygons are a simple ring, in which edges meet only at common vertices, so they are valid. A
+compiled pass (`find_ring_orientation`) recognises such rings if a float64 filter is certain; for a
+building, the pass takes a tenth of the time of a general validity test. GEOS tests all other
+polygons, and provides the reasons for error messages.
 """
 
 from functools import lru_cache
@@ -27,7 +27,7 @@ class Boundary(NamedTuple):
     """A polygon's boundary, oriented so that the interior lies on the left.
 
     `points` (n, 2) are `vertices(polygon)`, and `ring_offsets` (h + 2,) the offsets of the rings in
-    them; `site` (n,) maps a vertex to the first vertex with the same coordinates, so that rings
+    `points`; `site` (n,) maps a vertex to the first vertex with the same coordinates, so that rings
     that touch share a site; `edges` (b, 2) are directed boundary edges between sites, ring by ring:
     edges of length zero are omitted, and edges with a vertex of another ring on them are split
     there; `holes` is the number of interiors.
@@ -51,7 +51,7 @@ class Boundary(NamedTuple):
 
     @property
     def simple(self) -> bool:
-        """Whether the boundary is one ring without repeated vertices."""
+        """Whether the boundary is a single ring without repeated vertices."""
         return self.holes == 0 and len(self.edges) == len(self.points)
 
 
@@ -68,16 +68,16 @@ def check(polygon: shapely.Polygon) -> None:
 
 
 def rings_of(polygon: shapely.Polygon) -> tuple[np.ndarray, np.ndarray]:
-    """Return the vertices (n, 2) and the offsets of the rings in them, (h + 2,) int64."""
+    """Return the vertices (n, 2) and the offsets of the rings, (h + 2,) int64."""
     lengths = shapely.get_num_points(shapely.get_rings(polygon))
     coordinates = shapely.get_coordinates(polygon)
     is_distinct = np.ones(len(coordinates), dtype=bool)
-    is_distinct[np.cumsum(lengths) - 1] = False  # shapely repeats a ring's first vertex at its end
+    is_distinct[np.cumsum(lengths) - 1] = False  # shapely repeats a ring's first vertex at the end
     return coordinates[is_distinct], offsets_of(lengths - 1)
 
 
 def vertices(polygon: shapely.Polygon) -> np.ndarray:
-    """Return the vertices of a polygon; triangulations are indices into them.
+    """Return the vertices of a polygon, which triangulations index.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def vertices(polygon: shapely.Polygon) -> np.ndarray:
     -------
     ndarray
         (n, 2) float64: the exterior ring, then the interiors in order. The first vertex of a ring
-        is not repeated at its end.
+        is not repeated at the end.
 
     Examples
     --------
@@ -99,7 +99,7 @@ def vertices(polygon: shapely.Polygon) -> np.ndarray:
 
 
 def sites(points: np.ndarray) -> np.ndarray:
-    """Map each of (n, 2) points to the first one with equal coordinates, shape (n,) int32."""
+    """Map each of (n, 2) points to the first point with equal coordinates, shape (n,) int32."""
     numbers = np.ascontiguousarray(points).view(np.complex128).ravel()
     _, first, which = np.unique(numbers, return_index=True, return_inverse=True)
     return first[which].astype(np.int32)
@@ -134,8 +134,9 @@ def _boundary_of_simple_ring(polygon: shapely.Polygon) -> Boundary | None:
 def find_ring_orientation(coordinates: np.ndarray) -> int:
     """Return the orientation of a simple ring, COUNTERCLOCKWISE or CLOCKWISE, or UNSURE.
 
-    coordinates: (n + 1, 2), as shapely gives them: the first vertex is repeated at the end. In the
-    coordinates of a polygon with holes it is also in the middle, so they are UNSURE.
+    coordinates: (n + 1, 2), as in shapely: the first vertex is repeated at the end. In the
+    coordinates of a polygon with holes the first vertex is also in the middle, so the result is
+    UNSURE.
     """
     n = len(coordinates) - 1
     if n < 3 or n > MAX_SIMPLE_VERTICES:
@@ -153,7 +154,7 @@ def find_ring_orientation(coordinates: np.ndarray) -> int:
             return UNSURE
         span = max(span, abs(ax - x), abs(ay - y))
         area += (ax - x) * (by - y) - (ay - y) * (bx - x)
-        # The next edge must not run back along this one.
+        # The next edge must not run back along edge a.
         c = a + 2 if a + 2 <= n else 1
         cx, cy = coordinates[c, 0], coordinates[c, 1]
         ahead = (bx - ax) * (cx - bx) + (by - ay) * (cy - by)
@@ -191,7 +192,7 @@ def _meets_no_later_edge(coordinates: np.ndarray, a: int, n: int) -> bool:
 
 @njit(nogil=True)
 def _certain_side(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> int:
-    """Return the side of a-b that c is on, 1 or -1; 0 if it is on a-b or uncertain."""
+    """Return the side of a-b that c is on, 1 or -1; 0 if c is on a-b or the side is uncertain."""
     positive, negative = (ax - cx) * (by - cy), (ay - cy) * (bx - cx)
     determinant = positive - negative
     if abs(determinant) <= FILTER * (abs(positive) + abs(negative)):
@@ -233,9 +234,9 @@ def orient_rings(points: np.ndarray, ring_offsets: np.ndarray) -> np.ndarray:
 def make_boundary(points: np.ndarray, ring_offsets: np.ndarray) -> Boundary:
     """Return the `Boundary` of rings given as in `rings_of`, the exterior first.
 
-    If rings touch, edges are split at the vertices that lie exactly on them, consistent with GEOS's
-    validity test. A vertex within rounding error of an edge is not on it: the sliver of the polygon
-    between them is triangulated.
+    If rings touch, edges are split at vertices that lie exactly on an edge, consistent with GEOS's
+    validity test. A vertex within rounding error of an edge is not on the edge: the sliver between
+    vertex and edge is triangulated.
     """
     site = sites(points)
     edges = []
@@ -255,7 +256,7 @@ def make_boundary(points: np.ndarray, ring_offsets: np.ndarray) -> Boundary:
 def find_vertices_on(
     outline: Boundary, edges: np.ndarray, allowed: float
 ) -> dict[tuple[int, int], list[int]]:
-    """Return by edge a-b the boundary's vertices that lie on it between its ends, from a to b.
+    """Return, by edge a-b, the boundary's vertices that lie on a-b between a and b, in that order.
 
     edges (k, 2) int32; allowed: tolerance, see `predicates.on_segment`. Edges without such vertices
     are omitted.
@@ -274,7 +275,7 @@ def find_vertices_on(
 
 
 def boundary_area(outline: Boundary) -> float:
-    """Return the polygon's area from its oriented boundary edges."""
+    """Return the polygon's area, computed from oriented boundary edges."""
     shifted = outline.points - outline.points[0]
     a, b = shifted[outline.edges[:, 0]], shifted[outline.edges[:, 1]]
     return float(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])) / 2.0

@@ -1,4 +1,4 @@
-"""Many polygons and their triangulations as arrays; shapely polygons are made on demand.
+"""Many polygons and their triangulations as arrays; shapely polygons are created on demand.
 
 The layout is GeoArrow's:
 
@@ -8,7 +8,7 @@ The layout is GeoArrow's:
                    exterior first
 
 Two squares, the second with a hole: 12 coords, ring_offsets 0, 4, 8, 12 and geom_offsets 0, 1, 3.
-GeoArrow and shapely repeat the first vertex at the end of a ring; nothing else differs.
+The only difference: GeoArrow and shapely repeat the first vertex at the end of a ring.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class PolygonArray(Sequence[shapely.Polygon]):
 
     @classmethod
     def concatenate(cls, parts: Sequence[PolygonArray]) -> PolygonArray:
-        """Return the polygons of one or more arrays, one after another."""
+        """Return the polygons of arrays, in order."""
         return cls(
             np.concatenate([part.coords for part in parts]),
             offsets_of(np.concatenate([np.diff(part.ring_offsets) for part in parts])),
@@ -97,7 +97,7 @@ class PolygonArray(Sequence[shapely.Polygon]):
         if len(self) == 0:
             return np.empty(0, dtype=object)
         first, last = self.ring_offsets[:-1], self.ring_offsets[1:]
-        # shapely repeats each ring's first vertex at its end
+        # shapely repeats each ring's first vertex at the end
         closed = np.insert(self.coords, last, self.coords[first], axis=0)
         offsets = self.ring_offsets + np.arange(len(self.ring_offsets))
         kind = shapely.GeometryType.POLYGON
@@ -105,7 +105,7 @@ class PolygonArray(Sequence[shapely.Polygon]):
         return np.asarray(geometries, dtype=object)
 
     def rings_of(self, index: int) -> tuple[NDArray[Any], NDArray[np.int64]]:
-        """Return the vertices (n, 2) of one polygon, and the offsets of its rings, (h + 2,)."""
+        """Return the vertices (n, 2) of a polygon, and the offsets of the rings, (h + 2,)."""
         first, last = self.geom_offsets[index : index + 2].tolist()
         offsets = self.ring_offsets[first : last + 1]
         return self.coords[offsets[0] : offsets[-1]], offsets - offsets[0]
@@ -117,7 +117,7 @@ class PolygonArray(Sequence[shapely.Polygon]):
         return low, high
 
     def take(self, selection: ArrayLike) -> PolygonArray:
-        """Return the polygons selected by (p,) flags, or by (k,) indices in their order."""
+        """Return the polygons selected by (p,) flags, or by (k,) indices in order."""
         indices = np.asarray(selection)
         indices = np.flatnonzero(indices) if indices.dtype == np.bool_ else indices.astype(np.int64)
         ring_counts, vertex_counts = self.ring_counts[indices], self.vertex_counts[indices]
@@ -136,7 +136,7 @@ class PolygonArray(Sequence[shapely.Polygon]):
     @overload
     def __getitem__(self, index: slice) -> PolygonArray: ...
     def __getitem__(self, index: int | slice) -> shapely.Polygon | PolygonArray:
-        """Return one polygon, or the polygons of a slice as an array."""
+        """Return a polygon, or the polygons of a slice as an array."""
         if isinstance(index, slice):
             return self.take(np.arange(len(self))[index])
         if "geometries" in vars(self):
@@ -156,7 +156,7 @@ triangulator; reusing the object converts them to shapely once."""
 
 
 def _unpickle(*arrays: NDArray[Any]) -> PolygonArray:
-    """Return the array that was unpickled last if it is equal, otherwise a new one."""
+    """Return the most recently unpickled array if equal, otherwise a new array."""
     global _unpickled
     before = _unpickled
     if before is None or not (
@@ -170,7 +170,7 @@ def _unpickle(*arrays: NDArray[Any]) -> PolygonArray:
 
 
 def offsets_of(lengths: ArrayLike) -> NDArray[np.int64]:
-    """Return the offsets (k + 1,) of k consecutive runs from their lengths."""
+    """Return the offsets (k + 1,) of k consecutive runs from the lengths."""
     return np.concatenate(([0], np.cumsum(lengths, dtype=np.int64)), dtype=np.int64)
 
 
@@ -183,7 +183,7 @@ def ranges(starts: NDArray[np.int64], lengths: NDArray[np.int64]) -> NDArray[np.
 def polygon_of_rings(points: NDArray[Any], ring_offsets: NDArray[np.int64]) -> shapely.Polygon:
     """Return the polygon of vertices (n, 2) whose rings begin at `ring_offsets` (h + 2,)."""
     rings = np.split(points, ring_offsets[1:-1])
-    # Closed here: shapely would take a last vertex that repeats the first for the closing one.
+    # Closed here: shapely would take a repetition of the first vertex for the closing vertex.
     closed = [np.concatenate((ring, ring[:1])) for ring in rings]
     return shapely.Polygon(closed[0], closed[1:])
 
@@ -201,7 +201,7 @@ class Triangulations(Sequence[np.ndarray]):
     failed : dict
         The reason for each polygon without a triangulation, by index.
     compiled : (p,) bool array
-        Polygons triangulated by compiled code or a device; their optima are exact.
+        Polygons triangulated by compiled code or a device, with exact optima.
     """
 
     triangles: np.ndarray
@@ -257,6 +257,6 @@ def allocate_batch(polygons: PolygonArray) -> Batch:
 def rings_at(
     index: int, coords: np.ndarray, ring_offsets: np.ndarray, geom_offsets: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the vertices (n, 2) of one polygon, and the offsets of its rings in them, (h + 2,)."""
+    """Return the vertices (n, 2) of a polygon, and the offsets of the rings, (h + 2,)."""
     offsets = ring_offsets[geom_offsets[index] : geom_offsets[index + 1] + 1]
     return coords[offsets[0] : offsets[-1]], offsets - offsets[0]

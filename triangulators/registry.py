@@ -1,4 +1,4 @@
-"""Triangulators by name: the built-in ones, entry points, and `module:function` strings."""
+"""Triangulators by name: built-in names, entry points, and `module:function` strings."""
 
 import importlib.util
 from collections.abc import Callable
@@ -25,13 +25,14 @@ class Entry:
     Parameters
     ----------
     name, description : str
-        As `raster-harness list triangulators` prints them.
+        Texts that `raster-harness list triangulators` prints.
     function : str
-        "module:function"; built-in functions take (boundary, **parameters), others the polygon.
+        "module:function"; built-in functions take (boundary, **parameters), third-party functions
+        the polygon.
     handles_holes : bool
         False if polygons with holes are skipped.
     criteria : bool
-        True if a criterion steers it.
+        True if the name takes a criterion.
     default_criterion : str
         The criterion if none is given.
     tests : tuple of str
@@ -207,11 +208,11 @@ BUILTIN = {
 
 
 ALIASES = {"earcut": "ear-clipping"}
-"""Common other names of triangulators."""
+"""Common alternative names of triangulators."""
 
 
 class Choice(NamedTuple):
-    """A triangulator as written on the command line: an entry and, if it takes one, a criterion."""
+    """A triangulator as written on the command line: an entry, and a criterion or None."""
 
     entry: Entry
     criterion: str | None
@@ -235,7 +236,7 @@ def _third_party() -> dict[str, EntryPoint]:
 
 
 def names(*, available_only: bool = False) -> list[str]:
-    """Return the names of all triangulators, built-in ones first, then those of entry points.
+    """Return the names of all triangulators, built-in names first, then entry points.
 
     Parameters
     ----------
@@ -350,12 +351,12 @@ def check_criterion(text: str, criterion: Any) -> None:
     if in_name:
         raise ArgumentError(
             f"triangulator {text!r}: criterion given twice ({in_name!r} in the name, "
-            f"{criterion!r} as an argument); give one of the two"
+            f"{criterion!r} as an argument); give only one"
         )
 
 
 def full_name(text: str) -> str:
-    """Return a triangulator's full name, with its criterion and the shortest form of weights.
+    """Return a triangulator's full name, with the criterion and the shortest form of weights.
 
     Parameters
     ----------
@@ -365,7 +366,7 @@ def full_name(text: str) -> str:
     Returns
     -------
     str
-        The name in its canonical form.
+        The canonical name.
 
     Raises
     ------

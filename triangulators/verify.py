@@ -1,9 +1,10 @@
 """Verification that triangles are a triangulation of a polygon, and repair of T-junctions.
 
-Counter-clockwise triangles whose edges add up, as a chain, to the polygon's boundary cover each
-point as often as the winding number of the boundary: once inside, never outside. So no triangles
-are intersected, and snapped input is verified without rounding. Edges that cancel only after they
-are split at vertices lying on them are T-junctions: covered, but not conforming.
+If the edges of counter-clockwise triangles add up, as a chain, to the polygon's boundary, the
+triangles cover each point as often as the winding number of the boundary: once inside, never
+outside. So no triangles are intersected, and snapped input is verified without rounding.
+T-junctions are edges that cancel only after splitting at vertices on the edges: covered, but not
+conforming.
 """
 
 from collections import Counter
@@ -71,7 +72,7 @@ def verify(polygon: shapely.Polygon, triangles: np.ndarray) -> Verification:
     Returns
     -------
     Verification
-        Its `ok`, `conforming` and `problems` are the answer.
+        With the answer in `ok`, `conforming` and `problems`.
 
     Examples
     --------
@@ -85,7 +86,7 @@ def verify(polygon: shapely.Polygon, triangles: np.ndarray) -> Verification:
 
 
 def verify_boundary(outline: Boundary, triangles: np.ndarray) -> Verification:
-    """`verify`, for a polygon given as its `Boundary`."""
+    """`verify` for the `Boundary` of a polygon."""
     expected = outline.expected_triangles
     try:
         triangles = check_rows(triangles, outline.points)
@@ -118,7 +119,7 @@ def verify_boundary(outline: Boundary, triangles: np.ndarray) -> Verification:
 
 
 def check_rows(triangles: Any, points: np.ndarray) -> np.ndarray:
-    """Return triangles as int32 (m, 3); raises `ValueError` unless they index (n, 2) points."""
+    """Return triangles as int32 (m, 3); raises `ValueError` unless they index `points`."""
     array = np.asarray(triangles)
     if array.ndim != 2 or array.shape[1] != 3:
         raise ValueError(f"triangles have shape {array.shape}, expected (m, 3)")
@@ -132,7 +133,7 @@ def check_rows(triangles: Any, points: np.ndarray) -> np.ndarray:
 
 
 def unmatched_edges(outline: Boundary, triangles: np.ndarray) -> Counter[Edge]:
-    """Return the directed edges between sites that do not cancel, with their multiplicity.
+    """Return the directed edges between sites that do not cancel, with multiplicity.
 
     A triangle's edge counts +1, a boundary edge -1, and a-b cancels b-a.
     """
@@ -155,18 +156,18 @@ def find_unconfirmed(polygons: PolygonArray, triangles: Mapping[int, np.ndarray]
     """Return the polygons whose triangles a fast check does not confirm; `verify` decides.
 
     triangles: (m, 3) by index in `polygons`. Confirmed triangulations are valid and conforming;
-    others may be valid, for example with T-junctions.
+    the returned polygons may be valid, for example with T-junctions.
     """
     if not triangles:
         return []
     rows = np.concatenate(list(triangles.values())).astype(np.int32)
     row_offsets = offsets_of([len(piece) for piece in triangles.values()])
     arrays = (polygons.coords.astype(np.float64), polygons.ring_offsets, polygons.geom_offsets)
-    return list(_unconfirmed(arrays, np.array(list(triangles)), rows, row_offsets))
+    return list(_list_unconfirmed(arrays, np.array(list(triangles)), rows, row_offsets))
 
 
 @njit(nogil=True)
-def _unconfirmed(
+def _list_unconfirmed(
     polygons: tuple[np.ndarray, np.ndarray, np.ndarray],
     indices: np.ndarray,
     triangles: np.ndarray,
@@ -200,11 +201,11 @@ def orient_triangles(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def insert_dropped_vertices(outline: Boundary, triangles: np.ndarray) -> np.ndarray:
-    """Split triangles at vertices that lie on their edges; return (m', 3) int32.
+    """Split triangles at vertices that lie on edges; return (m', 3) int32.
 
-    Each T-junction is resolved by joining its vertex to the opposite one. Area, coverage and
-    orientation do not change; the order of the other triangles is preserved. A sliver with a vertex
-    on its opposite edge is removed: the triangle across that edge is split there.
+    Each T-junction is resolved by an edge from the vertex to the opposite vertex. Area, coverage
+    and orientation do not change; the order of unsplit triangles is preserved. A sliver with a
+    vertex on the opposite edge is removed: the triangle across that edge is split there.
     """
     loose = unmatched_edges(outline, triangles)
     if not loose:
@@ -222,7 +223,7 @@ def insert_dropped_vertices(outline: Boundary, triangles: np.ndarray) -> np.ndar
 
 
 def _split(chains: list[list[int]], result: list[tuple[int, int, int]]) -> None:
-    """Append the pieces of a triangle given by the vertices along each of its three edges."""
+    """Append the pieces of a triangle, given by the vertices along each of the three edges."""
     for first in range(3):
         edge, second, third = chains[first], chains[first - 2], chains[first - 1]
         if len(edge) > 2:

@@ -1,9 +1,9 @@
 """Candidates: all edges and empty triangles that a triangulation of a polygon can contain.
 
-An edge is a pair of sites that see each other, or a piece of the boundary; a triangle is three
-edges with no part of the boundary inside. Every triangulation is a subset of these triangles, and
+An edge is a pair of mutually visible sites, or a piece of the boundary; a triangle is three edges
+without a part of the boundary inside. Every triangulation is a subset of these triangles, and
 a cost that sums over triangles is a weight of each. Exclusion (`local_minimality`) and the linear
-program (`linear_program`) use only the candidates and their weights.
+program (`linear_program`) use only the candidates and the weights.
 """
 
 from itertools import pairwise
@@ -22,11 +22,11 @@ from triangulators.polygon import Boundary
 class Candidates(NamedTuple):
     """Edges and triangles of a polygon.
 
-    points (n, 2). edges (e, 2): pairs a < b, in ascending order; side (e,): 1 where a-b is a
-    boundary edge with the interior on its left, -1 where b-a is, 0 for a diagonal. triangles
+    points (n, 2). edges (e, 2): pairs a < b, in ascending order; side (e,): 1 if a-b is a
+    boundary edge with the interior on the left, -1 if b-a is, 0 for a diagonal. triangles
     (t, 3): vertices, counter-clockwise; sides (t, 3): the edge from vertex k to vertex k + 1.
     start (2 e + 1,) and items: `items[start[2 * i]:start[2 * i + 1]]` are the triangles on the
-    left of edge i seen from a to b, and up to `start[2 * i + 2]` those on its right.
+    left of edge i seen from a to b, and up to `start[2 * i + 2]` on the right.
     """
 
     points: np.ndarray
@@ -43,7 +43,7 @@ def find_candidates(
 ) -> Candidates | None:
     """Return the candidates of a polygon, or None if there are too many visible triples.
 
-    triangles: (m, 3), any triangulation between sites; walked to find what each site sees.
+    triangles: (m, 3), any triangulation between sites, which the search for visible sites walks.
     """
     points = outline.points
     triangles = np.ascontiguousarray(triangles, dtype=np.int32)
@@ -60,17 +60,17 @@ def find_candidates(
         return None
     empty, sides = rows[:, :3].copy(), rows[:, 3:].copy()
     keys = 2 * sides
-    keys += empty > empty[:, [1, 2, 0]]  # a triangle right of an edge runs from its higher end
+    keys += empty > empty[:, [1, 2, 0]]  # a triangle right of an edge runs from the higher end
     start, items = grouped(keys.ravel(), 2 * len(edges))
     items //= 3
     return Candidates(points, edges, side, empty, sides, start, items)
 
 
 def _ring_samples(outline: Boundary) -> np.ndarray:
-    """Return up to four sites of each hole, (h, 4), the last one repeated.
+    """Return up to four sites of each hole, (h, 4), the last repeated.
 
-    A hole meets a triangle of candidate edges only at the triangle's vertices, so it lies entirely
-    inside or entirely outside. At least one of four sites is not a vertex; testing it decides.
+    A hole meets a triangle of candidate edges only at the triangle's vertices, so the hole is
+    entirely inside or entirely outside. The first of four sites that is not a vertex decides.
     """
     samples = np.zeros((outline.holes, 4), dtype=np.int32)
     for number, (begin, end) in enumerate(pairwise(outline.ring_offsets[1:])):
@@ -88,9 +88,9 @@ def _list_triangles(
     rings: np.ndarray,
     max_triples: int,
 ) -> tuple[int, np.ndarray]:
-    """Return the number of mutually visible triples, and the empty triangles among them, (t, 6).
+    """Return the number of mutually visible triples, and the empty triangles, (t, 6).
 
-    A row has a triangle's three vertices and the indices of its three sides. Stops when there are
+    A row has the indices of a triangle's three vertices and three sides. Stops when there are
     more than `max_triples` triples.
     """
     n = len(points)
@@ -111,7 +111,7 @@ def _list_triangles(
                     continue
                 triples += 1
                 # Counter-clockwise a-b-c runs along p and q and against r; clockwise the reverse.
-                # A boundary edge has the interior on its left.
+                # A boundary edge has the interior on the left.
                 sign = 1 if orientation(points, a, b, c) > 0.0 else -1
                 if side[p] == -sign or side[q] == -sign or side[r] == sign:
                     continue

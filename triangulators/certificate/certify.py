@@ -48,7 +48,7 @@ def certify(
     criterion
         A name, a `Criterion`, or a Numba function of three points (six numbers).
     seconds
-        Time limit of each linear program. If it is reached, the bound is weak and nothing is
+        Time limit of each linear program. After that time the bound is weak and no optimum is
         proven.
     evidence
         If False, skip evidence and checker for a dynamic program whose sums are exact in doubles,
@@ -59,7 +59,7 @@ def certify(
     Returns
     -------
     Certificate
-        The cost, the bound, and the evidence for it.
+        The cost, the bound, and evidence of the bound.
 
     Raises
     ------
@@ -111,8 +111,8 @@ def certify(
 def _ring_evidence(outline: Boundary, triangles: np.ndarray, cost: Cost, units: Units) -> Evidence:
     """Return evidence of the minimum cost of a polygon without holes.
 
-    triangles: (m, 3), any triangulation between sites; units: those of the claim. The minimum costs
-    of all sub-polygons are potentials of the visible pairs (see `far_costs`).
+    triangles: (m, 3), any triangulation between sites; units: the units of the claim. The minimum
+    costs of all sub-polygons are potentials of the visible pairs (see `far_costs`).
     """
     ring = outline.edges[:, 0].copy()
     position = np.empty(len(outline.points), dtype=np.int32)
@@ -136,7 +136,7 @@ def make_certificate(
     """
     units = find_units(outline, triangles, cost)
     total = exact_total(outline, triangles, cost, units)
-    # The noise of any triangulation is less than a unit, so the floor division removes it.
+    # The noise of any triangulation is less than a unit, so the floor division removes the noise.
     bound_units = checker.lower_bound(outline, triangles, cost, evidence) // units.factor
     proven = is_proof(total, bound_units, len(triangles), units)
     if not (units.exact or units.real):  # each triangle's cost is rounded by less than a unit
@@ -148,7 +148,7 @@ def make_certificate(
 
 
 def _require_conforming(outline: Boundary, triangles: np.ndarray) -> np.ndarray:
-    """Return triangles between sites; raises `TriangulationError` if they do not conform."""
+    """Return triangles between sites; raises `TriangulationError` for T-junctions."""
     verification = verify_boundary(outline, triangles)
     if not verification.conforming:
         problem = (
@@ -180,7 +180,7 @@ def _round_down(value: Fraction) -> float:
 
 
 def _relative_gap(total: Fraction, bound: Fraction) -> float:
-    """Return (total - bound) / |total|; 0 if they are equal."""
+    """Return (total - bound) / |total|; 0 if total and bound are equal."""
     if total == bound:
         return 0.0
     return float((total - bound) / abs(total)) if total else math.inf

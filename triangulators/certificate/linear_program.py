@@ -1,12 +1,12 @@
-"""The linear program over triangles, in its dual form.
+"""The linear program over triangles, in dual form.
 
 Sources: G. B. Dantzig, A. J. Hoffman and T. C. Hu, "Triangulations (tilings) and certain block
 triangular matrices", 1985; A. Yousefi and N. E. Young, "On a linear program for minimum-weight
 triangulation", 2014.
 
-Choose triangles x >= 0 of minimum weight so that each diagonal has as many on its left as on its
-right and each boundary edge has one. The dual has a potential y for each edge, with the opposite
-sign in the opposite direction:
+Choose triangles x >= 0 of minimum weight so that each diagonal has as many on the left as on the
+right, and each boundary edge has a single triangle. The dual has a potential y for each edge, with
+the opposite sign in the opposite direction:
 
     maximise    the sum of y over the boundary
     subject to  y(ab) + y(bc) + y(ca) <= weight(abc)   for each triangle abc.

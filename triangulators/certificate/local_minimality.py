@@ -4,38 +4,38 @@ Source: M. Dickerson and M. Montague, "A (usually?) connected subgraph of the mi
 triangulation", 1996.
 
 Let an optimum contain the diagonal a-b, with the triangles a-b-c on its left and b-a-d on its
-right. If c-d crosses a-b, then d-b-c and c-a-d are empty triangles too, and putting them in their
-place gives another triangulation; so
+right. If c-d crosses a-b, then d-b-c and c-a-d are empty triangles too, and a flip of a-b to c-d
+gives another triangulation; so
 
     weight(abc) + weight(bad) <= weight(dbc) + weight(cad).
 
-This uses only that the cost sums over triangles. Take the remaining triangles on the left of an
-edge and those on its right: if flipping makes every pair of a left and a right triangle lighter,
-the edge is excluded, and with it the triangles that have it as a side. That may exclude other
-edges, until a fixed point is reached. A pair without a strictly convex quadrilateral cannot be
-flipped, so it blocks the exclusion: an optimum may contain it, whatever its weight. With the noise
-of `checking.units` ties are very rare; a tie would retain both diagonals of a rectangle.
+This uses only that the cost sums over triangles. Pair each remaining triangle on the left of an
+edge with each on the right: if a flip makes every pair lighter, the edge is excluded, and so are
+the triangles on both sides. Their exclusion may exclude more edges, until a fixed point is reached.
+A pair without a strictly convex quadrilateral cannot be flipped and blocks the exclusion: an
+optimum may contain the pair, whatever the weight. With the noise of `checking.units` ties are very
+rare; a tie would retain both diagonals of a rectangle.
 
 The fixed point does not depend on the order in which edges are examined: fewer triangles make fewer
 pairs, so an edge that can be excluded now can be excluded later. The order of exclusion is stored
-because each exclusion is justified by those before it.
+because each exclusion is justified by the earlier exclusions.
 
-An edge with t triangles on its left and u on its right takes at most t * u flips to try, and up to
-t + u more, each the first of another examination.
+An edge with t left and u right triangles takes at most t * u trial flips, and up to t + u more,
+each the first of another examination.
 
 Potentials of excluded edges, so that a proof needs no exclusions. Potentials prove that no
 triangulation weighs less than a bound (`linear_program`). This is the stronger statement: the
 potentials of the remaining edges always extend to the excluded ones (`extend`). Compare A. Yousefi
 and N. E. Young, "On a linear program for minimum-weight triangulation", 2014.
 
-Take the excluded edges in reverse, the last one first. Let a-b be the next, and let the triangles
-at it whose other sides have potentials be abc on its left and bad on its right. Its potential y
+Take the excluded edges in reverse, the last first. Let a-b be the next, and let abc on the left
+and bad on the right be the triangles at a-b whose other sides have potentials. The potential y(ab)
 must satisfy
 
     y(ab) <= weight(abc) - y(bc) - y(ca)     and     -y(ab) <= weight(bad) - y(ad) - y(db),
 
-which is possible if each such pair weighs at least y(bc) + y(ca) + y(ad) + y(db). It does, because
-a-b was excluded, so flipping the pair makes it lighter:
+which is possible if each such pair weighs at least y(bc) + y(ca) + y(ad) + y(db). Every pair does,
+because a-b was excluded, so a flip makes the pair lighter:
 
     weight(abc) + weight(bad) > weight(dbc) + weight(cad)
                              >= y(db) + y(bc) + y(cd)  +  y(ca) + y(ad) + y(dc),
@@ -43,12 +43,12 @@ a-b was excluded, so flipping the pair makes it lighter:
 and y(cd) + y(dc) = 0. (c-d was not excluded before a-b: abc and bad were alive then, too, and would
 have been the lighter pair. So the inequalities of cad and dbc hold already.) No potential of the
 boundary changes, so the bound does not change. With a lift, which is at most 0, dbc and cad may
-exceed their weights by -lift each; y(ab) is then the midpoint, so that abc and bad exceed their
-weights by no more.
+exceed their weights by -lift each; y(ab) is then the midpoint, so that abc and bad exceed
+their weights by no more.
 
-An edge may have no triangle whose other sides have potentials, on one side or both: its potential
-is then unbounded there. Its other triangles are considered with their last side, an edge that was
-excluded earlier; so every triangle counts once, at its last side.
+If no triangle on one side of a-b has potentials at both other sides, y(ab) is unbounded on that
+side. The skipped triangles are considered at the side that was excluded first, the last to get a
+potential; so every triangle counts once.
 """
 
 import numpy as np
@@ -89,9 +89,10 @@ def _is_lighter_flipped(
 ) -> np.bool_:
     """Whether a-b-c and b-a-d, of `value` units together, weigh less with the diagonal c-d.
 
-    c is left of a-b and d right of it, so the quadrilateral a-d-b-c is strictly convex if it also
-    turns left at b and at a. The noise of the four sides is the same before and after. If units are
-    equal, the noise of the diagonals decides: twice the noise of an edge is less than a unit.
+    c is left of a-b and d is right, so the quadrilateral a-d-b-c is strictly convex if the outline
+    also turns left at b and at a. The noise of the four sides is the same before and after. If
+    units are equal, the noise of the diagonals decides: twice the noise of an edge is less than a
+    unit.
     """
     if orientation(points, d, b, c) <= 0.0 or orientation(points, c, a, d) <= 0.0:
         return np.bool_(False)
@@ -116,21 +117,23 @@ def _exclude(
 
     value (t,): cost of each triangle in units, without noise; queue (e,): all edges. A pair of a
     remaining left and a remaining right triangle blocks the exclusion of the edge unless flipping
-    makes it lighter. An edge without a remaining triangle on one side has no pair: it is excluded.
+    makes the pair lighter. An edge without a remaining triangle on one side has no pair and is
+    excluded.
 
-    Each edge e has a position (left, right) in the list of its pairs: triangles on its left, and
-    for each of them those on its right. Invariant: no pair before that position blocks. Whether a
+    Each edge e has a position (left index, right index) in the list of pairs: for each triangle on
+    the left, all triangles on the right. Invariant: no pair before that position blocks. Whether a
     flip makes a pair lighter never changes, and an excluded triangle never returns, so the search
     never goes back, and it stops at the pair that blocks. When a triangle at the edge is excluded,
-    it may belong to that pair, so the edge is examined again (`_requeue_sides`).
+    the blocking pair may have contained it, so the edge is examined again (`_requeue_sides`).
     """
     points, edges, side, triangles, _sides, start, items = candidates
     excluded = np.empty(len(queue), dtype=np.int32)
-    # start[2 e], start[2 e + 1], start[2 e + 2]: begin of left triangles, of right ones, end.
+    # start[2 e], start[2 e + 1], start[2 e + 2]: begin of left triangles, begin of right triangles,
+    # end.
     at_left, at_right = start[0:-1:2].copy(), start[1::2].copy()
     # Diagonals in the queue or on the stack, each at most once.
     waiting = side == 0
-    stack = np.empty(len(edges), dtype=np.int32)  # the stack
+    stack = np.empty(len(edges), dtype=np.int32)
     head, height, count = 0, 0, 0
     while head < len(queue) or height > 0:
         if height > 0:
@@ -183,9 +186,9 @@ def _requeue_sides(
     stack: np.ndarray,
     height: int,
 ) -> int:
-    """Push the sides of an excluded triangle t on the stack `stack`; return its new height."""
+    """Push the sides of an excluded triangle t on `stack`; return the new height."""
     for edge in candidates.sides[t]:
-        # If the search of an edge has reached its end, the edge is excluded itself.
+        # An edge without further pairs is excluded already.
         is_open = at_left[edge] < candidates.start[2 * edge + 1]
         if candidates.side[edge] == 0 and is_open and not waiting[edge]:
             waiting[edge] = True
@@ -202,8 +205,8 @@ def extend(
 ) -> np.ndarray | None:
     """Return potentials (e,) that are also valid for triangles with excluded edges.
 
-    weights (t,); excluded (k,): in order of exclusion; potentials (e,): those of excluded edges are
-    ignored. None if a potential would be too large.
+    weights (t,); excluded (k,): in order of exclusion; potentials (e,): ignored for excluded
+    edges. None if a potential would be too large.
     """
     extended = potentials.copy()
     is_set = np.ones(len(extended), dtype=np.bool_)
@@ -220,15 +223,15 @@ def _extend(
     is_set: np.ndarray,
     potentials: np.ndarray,
 ) -> bool:
-    """Fill `potentials` of the edges `backwards`, mark them in `is_set` (e,); False if one fails.
+    """Fill `potentials` and `is_set` (e,) of the edges `backwards`; return False on overflow.
 
     Invariant: the inequality holds, up to the lift, for every triangle whose sides are all set.
     """
     triangles, sides, start = candidates.triangles, candidates.sides, candidates.start
     for e in backwards:
         low, high = -_MAX_POTENTIAL, _MAX_POTENTIAL
-        # The triangles left of a-b come first and run along it; those on its right run against it,
-        # so that they require -y(ab) <= room.
+        # Left triangles come first and run along a-b; right triangles run against a-b, so that
+        # they require -y(ab) <= room.
         for index in range(start[2 * e], start[2 * e + 2]):
             t = candidates.items[index]
             is_left = index < start[2 * e + 1]

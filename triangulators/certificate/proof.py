@@ -1,4 +1,4 @@
-"""Find an optimum and the evidence for it.
+"""Find an optimum and evidence of optimality.
 
 Local minimality excludes most edges. If the remaining skeleton connects the polygon's rings, a
 dynamic program solves the rest (`skeleton`), otherwise the linear program (`linear_program`).
@@ -19,16 +19,16 @@ from triangulators.optimum.best_way import search_cuts
 from triangulators.polygon import Boundary
 
 # Limits that are not times, so that the same is proven on any machine, end in a few seconds.
-PROGRAM_TIMEOUT_S = 60.0  # of one linear program; a polygon may need two
+PROGRAM_TIMEOUT_S = 60.0  # of a linear program; a polygon may need two
 _MAX_UNTIMED_ROWS = 100_000  # constraints of a linear program without a time limit
 _MAX_UNTIMED_TRIPLES = 1_500_000  # visible triples for exclusion without a time limit
-MAX_TRIPLES = 8_000_000  # visible triples of one polygon: about 1 GB
+MAX_TRIPLES = 8_000_000  # visible triples of a polygon: about 1 GB
 _MAX_POTENTIAL = 2.0**59  # the checker adds three potentials below 2^60 in 64 bits
 
 
 @dataclass(frozen=True)
 class Proof:
-    """The incumbent triangulation (m, 3) between sites, and potentials that bound all others.
+    """The incumbent triangulation (m, 3) between sites, and potentials that bound every cost.
 
     gap: relative distance to the bound, 0 if proven optimal. The potentials (e,) and the lift are
     valid for triangles whose edges are not `excluded`.
@@ -56,7 +56,7 @@ class Proof:
 
 
 class _Search:
-    """Search for the best triangulation; `incumbent` has the candidate indices of its triangles."""
+    """Search for the best triangulation; `incumbent` has candidate indices of triangles."""
 
     def __init__(self, candidates: Candidates, weights: np.ndarray, units: Units) -> None:
         self.candidates, self.weights, self.units = candidates, weights, units
@@ -64,9 +64,9 @@ class _Search:
         self.min_weight = np.inf
 
     def update_incumbent(self, selection: np.ndarray) -> None:
-        """Make a triangulation, given by candidate indices, the incumbent if it is lighter.
+        """Make a triangulation, given by candidate indices, the incumbent if lighter.
 
-        Ignore it if a triangle is not a candidate (-1), so that its weight is unknown.
+        Ignored if a triangle is not a candidate (-1), so that the weight is unknown.
         """
         if (selection < 0).any():
             return
@@ -77,10 +77,10 @@ class _Search:
     def solve(self, alive: np.ndarray, cost: Cost, seconds: float) -> tuple[np.ndarray, int]:
         """Optimise over the triangles that are `alive` (t,); return potentials and a lift <= 0.
 
-        They bound every triangulation by those triangles from below. If the dynamic program
-        applies, the bound equals the optimum. Otherwise the linear program's bound does if its
-        solution is integral, and leaves a gap if not. A program is solved if `seconds` is a finite
-        limit, or if it is infinite and the program is small.
+        The potentials bound every triangulation by these triangles from below. If the dynamic
+        program applies, the bound equals the optimum. Otherwise the linear program's bound does if
+        its solution is integral, and leaves a gap if not. A program is solved if `seconds` is a
+        finite limit, or if it is infinite and the program is small.
         """
         c = self.candidates
         optimum = solve_skeleton(c, alive, cost, self.units)
@@ -110,7 +110,7 @@ class _Search:
     def _try_solution(
         self, alive: np.ndarray, potentials: np.ndarray, share: np.ndarray
     ) -> tuple[np.ndarray, int]:
-        """Take a program's triangles with a value above 1/2 as incumbent if they are consistent."""
+        """Take a program's triangles with a value above 1/2 as incumbent if consistent."""
         c = self.candidates
         selection = np.flatnonzero(share > 0.5)
         is_forward = c.triangles[selection] < np.roll(c.triangles[selection], -1, axis=1)
@@ -121,7 +121,7 @@ class _Search:
         return self._round_potentials(alive, potentials)
 
     def _round_potentials(self, alive: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, int]:
-        """Round potentials to integers; return the lift that makes them feasible again."""
+        """Round potentials to integers; return the lift that restores feasibility."""
         c = self.candidates
         scaled = light * self.units.factor
         scaled *= min(1.0, _MAX_POTENTIAL / max(float(np.abs(scaled).max()), 1.0))
@@ -145,10 +145,10 @@ class _Search:
 def prove(
     outline: Boundary, triangles: np.ndarray, cost: Cost, seconds: float = PROGRAM_TIMEOUT_S
 ) -> Proof | None:
-    """Improve a triangulation (m, 3) between sites, and bound its distance from the optimum.
+    """Improve a triangulation (m, 3) between sites, and bound the distance from the optimum.
 
-    The evidence is about the given triangulation, in its units. seconds: time limit of each linear
-    program, which gives a weak bound if it is reached; infinite: solve programs of up to 100,000
+    The evidence is about the given triangulation, in the same units. seconds: time limit of each
+    linear program, which gives a weak bound when reached; infinite: solve programs of up to 100,000
     triangles only; 0: solve none. Return None if more than eight million triples of vertices see
     each other (1.5 million if seconds is 0 or infinite).
     """
@@ -172,7 +172,7 @@ def prove(
 
 
 def _candidate_indices(candidates: Candidates, triangles: np.ndarray) -> np.ndarray:
-    """Return the candidate index of each triangle, -1 if it is not a candidate."""
+    """Return the candidate index of each triangle, -1 for other triangles."""
     n = len(candidates.points)
     keys = _keys(candidates.triangles, n)
     order = np.argsort(keys)

@@ -1,17 +1,17 @@
 """Solve the remaining problem by a dynamic program if the LMT skeleton connects all rings.
 
-A remaining diagonal that no other remaining edge crosses belongs to the skeleton (see
-`local_minimality`): it is in every optimum. With holes, cut the polygon along diagonals of the
-skeleton that connect the boundary's rings. If they connect all of them, the result is one ring, in
-which a site at the end of a cut occurs several times:
+A remaining diagonal that crosses no remaining edge belongs to the skeleton (see `local_minimality`)
+and to every optimum. With holes, cut the polygon along diagonals of the skeleton that connect the
+boundary's rings. If all rings are connected, the result is a single ring, in which a site at the
+end of a cut occurs several times:
 
     outline 0 1 2 3, hole 4 5 6, cut along 2-4:     ring 0 1 2 4 6 5 4 2 3
 
 The remaining edges are the pairs of ring positions that may be joined. No edge crosses a cut, so
-each lies in one of the angles at either end, which determines its positions. Every triangle of
-remaining edges has its three sides among them: it is empty, and a cut inside it would have to leave
-it across a side. So `far_costs` over these pairs gives the optimum, and potentials that satisfy the
-inequality of every remaining triangle, whether any triangulation contains it or not.
+each edge lies in a single angle at either end, which determines the positions. Every triangle of
+remaining edges is empty, and has sides that are such pairs: a cut inside the triangle would have to
+leave across a side. So `far_costs` over these pairs gives the optimum, and potentials that satisfy
+the inequality of every remaining triangle, whether contained in a triangulation or not.
 """
 
 import numpy as np
@@ -33,7 +33,7 @@ def solve_skeleton(
     None if the skeleton does not connect all rings, or if there is no triangulation.
     """
     c = candidates
-    remaining = c.side != 0  # the remaining edges
+    remaining = c.side != 0
     remaining[c.sides[alive]] = True
     cut = np.zeros(len(c.edges), dtype=np.bool_)
     if _connect_rings(c.points, c.edges, c.side, remaining, cut) > 1:
@@ -67,7 +67,7 @@ def _connect_rings(
 ) -> int:
     """Mark in `cut` uncrossed diagonals that connect rings; return the number of parts that remain.
 
-    remaining (e,): the remaining edges. Sites of one part have one root in `parent`.
+    remaining (e,): the remaining edges. Sites of a part have a common root in `parent`.
     """
     parent = np.arange(len(points))
     on_boundary = np.zeros(len(points), dtype=np.bool_)  # where rings touch, points have no site
@@ -78,7 +78,7 @@ def _connect_rings(
                 parts += not on_boundary[v]
                 on_boundary[v] = True
             parts -= join(parent, edges[e, 0], edges[e, 1])
-    # Only diagonals between parts can connect them, and only edges whose boxes meet can cross.
+    # Only diagonals between parts connect parts, and only edges whose boxes meet can cross.
     low_x = np.empty(len(edges))
     widest = 0.0
     for e in range(len(edges)):
@@ -116,13 +116,13 @@ def _is_crossed(
     """Whether a remaining edge crosses edge `order[position]`; `order` sorts edges by `low_x`."""
     e = order[position]
     a, b = edges[e, 0], edges[e, 1]
-    right = max(points[a, 0], points[b, 0])
+    max_x = max(points[a, 0], points[b, 0])
     for step in (-1, 1):
         index = position + step
         while 0 <= index < len(order):
             f = order[index]
             index += step
-            if (step > 0 and low_x[f] >= right) or (step < 0 and low_x[f] + widest <= low_x[e]):
+            if (step > 0 and low_x[f] >= max_x) or (step < 0 and low_x[f] + widest <= low_x[e]):
                 break
             if remaining[f] and cross(points, a, b, edges[f, 0], edges[f, 1]):
                 return True
@@ -130,7 +130,7 @@ def _is_crossed(
 
 
 @njit
-def _between(points: np.ndarray, before: int, vertex: int, after: int, other: int) -> bool:
+def _is_in_angle(points: np.ndarray, before: int, vertex: int, after: int, other: int) -> bool:
     """Whether `other` is inside a vertex's angle, counter-clockwise from `after` to `before`."""
     is_left_of_exit, is_left_of_entry = (
         orientation(points, vertex, after, other) > 0.0,
@@ -145,9 +145,9 @@ def _between(points: np.ndarray, before: int, vertex: int, after: int, other: in
 def _make_ring(candidates: Candidates, cut: np.ndarray) -> np.ndarray:
     """Return the ring of sites of the cut polygon, counter-clockwise, with repetitions.
 
-    The last one leads to the first along the first side of the boundary. The ring follows the
-    boundary's sides in their direction and each cut in both directions. The side after u-v is the
-    first that leaves v, clockwise from u: no part of the polygon lies between them.
+    The last site leads to the first along the first side of the boundary. The ring follows the
+    boundary's directed sides, and each cut in both directions. The side after u-v is the first that
+    leaves v, clockwise from u: no part of the polygon lies between these sides.
     """
     points, edges, side = candidates.points, candidates.edges, candidates.side
     count = 2 * cut.sum() + (side != 0).sum()
@@ -173,7 +173,7 @@ def _make_ring(candidates: Candidates, cut: np.ndarray) -> np.ndarray:
         next_site = -1
         for item in range(start[v], start[v + 1]):
             w = leaving[items[item], 1]
-            if w != u and (next_site < 0 or _between(points, u, v, next_site, w)):
+            if w != u and (next_site < 0 or _is_in_angle(points, u, v, next_site, w)):
                 next_site = w
         u, v = v, next_site
     return ring
@@ -198,7 +198,7 @@ def _find_positions(
                 for item in range(start[site], start[site + 1]):
                     position = items[item]
                     before, after = ring[position - 1], ring[(position + 1) % n]
-                    if _between(points, before, site, after, other):
+                    if _is_in_angle(points, before, site, after, other):
                         positions[row, end] = position
             row += 1
     return positions[:, 0], positions[:, 1]

@@ -5,7 +5,7 @@ The input is the polygon's boundary, the criterion, the triangles and the eviden
 1. Units of weights follow from the first three (`units`); evidence in other units is rejected.
 2. The polygon's edges and empty triangles are enumerated here, from exact orientations (`edges`): a
    triangle is three edges that do not surround a hole.
-3. With y the potential of an edge (its negative in the opposite direction), y(ab) + y(bc) + y(ca) +
+3. With y the potential of an edge (negative in the opposite direction), y(ab) + y(bc) + y(ca) +
    lift is at most the weight of abc, for every empty triangle; an edge that is missing from the
    evidence has 0. Summed over a triangulation, the potentials of diagonals cancel; the sum over the
    boundary plus lift times the number of triangles remains. That is the lower bound.
@@ -53,7 +53,7 @@ def lower_bound(outline: Boundary, triangles: np.ndarray, cost: Cost, evidence: 
         raise CertificateError("evidence: the numbers of potentials and edges differ")
     if max(map(abs, [lift, *potentials.tolist()])) >= TOO_LARGE:
         raise CertificateError("evidence: a potential or the lift is too large")
-    indices = edges.find(pairs)  # pairs that are not edges (-1) bound nothing
+    indices = edges.find(pairs)  # pairs that are not edges (-1) give no bound
     if len(np.unique(indices[indices >= 0])) != np.count_nonzero(indices >= 0):
         raise CertificateError("evidence: an edge is repeated")
     potential = np.zeros(len(edges.ends), dtype=np.int64)
@@ -109,8 +109,8 @@ def _find_violation(
     """Return the vertices of the first empty triangle that violates the inequality.
 
     Checks the edges `number`, `number` + `slices` and so on, each with the triangles whose lowest
-    two vertices it joins. Returns an empty array if none violates it, and an array of length 1 if a
-    weight is too large.
+    two vertices the edge joins. Returns an empty array without violation, and an array of length 1
+    if a weight is too large.
     """
     ends, directions = edges.ends, edges.directions
     for e in range(number, len(ends), slices):

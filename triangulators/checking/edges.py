@@ -1,12 +1,12 @@
 """Edges of a polygon for `checker`, computed from its boundary and exact orientations.
 
-A pair of sites is an edge if it is a piece of the boundary, or a diagonal: a segment that starts
-into the interior at both ends and meets no other boundary edge. A binary tree of bounding boxes of
+An edge is a piece of the boundary or a diagonal: a segment between two sites that starts into the
+interior at both ends and meets no other boundary edge. A binary tree of bounding boxes of
 the boundary's edges finds the edges that a segment may meet: boxes are compared with a margin,
 orientations are exact.
 
-Order. Each site is paired with those after it. A boundary edge that met a segment hides the sites
-behind it: the last few such edges are tested first, so most pairs need no search of the tree.
+Order. Each site is paired with all later sites. A boundary edge that met a segment hides the sites
+behind: the last few such edges are tested first, so most pairs need no search of the tree.
 """
 
 from typing import NamedTuple
@@ -34,7 +34,7 @@ class Edges(NamedTuple):
     holes: np.ndarray
 
     def find(self, pairs: np.ndarray) -> np.ndarray:
-        """Return the index of the edge of each pair, (k, 2) or flat; -1 if it is not an edge."""
+        """Return the index of the edge of each pair, (k, 2) or flat; -1 for other pairs."""
         pairs = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
         sought = pairs.min(axis=1) * len(self.points) + pairs.max(axis=1)
         nearest = np.minimum(np.searchsorted(self.keys, sought), len(self.keys) - 1)
@@ -63,8 +63,8 @@ def surrounds_hole(points: np.ndarray, holes: np.ndarray, a: int, b: int, c: int
     """Whether a counter-clockwise triangle of edges surrounds a hole.
 
     No edge of the boundary crosses the triangle's sides, so a hole is entirely inside or entirely
-    outside, except for vertices that it shares with the triangle. At least one of four sites is not
-    a vertex of the triangle; testing it decides.
+    outside, except for vertices shared with the triangle. Of four sites of the hole, the first that
+    is not a vertex of the triangle decides.
     """
     for hole in range(len(holes)):
         for v in holes[hole]:
@@ -149,7 +149,7 @@ def _starts_inside(sides: _Sides, a: int, b: int) -> bool:
             if not (left_of_out and left_of_in):
                 return False
         elif not (left_of_out or left_of_in):
-            # Straight or reflex: left of either side suffices, unless it runs along one of them.
+            # Straight or reflex: left of either side suffices, unless b is on the line of a side.
             return False
     return True
 
@@ -163,7 +163,7 @@ def _meets(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
     a_side, b_side = orientation(points, c, d, a), orientation(points, c, d, b)
     if (a_side > 0.0 and b_side > 0.0) or (a_side < 0.0 and b_side < 0.0):
         return False
-    if c_side == 0.0 and d_side == 0.0:  # on one line
+    if c_side == 0.0 and d_side == 0.0:  # collinear
         for axis in range(2):
             if max(points[a, axis], points[b, axis]) < min(points[c, axis], points[d, axis]):
                 return False
@@ -177,8 +177,8 @@ def _find_meeting_edge(sides: _Sides, scale: float, a: int, b: int, stack: np.nd
     """Return an edge that the segment a-b meets, -1 if there is none, -2 if a-b is an edge.
 
     a-b starts inside at both ends. scale: largest absolute coordinate; stack: room for two rows per
-    level of the tree. A box is skipped if the segment's box does not meet it, or if it lies on one
-    side of the segment's line by more than the rounding error.
+    level of the tree. A box is skipped if the segment's box does not meet the box, or if the line
+    of the segment passes the box at more than the rounding error.
     """
     points, edges, _following, _ending, _first, boxes = sides
     ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
@@ -204,8 +204,8 @@ def _find_meeting_edge(sides: _Sides, scale: float, a: int, b: int, stack: np.nd
             continue
         c, d = edges[node - size]
         if c == a or c == b or d == a or d == b:  # noqa: SIM109 - for Numba
-            # Edges at an end leave it in other directions, because the segment starts inside;
-            # unless one is the segment itself.
+            # An edge at an end of the segment leaves in another direction, because the segment
+            # starts inside, unless the edge is the segment.
             if (c == a or c == b) and (d == a or d == b):  # noqa: SIM109
                 return -2
         elif _meets(points, a, b, c, d):
@@ -215,10 +215,10 @@ def _find_meeting_edge(sides: _Sides, scale: float, a: int, b: int, stack: np.nd
 
 @njit
 def _is_hidden(points: np.ndarray, a: int, hiding: np.ndarray, b: int) -> bool:
-    """Whether the segment a-b crosses one of the edges `hiding` (k, 2); moves that edge first.
+    """Whether the segment a-b crosses one of the edges `hiding` (k, 2); move that edge first.
 
-    All have a on their left, so a-b crosses one if b is on its right and between the rays to its
-    ends.
+    All have a on their left, so a-b crosses an edge if b is on the right of the edge and between
+    the rays to both ends.
     """
     for index in range(len(hiding)):
         c, d = hiding[index, 0], hiding[index, 1]
@@ -234,7 +234,7 @@ def _is_hidden(points: np.ndarray, a: int, hiding: np.ndarray, b: int) -> bool:
 
 @njit
 def _move_to_front(hiding: np.ndarray, index: int, c: int, d: int) -> None:
-    """Put an edge c-d first, replace that at `index`, and shift those between."""
+    """Put the edge c-d first, and shift the edges before `index` by one position."""
     for k in range(index, 0, -1):
         hiding[k] = hiding[k - 1]
     hiding[0, 0], hiding[0, 1] = c, d
@@ -244,8 +244,8 @@ def _move_to_front(hiding: np.ndarray, index: int, c: int, d: int) -> None:
 def _list_diagonals(sides: _Sides, sites: np.ndarray) -> np.ndarray:
     """Return the pairs of sites that see each other, except the boundary's edges.
 
-    `hiding` has edges that met a segment from the same site, the last successful one first. It only
-    saves time: `_find_meeting_edge` finds all others.
+    `hiding` has edges that met a segment from the same site, most recent first. This only saves
+    time, because `_find_meeting_edge` finds every edge.
     """
     points, edges = sides.points, sides.edges
     scale = np.abs(points).max()
@@ -273,7 +273,7 @@ def _list_diagonals(sides: _Sides, sites: np.ndarray) -> np.ndarray:
             elif meeting >= 0:
                 c, d = edges[meeting, 0], edges[meeting, 1]
                 sign = orientation(points, c, d, a)
-                if sign != 0.0:  # collinear with a it hides nothing
+                if sign != 0.0:  # an edge collinear with a hides no site
                     hiding_count = min(hiding_count + 1, _MAX_HIDING)
                     _move_to_front(
                         hiding,

@@ -4,23 +4,23 @@ The units follow from the polygon, the criterion and the certified triangulation
 never from the claim's evidence: units that are too coarse would prove anything.
 
 A cost is counted in units of 1 / scale, rounded down. A small noise, a fixed hash of each edge (see
-`Evidence`), is added: ties are common in the L1 metric, where both diagonals of a rectangle are
-equally long, and with ties neither edge could be excluded. A weight is
+`Evidence`), is added: ties are common in the L1 metric, where both diagonals of a rectangle have
+equal lengths, and with a tie neither diagonal could be excluded. A weight is
 
     factor * units + noise(ab) + noise(bc) + noise(ca)
 
 and `factor` exceeds the noise of a whole triangulation, three edges times 2^bits - 1 for each
 triangle. So a triangulation of minimum weight has minimum cost in units, and weight // factor of a
-triangulation is its cost in units. Weights are clamped to 2^59: they then fit 64 bits, and a lower
-weight leaves a lower bound valid. Clamping from below would not: a cost far below 0, or NaN, gets
+triangulation is the cost in units. Weights are clamped to 2^59 to fit 64 bits; a lower weight
+leaves a lower bound valid. Clamping from below would not: a cost far below 0, or NaN, gets
 the weight `TOO_LARGE`, and the checker rejects all evidence.
 
 Integer costs. Half-perimeter, overdraw and similar costs are sums and products of coordinates. If
 coordinates are multiples of 2^-k, half-perimeters are integers in units of 2^-k, areas of half a
-box in units of 4^-k. If doubles compute each exactly, these are the units. If coordinates are
-integers too large for that, nothing is proven. All other costs are real numbers, computed by the
-criterion's function in doubles; units are between 2^-36 and 2^-32 of the triangulation's cost. If
-units would be below 2^-896, nothing is proven either.
+box in units of 4^-k. If doubles compute each cost exactly, these are the units. If coordinates
+are integers too large for that, no claim is proven. All other costs are real numbers, computed by
+the criterion's function in doubles; units are between 2^-36 and 2^-32 of the triangulation's cost.
+If units would be below 2^-896, no claim is proven, too.
 """
 
 import math
@@ -42,10 +42,10 @@ from triangulators.polygon import Boundary
 
 NOISE_BITS = 10
 TOO_LARGE = 2**60
-"""Weights, potentials and lifts are below this, so that their sums fit 64 bits."""
+"""Exclusive limit of weights, potentials and lifts, so that sums fit 64 bits."""
 
 _MAX_TOTAL = 2**61  # four times the weight of the triangulation stays below
-_MAX_WEIGHT = 2**59  # of a triangle, without its noise
+_MAX_WEIGHT = 2**59  # of a triangle, without noise
 _DIGITS = 36  # a real total has up to 2^36 units
 _MAX_COEFFICIENT = 1024
 _MAX_EXPONENT = 900  # so that scaled costs do not overflow a double
@@ -80,7 +80,7 @@ def find_units(outline: Boundary, triangles: np.ndarray, cost: Cost) -> Units:
             if 4.0 * total * scale * factor < _MAX_TOTAL:
                 return Units(scale, factor, bits, True, False)
     exponent = _DIGITS - math.frexp(total)[1] if total > 0.0 else 0
-    # A multiple of 4, so that most triangulations of one polygon have the same units.
+    # A multiple of 4, so that most triangulations of a polygon have the same units.
     exponent = max(-_MAX_EXPONENT, min(_MAX_EXPONENT, 4 * (exponent // 4)))
     for bits in (*range(NOISE_BITS, 1, -1), 0):
         factor = find_factor(count, bits)
@@ -113,7 +113,7 @@ def is_proof(total: Fraction, bound_units: int, count: int, units: Units) -> boo
     """Whether a bound of `bound_units` units proves the total cost of `count` triangles optimal.
 
     The bound does not exceed the total (see `checker`). Real costs are rounded down by less than a
-    unit per triangle, also of the optimum; units that may be too coarse prove nothing.
+    unit per triangle, also of the optimum; units that may be too coarse are no proof.
     """
     bound = Fraction(bound_units) / Fraction(units.scale)
     if units.real and total != 0 and units.scale < _MAX_SCALE:
@@ -122,10 +122,10 @@ def is_proof(total: Fraction, bound_units: int, count: int, units: Units) -> boo
 
 
 def find_exact_scale(points: np.ndarray, cost: Cost) -> tuple[float, bool, float]:
-    """Return (scale, whole, max_units); at the scale doubles compute costs exactly; 0: none.
+    """Return (scale, is_integer, max_units); scale 0 if no scale makes doubles exact.
 
-    whole: costs are integers because all coordinates are, of any size; max_units: upper bound of
-    twice a cost, in units.
+    is_integer: costs are integers, of any size, because all coordinates are; max_units: upper bound
+    of twice a cost, in units.
     """
     if cost["custom"]:
         return 0.0, False, math.inf
@@ -150,14 +150,14 @@ def _binary_places(points: np.ndarray) -> int:
     """Return the smallest k >= -16 for which 2^k times each coordinate is an integer."""
     mantissa, exponent = np.frexp(points[points != 0.0])
     digits = np.ldexp(mantissa, 53).astype(np.int64)
-    # frexp's exponent of a power of two is one more than the index of its bit.
+    # frexp's exponent of a power of two is the index of the bit plus 1.
     ending = np.frexp((digits & -digits).astype(float))[1] - 1
     return max(-16, int((53 - exponent - ending).max(initial=-16)))
 
 
 @njit(nogil=True)
 def compute_costs(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.ndarray:
-    """Return the cost (t,) of each triangle, computed from its lowest vertex on.
+    """Return the cost (t,) of each triangle, computed from the lowest vertex on.
 
     The last digit of a cost in doubles may depend on the first vertex.
     """
@@ -180,9 +180,9 @@ def lowest_first(a: int, b: int, c: int) -> tuple[int, int, int]:
 
 @njit
 def noise(a: int, b: int, bits: int) -> np.int64:
-    """Return the edge's noise, in 0..2^bits - 1, by mixing its ends (splitmix64).
+    """Return the edge's noise, in 0..2^bits - 1, by mixing the ends (splitmix64).
 
-    splitmix64's last step is omitted: it changes only lower bits.
+    splitmix64's last step is omitted, because only lower bits would change.
     """
     x = np.uint64(min(a, b)) * np.uint64(0x9E3779B97F4A7C15)
     x += np.uint64(max(a, b)) * np.uint64(0xD1B54A32D192ED03)
@@ -193,7 +193,7 @@ def noise(a: int, b: int, bits: int) -> np.int64:
 
 @njit
 def compute_units(points: np.ndarray, a: int, b: int, c: int, cost: Cost, units: Units) -> np.int64:
-    """Return the cost of one triangle in units."""
+    """Return the cost of a triangle in units."""
     a, b, c = lowest_first(a, b, c)
     scaled, max_units = (
         cost_at(points, a, b, c, cost) * units.scale,
@@ -208,7 +208,7 @@ def compute_units(points: np.ndarray, a: int, b: int, c: int, cost: Cost, units:
 def compute_weight(
     points: np.ndarray, a: int, b: int, c: int, cost: Cost, units: Units
 ) -> np.int64:
-    """Return the weight of one triangle."""
+    """Return the weight of a triangle."""
     cost_units, bits = compute_units(points, a, b, c, cost, units), units.bits
     return cost_units * units.factor + noise(a, b, bits) + noise(b, c, bits) + noise(c, a, bits)
 

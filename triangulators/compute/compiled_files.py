@@ -1,10 +1,11 @@
-"""Compiled code on disk: a folder for each module, named by a digest of its sources.
+"""Compiled code on disk: a folder for each module, named by a digest of the sources.
 
-Numba stores compiled code next to the source, or in NUMBA_CACHE_DIR, and detects changes only in a
-function's own file. But a compiled function contains the functions that it calls, from other files.
-So the folder's name here contains a digest of the module's source and of all our modules that it
-imports, directly or indirectly: an edit recompiles the modules that import the edited one, and no
-others. A file's name contains the argument types and the processor with its features.
+Numba stores compiled code next to the source, or in NUMBA_CACHE_DIR, and detects changes only in
+the file of a function. But compiled code contains all called functions, also from imported files.
+So the folder's name here contains a digest of the module's source and of all modules of this
+project that are imported, directly or indirectly: an edit recompiles exactly the modules that
+import the edited module. A file's name contains the argument types and the processor with its
+features.
 
 No file is ever overwritten with different content, so several versions of the sources, and several
 processes that compile at once, share one folder: NUMBA_CACHE_DIR, or the user's cache folder.
@@ -33,7 +34,7 @@ SOURCES = Path(__file__).resolve().parents[2]
 PACKAGES = ("triangulators", "harness", "scenes")
 
 OLD_S = 30 * 24 * 3600.0
-"""Time since its last use after which code of other sources counts as old."""
+"""Time since the last use after which code of earlier sources counts as old."""
 
 _FOLDER = re.compile(r"[\w.]+-[0-9a-f]{16}")
 """Name of a folder of compiled code: module and digest."""
@@ -52,10 +53,10 @@ def cache_folder() -> Path:
 
 
 def is_trusted(info: os.stat_result) -> bool:
-    """Whether only this user and the administrator own and may write a file or folder.
+    """Whether only this user and the administrator own or may write a file or folder.
 
     Loading compiled code runs it. A folder with the sticky bit, such as /tmp, is trusted, because
-    each file in it is checked as well.
+    each file in the folder is checked as well.
     """
     if os.name != "posix":
         return True
@@ -70,7 +71,7 @@ def is_trusted(info: os.stat_result) -> bool:
 
 @lru_cache(maxsize=64)
 def _is_private_group(number: int) -> bool:
-    """Whether a group has the user's name and no other members."""
+    """Whether a group has the user's name and no further members."""
     import grp
     import pwd
 
@@ -82,7 +83,7 @@ def _is_private_group(number: int) -> bool:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder and its parents, not writable by others whatever the umask is."""
+    """Make a folder and missing parents, writable by the user only, with any umask."""
     for missing in reversed([folder, *folder.parents]):
         if not missing.is_dir():
             missing.mkdir(mode=0o755, exist_ok=True)
@@ -100,7 +101,7 @@ def is_trusted_folder(folder: Path) -> bool:
             and (parent.is_symlink() or not is_trusted(parent.stat()))
         ]
     except FileNotFoundError:
-        return True  # it will be made
+        return True  # to be created
     if untrusted:
         warnings.warn(
             f"{untrusted[-1]}: compiled code is not loaded (another user owns or may write the "
@@ -112,7 +113,7 @@ def is_trusted_folder(folder: Path) -> bool:
 
 @lru_cache(maxsize=1024)
 def digest(file: Path) -> str:
-    """Return a digest of a module's source and of all our modules that it imports."""
+    """Return a digest of the sources of a module and of the project's modules that are imported."""
     sha = hashlib.sha256()
     for source in sorted(find_sources(file)):
         sha.update(f"{module_name(source)}\n".encode() + _read_source(source) + b"\0")
@@ -120,7 +121,7 @@ def digest(file: Path) -> str:
 
 
 def find_sources(file: Path) -> set[Path]:
-    """Return a module's file and those of all our modules that it imports, also indirectly."""
+    """Return the files of a module and of the project's modules imported directly or indirectly."""
     sources, pending = set(), {file}
     while pending:
         source = pending.pop()
@@ -136,7 +137,7 @@ def _read_source(file: Path) -> bytes:
 
 @lru_cache(maxsize=1024)
 def _find_imports(file: Path) -> frozenset[Path]:
-    """Return the files of our modules in a file's import statements."""
+    """Return the files of the project's modules in a file's import statements."""
     sources = set()
     for base, names, plain in _IMPORT.findall(_read_source(file).decode()):
         module = base or plain
@@ -170,7 +171,7 @@ def is_cached(module: str) -> bool:
 class CacheUsage(NamedTuple):
     """Disk usage of compiled code.
 
-    old : folders of other versions of the sources, not used for `OLD_S`
+    old : folders of earlier versions of the sources, not used for `OLD_S`
     """
 
     folder: Path
@@ -201,7 +202,7 @@ def _find_old(root: Path) -> Iterator[Path]:
     for folder in root.glob("numba*/*"):
         files = folder.iterdir() if _FOLDER.fullmatch(folder.name) else ()
         if not files or any(".nbc" not in file.name for file in files):
-            continue  # not made by this module
+            continue  # created by another program
         current = folder.parent == cache_folder() and folder.name in current_names
         if not current and time.time() - _last_use(folder) > OLD_S:
             yield folder

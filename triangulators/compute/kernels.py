@@ -14,7 +14,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 class Kernel:
     """Lazy proxy for a function compiled by Numba.
 
-    py_func : the Python function, under Numba's name for it
+    py_func : the Python function, under Numba's name
     """
 
     def __init__(self, source: Callable[..., Any], options: dict[str, Any]) -> None:
@@ -23,7 +23,7 @@ class Kernel:
 
     @cached_property
     def compiled(self) -> Any:
-        """Numba's dispatcher; two threads may each make an equivalent one."""
+        """Numba's dispatcher; two threads may create equivalent dispatchers."""
         from triangulators.compute.storing import dispatcher
 
         return dispatcher(self.py_func, self.options)

@@ -4,10 +4,10 @@ Numba compiles the text of an error message with every assignment to a slice, wh
 seconds of compile time; the element-by-element copies here do not.
 
 Two operations that Numba does not vectorise itself. `fmin`: Numba writes `min` as compare and
-branch, which LLVM's loop vectoriser does not recognise as a reduction; it recognises llvm.minnum,
-once NaN and signed zeros are excluded. `push`: a loop of one or two iterations, entered about
-thirty times per polygon, would spend its time on the vectoriser's prologue and epilogue (overlap
-checks, remaining lanes). One explicit vector operation has neither.
+branch, which LLVM's loop vectoriser does not recognise as a reduction, unlike llvm.minnum without
+NaN and signed zeros. `push`: a loop of one or two iterations, entered about thirty times per
+polygon, would spend the time in the vectoriser's prologue and epilogue (overlap checks, remaining
+lanes). An explicit vector operation has neither.
 """
 
 from typing import Any
@@ -62,7 +62,7 @@ def find_root(parent: np.ndarray, v: int) -> int:
 
 @njit
 def join(parent: np.ndarray, a: int, b: int) -> bool:
-    """Merge the trees of `a` and `b`; return whether they were different."""
+    """Merge the trees of `a` and `b`; return whether the trees were different."""
     a, b = find_root(parent, a), find_root(parent, b)
     parent[a] = b
     return a != b

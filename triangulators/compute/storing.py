@@ -77,7 +77,7 @@ def forbid_compiling() -> Iterator[None]:
 def _lock_compilation(key: str) -> Iterator[None]:
     """Lock a kernel between processes: the second waits, then loads the cached code.
 
-    Locks one byte of a file, which the system unlocks when the process exits. If locking fails,
+    Locks a byte of a file, which the system unlocks when the process exits. If locking fails,
     both processes compile.
     """
     byte = int.from_bytes(hashlib.sha256(key.encode()).digest()[:4], "big") >> 1
@@ -105,7 +105,7 @@ def _lock_file() -> IO[bytes]:
 
 
 class _Cache(FunctionCache):
-    """Numba's cache of one function, in a folder named by its module's digest."""
+    """Numba's cache of a function, in a folder named by the module's digest."""
 
     def __init__(self, source: Callable[..., Any]) -> None:
         self._name = repr(source)
@@ -146,7 +146,7 @@ def resolve_kernels(source: Callable[..., Any]) -> None:
 
 
 class _Files:
-    """The compiled overloads of one function: a file each, named by a digest of Numba's key."""
+    """The compiled overloads of a function, in files named by a digest of Numba's key."""
 
     forbid_compiling = False
 
@@ -168,7 +168,7 @@ class _Files:
                     return pickle.load(file)
         except (OSError, EOFError, pickle.UnpicklingError, ValueError, LookupError):
             pass
-        except (AttributeError, ImportError):  # raised by a pickle of other versions or damaged
+        except (AttributeError, ImportError):  # a pickle that is damaged or of another version
             pass
         if self.forbid_compiling:
             raise NotCompiledError(self._name)

@@ -4,10 +4,10 @@ A criterion sums a cost per triangle over a triangulation. Every built-in criter
 sum of `FEATURES`; a user's criterion is a Numba function of three points given as six numbers, as
 the features are.
 
-Units are those of the coordinates: pixels for a frame.
+Units follow from the coordinates: pixels for a frame.
 
 criterion  `Criterion`, weighted sums of features, `mixed` and `calibrated`
-features   compiled features of one triangle; exact quads on the pixel grid
+features   compiled features of a triangle; exact quads on the pixel grid
 cost       a criterion as a record for compiled code
 """
 
@@ -133,7 +133,7 @@ def names() -> list[str]:
     Returns
     -------
     list of str
-        In the order in which they are listed and printed.
+        In the order of lists and tables.
     """
     return list(CRITERIA)
 
@@ -180,7 +180,7 @@ def find(name: str | Criterion | Callable[..., float], **parameters: Any) -> Cri
             names = ", ".join(sorted(parameters))
             raise ArgumentError(
                 f"criterion {name!r}: weights given twice (in the name and as {names}); "
-                "give one of the two"
+                "give only one"
             )
         return mixed(**read_weights(weights))
     families: dict[str, Callable[..., Criterion]] = {"mixed": mixed, "calibrated": calibrated}

@@ -1,7 +1,7 @@
-"""A criterion as one record for compiled code.
+"""A criterion as a record for compiled code.
 
-Kernels pass it on as a pointer, without copies or reference counts, and one compiled overload
-serves all criteria. A user's function is stored as the address of a C function.
+Kernels pass the record on as a pointer, without copies or reference counts, and a single compiled
+overload serves all criteria. A user's function is stored as the address of a C function.
 """
 
 import math
@@ -30,9 +30,9 @@ Cost: TypeAlias = np.record
 
 Compiled code reads `cost.box`, Python `cost["box"]`, which is eight times as fast in Python.
 weights (k,): of `FEATURES`, times `sign`, which is -1 to maximise. custom: whether there is a
-`function`, an address. is_box: whether half-perimeter, bounding-box area, edge length, and
-features whose sum is the same for every triangulation of a polygon, are the only ones with a
-weight; box (3,): the weights of the first three.
+`function`, an address. is_box: whether only half-perimeter, bounding-box area, edge length, and
+features with the same sum for every triangulation of a polygon, have a weight; box (3,): the
+weights of the first three.
 """
 
 _FIELDS = np.dtype(
@@ -50,7 +50,7 @@ _RECORD = np.dtype((np.record, _FIELDS))
 
 
 @cache
-def _compiled(function: Callable[..., float]) -> Any:
+def _compile(function: Callable[..., float]) -> Any:
     """Compile a function of three points as a C function, which lives as long as the process.
 
     Costs of a user's function that are NaN or too large are replaced by `MAX_COST`: a dynamic
@@ -89,16 +89,16 @@ def require_number(criterion: Criterion, points: np.ndarray, triangles: np.ndarr
 
 @lru_cache(maxsize=256)
 def plain_cost(criterion: Criterion, sign: float = 1.0) -> Cost | None:
-    """Return the cost if it is the same for all polygons, otherwise None; cached."""
+    """Return the cost if equal for all polygons, otherwise None; cached."""
     if criterion.normalise is not None or criterion.function is not None:
         return None
     return make_cost(criterion, 1.0, 1, sign)
 
 
 def make_cost(criterion: Criterion, polygon_area: float, triangles: int, sign: float = 1.0) -> Cost:
-    """Return the `Cost` of a criterion on a polygon; `sign` -1 maximises it."""
+    """Return the `Cost` of a criterion on a polygon; `sign` -1 maximises."""
     if criterion.function is not None:
-        return _record(custom=True, function=_compiled(criterion.function).address, sign=sign)
+        return _record(custom=True, function=_compile(criterion.function).address, sign=sign)
     weights = sign * criterion.weights_for(polygon_area, triangles)
     is_box = not weights[EDGE_LENGTH + 1 :].any()
     return _record(weights=weights, box=weights[_BOX], is_box=is_box, sign=sign)
@@ -136,7 +136,7 @@ def call(_typing: Any, _at: Any, _ax: Any, _ay: Any, _bx: Any, _by: Any, _cx: An
 def triangle_cost(
     cost: Cost, ax: float, ay: float, bx: float, by: float, cx: float, cy: float
 ) -> float:
-    """Cost of one triangle."""
+    """Cost of a triangle."""
     if cost.custom:
         return float(cost.sign * call(cost.function, ax, ay, bx, by, cx, cy))
     return weighted(cost.weights, ax, ay, bx, by, cx, cy)

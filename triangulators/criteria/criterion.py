@@ -26,7 +26,7 @@ FEATURES = (
 """Features of a triangle (see `features`), in the order of weights."""
 
 WEIGHTS_MARK = "="
-"""Separates a criterion's name from its weights."""
+"""Separator of a criterion's name and weights."""
 
 WEIGHTS_SEPARATOR = "/"
 """Separates weights; a comma separates the names in a list."""
@@ -47,7 +47,7 @@ CALIBRATED_FEATURES = (
 """Features that a device's fitted cost can use."""
 
 MAX_WEIGHT = 1e200
-"""Upper bound of a weight's size; sums of larger ones overflow."""
+"""Upper bound of a weight's size; sums of larger weights overflow."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,8 @@ class Criterion:
     function : callable or None
         A Numba function of three points (six numbers), which replaces the weights.
     normalise : callable or None
-        Returns other weights for (weights, area of the polygon, number of triangles).
+        Function that returns a polygon's weights from (weights, area of the polygon, number of
+        triangles).
     parameters : bool
         True for a family, whose weights the user chooses; `predict` omits it.
     placed : bool
@@ -154,7 +155,7 @@ def mixed(alpha: float = 1.0, beta: float = 1.0, gamma: float = 1.0) -> Criterio
     Parameters
     ----------
     alpha, beta, gamma
-        Weights; finite, none negative, at least one positive.
+        Weights; finite, not negative, not all 0.
 
     Returns
     -------
@@ -194,7 +195,7 @@ MIXED_WEIGHTS = ("alpha", "beta", "gamma")
 
 
 def _problem_of_weights(weights: Mapping[str, float]) -> str | None:
-    """Return why the weights of `mixed` are invalid, or None if they are valid."""
+    """Return the problem of invalid weights of `mixed`, or None."""
     for name, weight in weights.items():
         if not math.isfinite(weight):
             return f"{name} is {weight:g}"
@@ -208,7 +209,7 @@ def _problem_of_weights(weights: Mapping[str, float]) -> str | None:
 def _invalid_weights(name: str, problem: str) -> ArgumentError:
     return ArgumentError(
         f"criterion {name!r}: {problem}; give mixed=alpha/beta/gamma, "
-        "3 finite numbers, none negative and one above zero"
+        "3 finite numbers, not negative and not all 0"
     )
 
 
@@ -242,9 +243,9 @@ def calibrated(coefficients: Mapping[str, float]) -> Criterion:
 
 
 def read_weights(text: str) -> dict[str, float]:
-    """Parse weights of `mixed` such as "1/0.5/0"; return them by name.
+    """Return weights of `mixed` by name, from text such as "1/0.5/0".
 
-    Raises `ArgumentError` unless there are three numbers; `mixed` checks their values.
+    Raises `ArgumentError` unless there are three numbers; `mixed` checks the values.
     """
     try:
         weights = [float(part) for part in text.split(WEIGHTS_SEPARATOR)]
@@ -255,6 +256,6 @@ def read_weights(text: str) -> dict[str, float]:
 
 
 def write_weights(values: tuple[float, ...]) -> str:
-    """Format weights for `read_weights`, each in its shortest form: 1, not 1.0."""
+    """Format weights for `read_weights`, in the shortest form: 1, not 1.0."""
     # Adding zero turns -0.0 into 0.0.
     return WEIGHTS_SEPARATOR.join(repr(float(value) + 0.0).removesuffix(".0") for value in values)

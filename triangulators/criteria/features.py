@@ -1,10 +1,10 @@
 """Features of a triangle; every built-in criterion is a weighted sum of them.
 
-The optimiser, the predictions and the tests share one definition of each: a Numba function of
-three points as six numbers. `criterion.FEATURES` has their names in the order of weights; a new one
-is added there, to `COUNT`, in `weighted` and in `feature_sums`.
+The optimiser, the predictions and the tests share the definition of a feature: a Numba function of
+three points as six numbers. `criterion.FEATURES` lists the names in the order of weights; a new
+feature is added there, to `COUNT`, in `weighted` and in `feature_sums`.
 
-Units are those of the coordinates: pixels for a frame. Only `exact_quads` depends on the triangle's
+Units follow from the coordinates: pixels for a frame. Only `exact_quads` depends on the triangle's
 position on the pixel grid.
 """
 
@@ -69,7 +69,7 @@ def beauty(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> 
 
 @njit
 def _common(lost: float, doubled_area: float) -> float:
-    """Fraction of a triangle's area in common with its shifted copies; lost: L in `_expected`."""
+    """Fraction of a triangle's area in common with shifted copies; lost: L in `_expected`."""
     side = 1.0 - lost / doubled_area
     return side * side if side > 0.0 else 0.0
 
@@ -80,18 +80,18 @@ def _expected(
 ) -> float:
     """Mean number of b x b blocks, b = size, with a covered pixel centre, over all positions.
 
-    A block at a random position on the grid has a covered centre if one of b^2 copies of the
-    triangle, shifted by 0 to b - 1 pixels along x and y, covers its corner: the mean is the area of
-    the union of the copies over b^2.
+    A block at a random position on the grid has a covered centre if at least one of b^2 copies of
+    the triangle, shifted by 0 to b - 1 pixels along x and y, covers the block's corner: the mean is
+    the area of the union of the copies over b^2.
 
     Intersection of copies. A counter-clockwise triangle T of area S is the set n.p >= c for each
-    edge e = (ex, ey), with n = (-ey, ex) its inward normal. A copy shifted by m is the set
-    n.p >= c + n.m. So the intersection of T and its copies by all m of a set M has the thresholds
+    edge e = (ex, ey), with the inward normal n = (-ey, ex). A copy shifted by m is the set
+    n.p >= c + n.m. So the intersection of T and the copies by all m of a set M has the thresholds
     c + max(0, n.m): a smaller triangle, similar to T by the factor 1 - L / (2 S), with
 
         L(M) = sum over the edges of max(0, n.m for m in M),     common(M) = (1 - L / (2 S))^2 S,
 
-    and empty if L > 2 S. The edges sum to zero, so their parts of one sign add up to an extent:
+    and empty if L > 2 S. The edges sum to zero, so the parts of equal sign add up to an extent:
 
         pair      {(1, 0)}                  max(0, -ey)           L = height of the box
         pair      {(0, 1)}                  max(0, ex)            L = width
@@ -101,7 +101,7 @@ def _expected(
         four      {(1, 0), (0, 1), (1, 1)}  max(0, -ey) + max(0, ex)    L = width + height
 
     Inclusion and exclusion over neighbours among the b^2 copies, with b (b - 1) pairs in rows, as
-    many in columns, and (b - 1)^2 unit squares of two diagonals, four triples and one four:
+    many in columns, and (b - 1)^2 unit squares with two diagonals, four triples and a single four:
 
         union / S = b^2 - b (b - 1) (pairs) + (b - 1)^2 (triples - diagonals - four)
 
@@ -148,7 +148,7 @@ def expected_blocks(ax: float, ay: float, bx: float, by: float, cx: float, cy: f
 def expected_setups(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """Probability over positions on the grid that the bounding box contains a pixel centre (R).
 
-    Rasterisers discard a triangle without such a centre before its setup.
+    Rasterisers discard a triangle without such a centre before the setup stage.
     """
     width = max(ax, bx, cx) - min(ax, bx, cx)
     height = max(ay, by, cy) - min(ay, by, cy)
@@ -216,7 +216,7 @@ def feature_sums_of_many(
     """Return (p, k) sums of each feature over the triangles of each of p polygons.
 
     coords (n, 2), vertex_offsets (p + 1,): vertices; triangles (m, 3), triangle_offsets (p + 1,):
-    as indices into the vertices of each polygon, summed in their order, as `feature_sums` does.
+    as indices into the vertices of each polygon, summed in order like `feature_sums`.
     """
     sums = np.empty((len(vertex_offsets) - 1, COUNT))
     for polygon in range(len(sums)):
@@ -243,22 +243,23 @@ def _clip_span(value: int, step: int, low: int, high: int) -> tuple[int, int]:
 def exact_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """Count the 2x2 pixel quads with a covered pixel, at the triangle's position on the grid.
 
-    Coordinates are pixels, y up, rounded to 1/256. A pixel's centre is at (128, 128) of its
-    256 x 256 units. It is covered if it is inside all three edge functions of the counter-clockwise
-    triangle; a centre on an edge is covered if that is a left edge (running down) or a bottom edge
-    (horizontal, running right): the top-left rule of Direct3D and of Mesa, with y up.
+    Coordinates are pixels, y up, rounded to 1/256. A pixel has 256 x 256 units, with the
+    centre at (128, 128). The pixel is covered if the centre is inside all three edge functions of
+    the counter-clockwise triangle; a centre on an edge is covered if that is a left edge (running
+    down) or a bottom edge (horizontal, running right): the top-left rule of Direct3D and of Mesa,
+    with y up.
 
     Derivation. The edge function of a-b at the centre of pixel (x, y) is
 
         (bx - ax) * (256 y + 128 - ay) - (by - ay) * (256 x + 128 - ax) = value(y) - step * x,
 
-    with step = 256 (by - ay). An edge that does not cover its points is shifted by one unit, the
+    with step = 256 (by - ay). An edge whose points are not covered is shifted by a unit, the
     resolution, so that inside is >= 0 for all edges. In a row, each edge admits all x up to a last
-    one (step > 0), from a first one on (step < 0), or all or none: one floor division each. The
-    rest of the row is one span. The quads of two rows are the pairs of columns that either span
-    touches: the sum of both lengths in pairs, minus their overlap.
+    x (step > 0), all from a first x on (step < 0), or all or none: one floor division per edge. The
+    intersection is a span. The quads of two rows are the pairs of columns that either span touches:
+    the sum of both lengths in pairs, minus the overlap.
 
-    Loop order. Rows in pairs, from the lowest; nothing is allocated.
+    Loop order. Rows in pairs, from the lowest, without allocation.
 
     Integers. Coordinates below 2^14 px are below 2^22 units, products below 2^45.
     """
@@ -274,7 +275,7 @@ def exact_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float
     first, last = -((_HALF - min(y0, y1, y2)) // _UNIT), (max(y0, y1, y2) - _HALF) // _UNIT
     if min_x > max_x:
         return 0.0
-    # Each edge function in row 0, minus 1 if the edge does not cover its points.
+    # Each edge function in row 0, minus 1 if points on the edge are not covered.
     u0, v0, u1, v1, u2, v2 = x1 - x0, y1 - y0, x2 - x1, y2 - y1, x0 - x2, y0 - y2
     c0 = u0 * (_HALF - y0) - v0 * (_HALF - x0) - (0 if v0 < 0 or (v0 == 0 and u0 > 0) else 1)
     c1 = u1 * (_HALF - y1) - v1 * (_HALF - x1) - (0 if v1 < 0 or (v1 == 0 and u1 > 0) else 1)

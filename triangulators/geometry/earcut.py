@@ -1,7 +1,7 @@
 """Ear clipping by mapbox_earcut, about a local origin.
 
 earcut joins a hole to the outer ring where a horizontal line from the hole meets an edge, and
-computes that point in absolute coordinates. Far from the origin its rounding error exceeds small
+computes that point in absolute coordinates. Far from the origin the rounding error exceeds small
 distances of the polygon, so the wrong edge may be chosen, and triangles overlap: by 6.9 % of the
 area for a triangle with two holes at (2.5e6, -5e5). Near the origin the error is relative to the
 polygon's size. The translation is exact (Sterbenz' lemma), so no vertex moves relative to another.

@@ -1,6 +1,6 @@
 """Half-edges: triangle t has 3 t, 3 t + 1 and 3 t + 2, each from a vertex to the next.
 
-The other half of the same edge, in the adjacent triangle, is its twin.
+A half-edge's twin is the half of the same edge in the adjacent triangle.
 """
 
 from typing import Any
@@ -13,22 +13,22 @@ from triangulators.geometry.predicates import orientation
 
 @njit(nogil=True, inline="always")
 def _next(e: Any) -> Any:
-    """Return the half-edge after e in its triangle."""
+    """Return the next half-edge of the triangle of e."""
     return e + 1 if e % 3 < 2 else e - 2
 
 
 @njit(nogil=True)
 def link(corner: np.ndarray) -> np.ndarray:
-    """Return the twin (3 m,) of each half-edge, or -1; a half-edge is its twin's twin.
+    """Return the twin (3 m,) of each half-edge, or -1; twins are mutual.
 
     corner (3 m,): start vertex of each half-edge. If several half-edges could be the twin, the
-    first unmatched one is.
+    first unmatched half-edge is.
 
-    A hash table with open addressing, at most two thirds full, has one slot per undirected edge.
-    The slot has the last half-edge of a queue of unmatched half-edges of that edge, all in one
-    direction, because one in the other direction is matched with the first. While queued, a
-    half-edge has -2 - next in `twin`, and the last one refers to the first: the queue is a ring, so
-    both ends are reached in one step, and repeated edges take constant time each.
+    A hash table with open addressing, at most two thirds full, has a slot per undirected edge. The
+    slot has the last half-edge of a queue of unmatched half-edges of that edge, all in the same
+    direction, because a half-edge in the opposite direction is matched with the first. A queued
+    half-edge has -2 - next in `twin`, and the last refers to the first: the queue is a ring, so
+    both ends are reached in a step, and each repeated edge takes constant time.
     """
     count = len(corner)
     bits = 4
@@ -76,7 +76,7 @@ def find_twins(triangles: np.ndarray) -> np.ndarray:
 def is_triangulation(
     points: np.ndarray, ring_offsets: np.ndarray, corner: np.ndarray, twin: np.ndarray
 ) -> bool:
-    """Whether all triangles are counter-clockwise and their unshared edges are the rings' edges.
+    """Whether all triangles are counter-clockwise and all unshared edges are edges of the rings.
 
     points (n, 2), ring_offsets (h + 2,): rings of either orientation; corner, twin: (3 m,), see
     `link`. The edges of n + 2 h - 2 counter-clockwise triangles, each on the boundary or shared by

@@ -1,26 +1,26 @@
 """Triangle order: a walk over neighbours, or an order for a vertex cache.
 
-Walk: neighbours one after another, the new vertex last. A renderer shades a vertex again after it
-has left the vertex cache, or when a batch ends. So the triangles are visited along their dual
+Walk: from neighbour to neighbour, the new vertex last. A renderer shades a vertex again after the
+vertex has left the vertex cache, or when a batch ends. So the triangles are visited along the dual
 graph, depth first and the smaller branch first: about log2(m) edges are open at any time. Each
-triangle begins with the edge over which it is entered: lookups in a vertex cache are then hit, hit,
-miss for every triangle, which a processor's branch predictor learns.
+triangle begins with the edge over which the walk enters: lookups in a vertex cache are then hit,
+hit, miss for every triangle, which a processor's branch predictor learns.
 
-Order. Each connected component is walked from its first triangle with one neighbour, or from its
-first, along a breadth-first spanning tree (holes are cycles of the dual graph). Branch sizes are
-summed from the leaves; then the tree is walked with a stack. Neighbours are visited in order from
-the entry edge on, so that the order does not depend on the rotation of a triangle's vertices. The
-time is linear.
+Order. Each connected component is walked from the first triangle with a single neighbour, or the
+first triangle if there is none, along a breadth-first spanning tree (holes are cycles of the dual
+graph). Branch sizes are summed from the leaves; then the tree is walked with a stack. Neighbours
+are visited in order from the entry edge on, so that the order does not depend on the rotation of a
+triangle's vertices. The time is linear.
 
 Vertex cache: Tipsify, in linear time. Source: P. V. Sander, D. Nehab, J. Barczak, "Fast triangle
 reordering for vertex locality and reduced overdraw", ACM Transactions on Graphics 26(3), 2007,
 section 4.
 
-The model is a first-in first-out cache of shaded vertices. All remaining triangles around one
-vertex, a fan, are emitted; the next fan is around a vertex that is still in the cache: the one that
-entered first, if its fan can be emitted before it drops out: a fan of r triangles shades at most
-2 r new vertices. If there is none, the search goes back along the emitted vertices, and then to the
-next vertex by index.
+The model is a first-in first-out cache of shaded vertices. All remaining triangles around a
+vertex, a fan, are emitted. The next fan is around a vertex that is still in the cache: the oldest
+vertex whose fan can be emitted before the vertex drops out; a fan of r triangles shades at most 2 r
+new vertices. Without such a vertex, the search goes back along the emitted vertices, and then to
+the next vertex by index.
 """
 
 import numpy as np
@@ -34,7 +34,7 @@ CACHE_SIZE = 16
 """Assumed size of the vertex cache; GPUs reuse 16 to 32 vertices in each batch."""
 
 ORDERS = ("walk", "native")
-"""Orders of triangles: from neighbour to neighbour, or as the triangulator returns them."""
+"""Orders of triangles: from neighbour to neighbour, or the triangulator's order."""
 
 _FREE, _ROOT = -2, -1  # markers instead of the half-edge over which a triangle is entered
 
@@ -48,13 +48,13 @@ def is_walk(order: str) -> bool:
 
 @njit(nogil=True)
 def walk(triangles: np.ndarray, count: int) -> np.ndarray:
-    """Return triangles (m, 3) of `count` points in walk order, their vertices rotated."""
+    """Return triangles (m, 3) of `count` points in walk order, with rotated vertices."""
     return walk_along(triangles, link(triangles.reshape(-1)), count)
 
 
 @njit(nogil=True)
 def walk_along(triangles: np.ndarray, twin: np.ndarray, count: int) -> np.ndarray:
-    """Return `walk` of triangles, given the twins (3 m,) of their half-edges."""
+    """Return `walk` of triangles, given the twins (3 m,) of the half-edges."""
     rows = _walk_rows(twin)
     ordered = np.empty_like(triangles)
     met = np.zeros(count, dtype=np.bool_)
@@ -72,10 +72,10 @@ def walk_along(triangles: np.ndarray, twin: np.ndarray, count: int) -> np.ndarra
 
 @njit(nogil=True)
 def _walk_rows(twin: np.ndarray) -> np.ndarray:
-    """Return the indices (m,) of triangles in walk order, from their twins (3 m,)."""
+    """Return the indices (m,) of triangles in walk order, from the twins (3 m,)."""
     m = len(twin) // 3
-    entry = np.full(m, _FREE, dtype=np.int32)  # the triangle's half-edge over which it is entered
-    size = np.ones(m, dtype=np.int32)  # triangles in its branch of the tree
+    entry = np.full(m, _FREE, dtype=np.int32)  # half-edge over which a triangle is entered
+    size = np.ones(m, dtype=np.int32)  # triangles in the branch below a triangle
     queue = np.empty(m, dtype=np.int32)
     order = np.empty(m, dtype=np.int32)
     stack = np.empty(m, dtype=np.int32)
@@ -100,7 +100,7 @@ def _walk_part(
 ) -> int:
     """Append the component of `root` to `order`, from index `done` on; return the new end.
 
-    A half-edge leads down the tree if its twin is the entry of the adjacent triangle.
+    A half-edge leads down the tree if the twin is the entry of the adjacent triangle.
     """
     entry[root] = _ROOT
     queue[0] = root
@@ -139,7 +139,7 @@ def _walk_part(
 
 @njit(nogil=True)
 def _find_leaf(twin: np.ndarray, first: int, entry: np.ndarray, queue: np.ndarray) -> int:
-    """Return a triangle of first's component with at most one neighbour, or `first`.
+    """Return a triangle of first's component with less than two neighbours, or `first`.
 
     Searches breadth first; `entry` is restored.
     """

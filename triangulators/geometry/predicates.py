@@ -1,9 +1,9 @@
 """The orientation predicate, exact in sign for doubles up to 1e150 (no overflow).
 
 If products would underflow, all coordinates are scaled up first. That reaches down to 1e-290 of the
-largest coordinate: products of two smaller ones count as 0.
+largest coordinate: products of two smaller coordinates count as 0.
 
-A float64 filter decides almost all calls; the others are evaluated exactly as an expansion.
+A float64 filter decides almost all calls; the rest are evaluated exactly as an expansion.
 Source: J. R. Shewchuk, "Adaptive Precision Floating-Point Arithmetic and Fast Robust Geometric
 Predicates", 1997. On coordinates snapped to 1/256 below 2^14 the filter itself is already exact.
 """
@@ -18,7 +18,7 @@ from triangulators.compute.kernels import njit
 FILTER = 3.3306690738754716e-16
 _MIN_PRODUCT = 1e-250  # the rounding error of a larger product is representable
 _NO_UNDERFLOW = 1e-125  # squares of larger numbers exceed _MIN_PRODUCT
-_ACCURATE = 1e-4  # a determinant larger than this part of its products has eleven digits
+_ACCURATE = 1e-4  # a determinant larger than this share of the products has eleven digits
 _SPLITTER = 134217729.0  # 2^27 + 1
 
 
@@ -38,7 +38,7 @@ def _product(a: float, b: float) -> tuple[float, float]:
 
 @njit(nogil=True)
 def _grow(expansion: np.ndarray, length: int, value: float) -> int:
-    """Add `value` to a non-overlapping expansion in place; return its new length."""
+    """Add `value` to a non-overlapping expansion in place; return the new length."""
     carry = value
     size = 0
     for index in range(length):
@@ -57,22 +57,22 @@ def _grow(expansion: np.ndarray, length: int, value: float) -> int:
 
 
 @njit(nogil=True)
-def _exact(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+def _orient_exactly(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     largest, smallest = 0.0, np.inf
     for x in (ax, ay, bx, by, cx, cy):
         largest = max(largest, abs(x))
         smallest = abs(x) if 0.0 < abs(x) < smallest else smallest
     if smallest >= _NO_UNDERFLOW:
-        return _expanded(ax, ay, bx, by, cx, cy)
+        return _orient_by_expansion(ax, ay, bx, by, cx, cy)
     # Scale by a power of two, which is exact: the largest becomes 2^500, far above underflow.
     up = 2.0 ** (500 - np.ceil(np.log2(largest))) if largest > 2.0**-500 else 2.0**1000
-    scaled = _expanded(ax * up, ay * up, bx * up, by * up, cx * up, cy * up)
+    scaled = _orient_by_expansion(ax * up, ay * up, bx * up, by * up, cx * up, cy * up)
     down = scaled / up / up
     return down if down != 0.0 or scaled == 0.0 else np.copysign(5e-324, scaled)
 
 
 @njit(nogil=True)
-def _expanded(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+def _orient_by_expansion(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     expansion = np.empty(13)
     length = 0
     for first, second in ((ax, by), (-ax, cy), (-cx, by), (-ay, bx), (ay, cx), (cy, bx)):
@@ -87,7 +87,7 @@ def _expanded(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) 
 
 
 @njit(nogil=True)
-def _exact_difference(a: float, b: float, c: float, d: float) -> bool:
+def _have_exact_differences(a: float, b: float, c: float, d: float) -> bool:
     """Whether a - b and c - d are free of rounding errors."""
     x = a - b
     virtual = a - x
@@ -99,7 +99,7 @@ def _exact_difference(a: float, b: float, c: float, d: float) -> bool:
 
 
 @njit(nogil=True)
-def _in_doubt(
+def _orient_in_doubt(
     ax: float, ay: float, bx: float, by: float, cx: float, cy: float, plus: float, minus: float
 ) -> float:
     """Return `orient` if the rounded determinant plus - minus may have the wrong sign.
@@ -107,8 +107,8 @@ def _in_doubt(
     A separate function, so that `orient` is short enough for LLVM to inline.
     """
     if (
-        _exact_difference(ax, cx, by, cy)
-        and _exact_difference(ay, cy, bx, cx)
+        _have_exact_differences(ax, cx, by, cy)
+        and _have_exact_differences(ay, cy, bx, cx)
         and (abs(plus) > _MIN_PRODUCT or ax == cx or by == cy)
         and (abs(minus) > _MIN_PRODUCT or ay == cy or bx == cx)
     ):
@@ -117,18 +117,18 @@ def _in_doubt(
         determinant = (plus - minus) + (plus_error - minus_error)
         if determinant != 0.0 or plus == minus:
             return determinant
-    return _exact(ax, ay, bx, by, cx, cy)
+    return _orient_exactly(ax, ay, bx, by, cx, cy)
 
 
 @njit(nogil=True)
 def orient(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Return twice the signed area of a, b, c: positive if they turn left; exact in sign."""
+    """Return twice the signed area of a, b, c: positive for a left turn; exact in sign."""
     plus = (ax - cx) * (by - cy)
     minus = (ay - cy) * (bx - cx)
     determinant = plus - minus
     if abs(determinant) > FILTER * (abs(plus) + abs(minus)) + _MIN_PRODUCT:
         return determinant
-    return _in_doubt(ax, ay, bx, by, cx, cy, plus, minus)
+    return _orient_in_doubt(ax, ay, bx, by, cx, cy, plus, minus)
 
 
 @njit(nogil=True)
@@ -141,7 +141,7 @@ def twice_area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float)
     minus = (by - ay) * (cx - ax)
     if abs(plus - minus) > _ACCURATE * (abs(plus) + abs(minus)) + _MIN_PRODUCT:
         return abs(plus - minus)
-    return abs(_exact(ax, ay, bx, by, cx, cy))
+    return abs(_orient_exactly(ax, ay, bx, by, cx, cy))
 
 
 @njit(nogil=True)
@@ -182,7 +182,7 @@ def all_left(points: np.ndarray, triangles: np.ndarray) -> int:
 
 @njit(nogil=True)
 def on_segment(points: np.ndarray, v: int, a: int, b: int, tolerance: float) -> bool:
-    """Whether vertex `v` lies on the open segment a-b, to within `tolerance` times its length."""
+    """Whether vertex `v` lies on the open segment a-b, to within `tolerance` times |b - a|."""
     dx = points[b, 0] - points[a, 0]
     dy = points[b, 1] - points[a, 1]
     along = (points[v, 0] - points[a, 0]) * dx + (points[v, 1] - points[a, 1]) * dy
@@ -233,8 +233,8 @@ def bounding_box(points: np.ndarray) -> tuple[float, float, float, float]:
 def grid_unit(points: np.ndarray) -> float:
     """Return the largest power of two that all coordinates (n, 2) are multiples of, or 0.0.
 
-    0.0 if their span exceeds 2^24 such units. Otherwise float64 determinants are exact: differences
-    fit 25 bits and products 50. Frames snapped to 1/256 px always have a grid.
+    0.0 if the span of the points exceeds 2^24 such units. Otherwise float64 determinants are exact:
+    differences fit 25 bits and products 50. Frames snapped to 1/256 px always have a grid.
     """
     _, _, w, h = bounding_box(points)
     span = max(w, h)
@@ -263,7 +263,7 @@ def tolerance(points: np.ndarray) -> float:
 
 @njit(nogil=True)
 def cross(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
-    """Whether the open segments a-b and c-d intersect in one point."""
+    """Whether the open segments a-b and c-d intersect in a point."""
     ax, bx, cx, dx = points[a, 0], points[b, 0], points[c, 0], points[d, 0]
     if max(cx, dx) < min(ax, bx) or min(cx, dx) > max(ax, bx):
         return False

@@ -1,15 +1,15 @@
-"""Cut a triangulated region open along its own diagonals, into one simple polygon.
+"""Cut a triangulated region open along diagonals, into a simple polygon.
 
 A region whose dual graph is a tree is a simple polygon, if repeated vertices are distinguished by
-their position on its outline. So choosing a tree of adjacent triangles *is* choosing the cuts,
-holes need no geometry, and the current triangulation is one of the polygon's triangulations.
+the position on the outline. So a tree of adjacent triangles defines the cuts, holes need no
+geometry, and the current triangulation is a triangulation of the polygon.
 
-`grow` chooses the tree, `unfold` walks it from its root and returns the polygon as a cycle of
+`grow` chooses the tree, `unfold` walks the tree from the root and returns the polygon as a cycle of
 vertices, and `fold_back` replaces the tree's triangles by another triangulation of that cycle. All
-take time linear in the triangles of the tree; `grow` and `fold_back` also clear one mark for each
+take time linear in the triangles of the tree; `grow` and `fold_back` also clear a mark for each
 triangle of the triangulation.
 
-Half-edges are numbers as in `half_edges`; twin (m, 3) is what `find_twins` gives.
+Half-edges are numbers as in `half_edges`; twin (m, 3) is the result of `find_twins`.
 """
 
 import numpy as np
@@ -28,14 +28,14 @@ def grow(
     tree: np.ndarray,
     rows: np.ndarray,
 ) -> int:
-    """Grow a tree of up to `max_size` adjacent triangles from `root`; return its size.
+    """Grow a tree of up to `max_size` adjacent triangles from `root`; return the size.
 
-    Breadth first gives a compact region, depth first a long one; the edges of a triangle are tried
-    from index `first_edge` on. Uncrossed edges are the cuts. Writes the triangles to `rows`, and
-    marks the crossed edges, from both sides, in `tree` (m, 3), which has no marks before.
+    Breadth first gives a compact region, depth first a long region; the edges of a triangle are
+    tried from index `first_edge` on. Uncrossed edges are the cuts. Writes the triangles to `rows`,
+    and marks the crossed edges, from both sides, in `tree` (m, 3), which has no marks before.
     """
-    # Half-edges over which to enter triangles. A triangle may occur three times: it is entered
-    # once, and skipped later. The root's half-edge only encodes its index.
+    # Half-edges over which to enter triangles. A triangle may occur three times, and is skipped
+    # after the first. The root's half-edge only encodes the root's index.
     entries = np.empty(3 * max_size + 3, dtype=np.int32)
     entries[0] = 3 * root
     first, last, size = 0, 1, 0
@@ -76,9 +76,9 @@ def unfold(
     the half-edge from each vertex to the next.
 
     The outline is a linked list of corners, initially those of the root. A triangle that is entered
-    over the side tail-head inserts its apex between them, as a new corner even if its point has a
-    corner already: that is the cut. Invariant: the neighbours of the first `done` triangles are
-    inserted; the first `discovered` triangles are on the outline.
+    over the side tail-head inserts a new corner for the apex between tail and head, even if the
+    point has a corner already: that is the cut. Invariant: the neighbours of the first `done`
+    triangles are inserted; the first `discovered` triangles are on the outline.
     """
     corner = np.empty(size + 2, dtype=np.int32)  # point of each corner, in order of discovery
     after = np.empty(size + 2, dtype=np.int32)  # the next corner on the outline
@@ -136,10 +136,10 @@ def fold_back(
 ) -> None:
     """Replace the triangles `rows` by `better` (positions in `cycle`), twins included.
 
-    Row r of `better` replaces triangle rows[r]. `inner` links its half-edges among themselves; a
-    half-edge without a twin there is a side of the cycle, from a position to the next, and gets the
-    twin of the old half-edge on the outline. That twin is outside or, across a cut, at another
-    position of the outline, where it was replaced as well.
+    Row r of `better` replaces triangle rows[r]. `inner` has the twins inside `better`; a half-edge
+    without such a twin is a side of the cycle, from a position to the next, and gets the twin of
+    the old half-edge on the outline. That twin is outside the piece or, across a cut, at another
+    position of the outline, and then is replaced as well.
     """
     size = len(cycle)
     inner = link(better.reshape(-1))

@@ -7,20 +7,20 @@ orientations are evaluated.
 
 Derivation. The edge right-left opposite to v in a triangle is a window of v. The third vertex of
 the triangle behind it is the apex of two more windows. The view through a window is the cone
-between two rays from v, through the vertices `view_right` and `view_left` that narrowed it so far.
-The apex is inside the cone, right of it or left of it:
+between two rays from v, through the vertices `view_right` and `view_left` that narrowed the view
+so far. The apex is inside, right of or left of the cone:
 
-    inside: v sees it, the cone splits, and both windows are visible;
-    right of the cone or on its ray: only the left window is visible, the cone stays;
-    left of the cone or on its ray: only the right window.
+    inside: v sees the apex, the cone splits, and both windows are visible;
+    right of the cone or on the right ray: only the left window is visible, the cone stays;
+    left of the cone or on the left ray: only the right window.
 
 Each window is visited at most once from each vertex, because the dual graph is a tree.
 
-Rounding. The two tests are exact orientations of v and two other vertices, so a vertex on a ray is
-hidden by the vertex that defines the ray: the segment to it would touch the boundary.
+Rounding. The two tests are exact orientations of v and two more vertices, so a vertex on a ray is
+hidden by the vertex that defines the ray: the segment from v would touch the boundary.
 
-Loop order. Windows are taken from a stack: the right one on top of the apex, and that on top of the
-left one. So vertices are reported in the order of the cycle, and the lists of visible pairs are
+Loop order. Windows are taken from a stack, with the right window on top, then the apex, then the
+left window. So vertices are reported in the order of the cycle, and the lists of visible pairs are
 ascending without sorting. Only vertices after v are reported; windows entirely before v are never
 visited.
 """
@@ -39,7 +39,7 @@ def find_visible_pairs(
 
     points: (n, 2), a counter-clockwise cycle; triangles: (n - 2, 3), any triangulation of it, and
     `twin` (n - 2, 3), see `half_edges`. Sides of the polygon are included; a diagonal is visible if
-    its open segment does not meet the boundary. Stops early, with `start[n] > max_pairs`, if
+    the open segment does not meet the boundary. Stops early, with `start[n] > max_pairs`, if
     there are more than `max_pairs` pairs.
     """
     n = len(points)
@@ -61,7 +61,7 @@ def find_visible_pairs(
         if count > max_pairs:
             start[n] = count
             return start, target
-        # The triangles at v, counter-clockwise: h is the half-edge of the next one that leaves v.
+        # The triangles at v, counter-clockwise: h is the half-edge from v of the next triangle.
         h = side[v]
         while h >= 0:
             row, e = h // 3, h % 3

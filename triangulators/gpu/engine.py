@@ -1,8 +1,8 @@
 """Run batches on a device; fall back to the CPU for polygons that a failed device did not solve.
 
-An OpenGL context belongs to the thread that made it current. One thread of this module owns all
-devices, so other OpenGL code in this process is not disturbed, and batches may come from any
-thread; they run one after another.
+An OpenGL context belongs to the thread that made it current. A single thread of this module
+uses all devices, so that other OpenGL code in this process is not disturbed. Batches may come from
+any thread and run consecutively.
 """
 
 import logging
@@ -29,11 +29,11 @@ from triangulators.gpu.rings import (
 from triangulators.polygon_arrays import Batch
 
 VERSION = 430
-"""Of OpenGL: the first with compute shaders and storage buffers."""
+"""The first version of OpenGL with compute shaders and storage buffers."""
 
 MAX_DEVICES = 32
 MAX_GROUPS = 65535
-"""Workgroups that every device supports in one dimension of a dispatch."""
+"""Maximum number of workgroups in a dimension of a dispatch that every device supports."""
 
 NONE = (1 << 30) - 1
 """Cost of a ring without a triangulation in the shaders."""
@@ -52,7 +52,7 @@ class DeviceError(Exception):
 
 
 class Compute:
-    """An open context, for the one thread that opened it."""
+    """An open context, for use in the thread that opened it."""
 
     def __init__(self, ctx: Any) -> None:
         self.ctx = ctx
@@ -61,17 +61,17 @@ class Compute:
         self._programs: dict[tuple[Any, ...], Any] = {}
 
     def program(self, *names: str, **constants: int) -> Any:
-        """Compile the compute shader of files in shaders/, with macros defined; cached."""
+        """Return the compiled shader of files in shaders/, with macros defined; cached."""
         key = (names, *sorted(constants.items()))
         if key not in self._programs:
             lines = [f"#version {VERSION} core"]
             lines += [f"#define {name} {value}" for name, value in constants.items()]
-            source = "\n".join([*lines, *(_shader(name) for name in names)])
+            source = "\n".join([*lines, *(_read_shader(name) for name in names)])
             self._programs[key] = self.ctx.compute_shader(source)
         return self._programs[key]
 
     def run(self, program: Any, columns: int, rows: int = 1) -> None:
-        """Start columns x rows workgroups, with a barrier after them for later dispatches."""
+        """Start columns x rows workgroups, followed by a barrier for later dispatches."""
         program.run(columns, rows)
         self.ctx.memory_barrier()
 
@@ -82,7 +82,7 @@ class Compute:
             raise DeviceError(f"OpenGL error {error} while {doing}")
 
     def close(self) -> None:
-        """Release the context and its objects."""
+        """Release the context with all objects."""
         self.ctx.release()
 
 
@@ -116,7 +116,7 @@ class Storage:
 def open_context(name: str) -> Compute:
     """Open llvmpipe, gpu0, gpu1, ... (see `devices.check_name`) in the calling thread.
 
-    Raises `DeviceError` if there is no such device, or its driver fails.
+    Raises `DeviceError` if there is no such device, or if the driver fails.
     """
     try:
         import moderngl
@@ -124,7 +124,7 @@ def open_context(name: str) -> Compute:
         raise DeviceError(f"{name}: {error}") from error
     number = 0 if name == LLVMPIPE else int(name[3:])
     passed, problems = 0, list[str]()
-    for backend in _contexts(problems):
+    for backend in _open_contexts(problems):
         try:
             ctx = moderngl.create_context(context=backend, require=VERSION)
         except Exception as error:  # moderngl raises plain Exception
@@ -140,7 +140,7 @@ def open_context(name: str) -> Compute:
     raise DeviceError(f"{name}: no such device with compute shaders{reason}")
 
 
-def _contexts(problems: list[str]) -> Iterator[Any]:
+def _open_contexts(problems: list[str]) -> Iterator[Any]:
     """Yield a context on each EGL device; append the reasons of failures to `problems`."""
     import glcontext
 
@@ -160,7 +160,7 @@ def _contexts(problems: list[str]) -> Iterator[Any]:
 
 
 @cache
-def _shader(name: str) -> str:
+def _read_shader(name: str) -> str:
     return files("triangulators.gpu").joinpath("shaders", name).read_text(encoding="utf-8")
 
 
@@ -168,14 +168,18 @@ _warned: set[str] = set()
 
 
 def attempt(name: str, batch: Batch, selected: np.ndarray, max_vertices: int, worst: bool) -> None:
-    """Solve the polygons that the device supports; marks them in `batch.done`.
+    """Solve the polygons that the device supports; mark solved polygons in `batch.done`.
 
     selected (p,): polygons to solve, of up to `max_vertices` vertices; worst: maximise the sum of
     diagonals. The failure of a device is logged once.
     """
     try:
-        wrong = _owner().submit(_run, name, batch, selected, max_vertices, worst).result()
-    except Exception as error:  # drivers and their bindings raise anything
+        wrong = (
+            _context_thread()
+            .submit(_solve_batch, name, batch, selected, max_vertices, worst)
+            .result()
+        )
+    except Exception as error:  # drivers and bindings raise any exception
         reason = " ".join(str(error).split()) or type(error).__name__
         _warn_once(f"{name}: device failed ({reason}); the CPU does the remaining polygons")
         return
@@ -184,50 +188,53 @@ def attempt(name: str, batch: Batch, selected: np.ndarray, max_vertices: int, wo
 
 
 def _warn_once(line: str) -> None:
-    """Log a warning unless it was logged before: a file's polygons come in many batches."""
+    """Log each warning once: a file's polygons come in many batches."""
     if line not in _warned:
         _warned.add(line)
         _LOG.warning(line)
 
 
 def describe(name: str) -> tuple[str, str]:
-    """Open a device unless it is open; return its driver's names of renderer and version.
+    """Return the renderer and version that a device's driver reports; open the device if necessary.
 
     Raises `DeviceError`.
     """
-    compute = _owner().submit(_open_engine, name).result().compute
+    compute = _context_thread().submit(_open_engine, name).result().compute
     return compute.renderer, compute.version
 
 
 def close_all() -> None:
-    """Close all devices and clear the warnings; the next batch opens its device again."""
-    _owner().submit(_close_all).result()
+    """Close all devices and clear the warnings; the next batch opens a device again."""
+    _context_thread().submit(_close_all).result()
     _warned.clear()
 
 
 @cache
-def _owner() -> ThreadPoolExecutor:
+def _context_thread() -> ThreadPoolExecutor:
+    """Return the executor whose single thread uses all OpenGL contexts."""
     return ThreadPoolExecutor(1, thread_name_prefix="triangulators-gpu")
 
 
-_open: dict[str, "Engine"] = {}  # used only by the owner thread
-_drivers: set[int] = set()
-"""Processes, this one and its parents, that have loaded a driver."""
+_open_engines: dict[str, "Engine"] = {}
+"""Open devices by name, used only by the context thread."""
+
+_driver_pids: set[int] = set()
+"""Process ids, of this process or parents, that have loaded a driver."""
 
 
 def _open_engine(name: str) -> "Engine":
-    if _drivers - {os.getpid()}:
+    if _driver_pids - {os.getpid()}:
         raise DeviceError("driver loaded before this process was forked")
-    if name not in _open:
-        _drivers.add(os.getpid())
-        _open[name] = Engine(name)
-    return _open[name]
+    if name not in _open_engines:
+        _driver_pids.add(os.getpid())
+        _open_engines[name] = Engine(name)
+    return _open_engines[name]
 
 
 def _after_fork() -> None:
-    """Clear the thread and its devices: a forked process has neither it nor a driver's threads."""
-    _owner.cache_clear()
-    _open.clear()
+    """Clear the context thread and the devices: a forked process has no threads of its parent."""
+    _context_thread.cache_clear()
+    _open_engines.clear()
 
 
 if hasattr(os, "register_at_fork"):
@@ -235,20 +242,20 @@ if hasattr(os, "register_at_fork"):
 
 
 def _close_all() -> None:
-    while _open:
-        _open.popitem()[1].compute.close()
+    while _open_engines:
+        _open_engines.popitem()[1].compute.close()
 
 
-def _run(name: str, *task: Any) -> int:
+def _solve_batch(name: str, *task: Any) -> int:
     """Solve a batch; return the number of wrong results.
 
-    A device that raises is closed, because its objects are unusable after a lost context.
+    A device that raises is closed, because all objects are unusable after a lost context.
     """
     engine = _open_engine(name)
     try:
-        return engine.do(*task)
+        return engine.solve(*task)
     except BaseException:
-        del _open[name]
+        del _open_engines[name]
         try:
             engine.compute.close()
         except Exception:  # the context is lost already
@@ -257,16 +264,16 @@ def _run(name: str, *task: Any) -> int:
 
 
 class Engine:
-    """An open device with its programs and buffers, for the thread that owns it."""
+    """An open device with programs and buffers, for the context thread."""
 
     def __init__(self, name: str) -> None:
         self.compute: Compute = open_context(name)
         self._corners, self._jobs, self._bases = (Storage(self.compute, n) for n in range(3))
 
-    def do(self, batch: Batch, selected: np.ndarray, max_vertices: int, worst: bool) -> int:
+    def solve(self, batch: Batch, selected: np.ndarray, max_vertices: int, worst: bool) -> int:
         """Solve a batch in chunks; return the number of wrong results.
 
-        A result is wrong if it is not a triangulation of the reported cost.
+        A result is wrong unless the triangles are a triangulation of the reported cost.
         """
         rings = Rings.allocate(batch.vertex_offsets)
         prepare_rings(batch.coords, selected, min(max_vertices, MAX_VERTICES), rings)
@@ -284,7 +291,7 @@ class Engine:
     def _compute_chunk(
         self, rings: Rings, first: int, last: int, worst: bool, bases: np.ndarray
     ) -> None:
-        """Fill the part of bases (n,) of polygons first..last - 1, one workgroup per ring."""
+        """Fill the part of bases (n,) of polygons first..last - 1, with a workgroup per ring."""
         vertices = slice(rings.vertex_offsets[first], rings.vertex_offsets[last])
         self._corners.write(rings.corners[vertices])
         self._bases.reserve(bases[vertices].nbytes)
@@ -307,7 +314,10 @@ class Engine:
 
 
 def make_jobs(rings: Rings, first: int, last: int, kind: int) -> np.ndarray:
-    """Return (k, 4) int32 for rings of a kind: first vertex in the chunk, vertices, w + h, 0."""
+    """Return the jobs (k, 4) int32 of a kind, with a row per ring among polygons first..last - 1.
+
+    Columns: index of the first vertex in the chunk, number of vertices, w + h of the box, padding.
+    """
     indices = first + np.flatnonzero(rings.kind[first:last] == kind)
     begin = rings.vertex_offsets[indices]
     jobs = np.zeros((len(indices), 4), dtype=np.int32)
@@ -318,7 +328,7 @@ def make_jobs(rings: Rings, first: int, last: int, kind: int) -> np.ndarray:
 
 
 def chunk_bounds(vertex_offsets: np.ndarray, corners: int = CHUNK) -> list[int]:
-    """Return the bounds of chunks of about `corners` vertices, at least one polygon each."""
+    """Return the bounds of chunks of about `corners` vertices, at least a polygon per chunk."""
     marks = np.arange(0, int(vertex_offsets[-1]), corners)
     cuts = np.searchsorted(vertex_offsets, marks, side="left")
     return [int(cut) for cut in np.unique(np.r_[cuts, len(vertex_offsets) - 1])]

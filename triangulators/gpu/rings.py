@@ -5,12 +5,13 @@ diagonals fits, including the sum of two costs NONE.
 
 The result is the base (i, j) of the triangle of each apex k: every vertex of a ring except the
 first and the last is the apex of exactly one triangle. So the triangles are a binary tree. The pair
-(i, j) is the side of one more triangle, with a longer base: that of apex j if its base begins at i,
-otherwise that of apex i. The tree is walked from the pair (0, n - 1), in the order of the CPU.
+(i, j) is also a side of a triangle with a longer base: the triangle of apex j if the base of j
+begins at i, otherwise the triangle of apex i. The tree is walked from the pair (0, n - 1), in the
+order of the CPU.
 
-Results of drivers are not trusted: they must be such a tree, all triangles must be
-counter-clockwise, so that they are a triangulation, and their diagonals must add up to the reported
-cost. The CPU does the rings of invalid results.
+Results of drivers are not trusted: the bases must be such a tree, all triangles must be
+counter-clockwise, as in a triangulation, and the diagonals must add up to the reported cost. The
+CPU does the rings of invalid results.
 """
 
 from typing import NamedTuple
@@ -38,8 +39,9 @@ _INT32_LIMIT = 1 << 30
 class Rings(NamedTuple):
     """The prepared rings of p polygons, with n vertices in total.
 
-    vertex_offsets (p + 1,): offsets of the rings in corners (n, 2) int32, their vertices in
-    counter-clockwise order, in units of the ring's grid, relative to the lower left of its box.
+    vertex_offsets (p + 1,): offsets of the rings in corners (n, 2) int32, the vertices in
+    counter-clockwise order, in units of the ring's grid, relative to the lower left of the ring's
+    box.
     kind (p,) int8: ON_CPU, or by size and span; longest (p,) int32: w + h of the box; turned (p,):
     whether the order is the reverse of the input.
     """
@@ -52,7 +54,7 @@ class Rings(NamedTuple):
 
     @classmethod
     def allocate(cls, vertex_offsets: np.ndarray) -> "Rings":
-        """Allocate rings; none is prepared."""
+        """Allocate rings, all unprepared."""
         count = len(vertex_offsets) - 1
         return cls(
             vertex_offsets,
@@ -116,9 +118,9 @@ def _repeats(corners: np.ndarray) -> bool:
 def store_results(
     indices: np.ndarray, bases: np.ndarray, worst: bool, rings: Rings, batch: Batch
 ) -> None:
-    """Write the triangles of the rings `indices`; mark in `done` those with valid results.
+    """Write the triangles of the rings `indices`; mark rings with valid results in `done`.
 
-    bases: (n,) uint32, one per vertex: the cost of the ring at its first, i | j << 16 at apex k;
+    bases: (n,) uint32 by vertex: the cost of the ring at the first vertex, i | j << 16 at apex k;
     worst: whether the sum of diagonals was maximised.
     """
     offsets, corners, longest, turned = (
@@ -154,9 +156,9 @@ def _walk_tree(
     stack: np.ndarray,
     triangles: np.ndarray,
 ) -> bool:
-    """Write the triangles (n - 2, 3) of a ring; False unless they are valid and have the cost.
+    """Write the triangles (n - 2, 3) of a ring; False unless valid and of that cost.
 
-    longest: w + h of the box if diagonals cost longest - length, -1 if they cost their length.
+    longest: w + h of the box if diagonals cost longest - length, -1 if diagonals cost the length.
     """
     n = len(bases)
     stack[0] = _link_tree(bases, below)
@@ -191,7 +193,7 @@ def _walk_tree(
 
 @njit(nogil=True)
 def _link_tree(bases: np.ndarray, below: np.ndarray) -> int:
-    """Link each apex below the apex whose triangle has its base as a side; return the top or -1.
+    """Link each apex below the apex of the triangle beyond its base; return the top apex or -1.
 
     below (n, 2): the apexes over the sides (i, k) and (k, j) of apex k, or -1.
     """

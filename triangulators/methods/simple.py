@@ -22,14 +22,14 @@ MAX_LARGEST_VERTICES = 1500
 
 
 def fan(outline: Boundary) -> np.ndarray:
-    """Return all diagonals from one vertex; raise `SkippedError` for holes or if none sees all."""
+    """Return all diagonals from a vertex that sees all; raise `SkippedError` if impossible."""
     return _apply_to_ring(outline, "fan", _fan_of, "no vertex sees the whole polygon")
 
 
 def strip(outline: Boundary) -> np.ndarray:
     """Return a zigzag of diagonals, which can be drawn as a triangle strip.
 
-    Raises `SkippedError` for holes and if no start gives a valid one.
+    Raises `SkippedError` for holes and if no start gives a valid zigzag.
     """
     return _apply_to_ring(outline, "strip", _zigzag, "no zigzag stays inside the polygon")
 
@@ -49,7 +49,7 @@ def _apply_to_ring(
 def _fan_of(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
     """Return the first valid fan of a counter-clockwise ring, (n - 2, 3), or no rows.
 
-    A fan is valid if all its triangles are counter-clockwise: their edges add up to the boundary.
+    A fan of counter-clockwise triangles is valid: the triangles' edges add up to the boundary.
     """
     n = len(ring)
     triangles = np.empty((n - 2, 3), dtype=np.int32)
@@ -70,8 +70,8 @@ def _fan_of(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
 def _zigzag(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
     """Return the first valid zigzag of a counter-clockwise ring, (n - 2, 3), or no rows.
 
-    A zigzag starts at a side and takes its next vertex from either end alternately. It is valid if
-    all its triangles are counter-clockwise: their edges add up to the boundary.
+    A zigzag starts at a side and takes the next vertex from either end alternately. A zigzag of
+    counter-clockwise triangles is valid: the triangles' edges add up to the boundary.
     """
     n = len(ring)
     triangles = np.empty((n - 2, 3), dtype=np.int32)
@@ -98,7 +98,7 @@ def _zigzag(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
 
 
 def greedy(outline: Boundary) -> np.ndarray:
-    """Return the greedy triangulation (m, 3): shortest diagonals first, unless they cross one.
+    """Return the greedy triangulation (m, 3): shortest diagonals first, without crossings.
 
     Raises `SkippedError` for more than 3000 vertices.
     """
@@ -123,7 +123,7 @@ def _greedy_cycle(outline: Boundary) -> np.ndarray:
     selected = np.concatenate((pairs[_select_in_cycle(n, pairs)], np.sort(sides, axis=1)))
     selected = selected[np.lexsort((selected[:, 1], selected[:, 0]))]
     selected = selected[np.r_[True, np.any(selected[1:] != selected[:-1], axis=1)]]
-    # Consecutive neighbours j, j' > i of vertex i form a triangle with it.
+    # Consecutive neighbours j, j' > i of vertex i form a triangle with i.
     same = np.flatnonzero(selected[1:, 0] == selected[:-1, 0])
     return np.asarray(ring.cycle[np.column_stack((selected[same], selected[same + 1, 1]))])
 
@@ -132,10 +132,10 @@ def _greedy_cycle(outline: Boundary) -> np.ndarray:
 def _select_in_cycle(n: int, pairs: np.ndarray) -> np.ndarray:
     """Return flags of the pairs (i, j) of a cycle, i < j, that cross no earlier selected pair.
 
-    Diagonals of a cycle cross if their ends alternate along the cycle: no coordinates are needed.
-    lowest, highest: the range of vertices that each is joined to by selected pairs. So i-j crosses
-    one of them if a vertex strictly between i and j is joined to one outside i..j; a pair takes
-    j - i steps.
+    Diagonals of a cycle cross if the ends alternate along the cycle: no coordinates are needed.
+    lowest, highest: the range of vertices to which selected pairs join each vertex. So i-j crosses
+    a selected pair if a vertex strictly between i and j is joined to a vertex outside i..j; a pair
+    takes j - i steps.
     """
     lowest, highest = np.arange(n), np.arange(n)
     selected = np.zeros(len(pairs), dtype=np.bool_)
@@ -154,8 +154,8 @@ def largest_first(outline: Boundary) -> np.ndarray:
     """Return the largest triangle, and recursively that of each remaining part, (n - 2, 3).
 
     Raises `SkippedError` for holes and for more than 1500 vertices. Source: E. Persson,
-    "Triangulation", 2009, for convex polygons; joining only vertices that see each other extends it
-    to simple polygons.
+    "Triangulation", 2009, for convex polygons; restricted here to vertices that see each other, for
+    simple polygons.
     """
     if len(outline.edges) > MAX_LARGEST_VERTICES:
         raise SkippedError(
@@ -172,9 +172,9 @@ def largest_first(outline: Boundary) -> np.ndarray:
 def _largest_of(points: np.ndarray, sees: np.ndarray) -> np.ndarray:
     """Return the triangles (n - 2, 3) of a counter-clockwise cycle (n, 2); sees (n, n), i < j.
 
-    A stack of sub-polygons, each as its vertices in the cycle's order, so that every triangle
-    i < k < j of mutually visible vertices is counter-clockwise, with a positive doubled area. The
-    largest one cuts off three sub-polygons, of the vertices p to q, q to r, and r around to p; a
+    A stack has sub-polygons, as vertices in the cycle's order, so that every triangle i < k < j of
+    mutually visible vertices is counter-clockwise, with a positive doubled area. The largest
+    triangle cuts off three sub-polygons, of the vertices p to q, q to r, and r around to p; a
     single side is not pushed. Of equal areas the first by i, k and j is taken.
     """
     n = len(points)
