@@ -6,7 +6,8 @@ user started therefore forks before anything is loaded. The child runs the progr
 forwards signals, and kills the child and its descendants if they do not end in time.
 
 The parent also makes a folder for temporary files, and removes it after the child has ended in any
-way. Folders of parents that were killed themselves are removed by the next start.
+way. Folders of parents that were killed themselves are removed by the next start, or at its end if
+their children were still ending.
 
 Only on Linux, where the kernel ends the child with its parent, and a fork is safe.
 """
@@ -88,6 +89,7 @@ def continue_in_child() -> None:
         finally:
             if folder:
                 shutil.rmtree(folder, ignore_errors=True)
+                _remove_abandoned(folder.parent)
         os._exit(code)
     unused = [from_child, from_signals, to_self]
     if child is None:
@@ -217,24 +219,33 @@ def _make_folder() -> Path | None:
     """
     with suppress(OSError):
         shared = Path(tempfile.gettempdir())
-        for folder in shared.glob(f"{system.TEMPORARY_PREFIX}*"):
-            _remove_abandoned(folder)
+        _remove_abandoned(shared)
         folder = Path(tempfile.mkdtemp(prefix=system.TEMPORARY_PREFIX, dir=shared))
-        if len(os.fsencode(folder)) <= MAX_FOLDER_LENGTH:
-            system.lock(os.open(folder / "lock", os.O_CREAT | os.O_RDWR, 0o600), wait=False)
-            return folder
+        if len(os.fsencode(folder)) <= MAX_FOLDER_LENGTH and _lock(folder) is not None:
+            return folder if folder.exists() else None
         folder.rmdir()
     return None
 
 
-def _remove_abandoned(folder: Path) -> None:
-    """Remove a temporary folder of this user whose processes have ended."""
-    with suppress(OSError):
-        if folder.is_symlink() or folder.lstat().st_uid != os.getuid():
-            return
-        descriptor = os.open(folder / "lock", os.O_RDWR | os.O_NOFOLLOW)
-        try:
-            if system.lock(descriptor, wait=False):
+def _remove_abandoned(shared: Path) -> None:
+    """Remove the temporary folders of this user whose processes have ended."""
+    for folder in shared.glob(f"{system.TEMPORARY_PREFIX}*"):
+        with suppress(OSError):
+            if folder.is_symlink() or folder.lstat().st_uid != os.getuid():
+                continue
+            descriptor = _lock(folder)
+            if descriptor is not None:
                 shutil.rmtree(folder, ignore_errors=True)
-        finally:
-            os.close(descriptor)
+                os.close(descriptor)
+
+
+def _lock(folder: Path) -> int | None:
+    """Return a descriptor that locks a temporary folder until it is closed, or None.
+
+    The lock is created if missing: a process may be killed between both steps of `_make_folder`.
+    """
+    descriptor = os.open(folder / "lock", os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW, 0o600)
+    if system.lock(descriptor, wait=False, required=True):
+        return descriptor
+    os.close(descriptor)
+    return None

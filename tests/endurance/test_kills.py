@@ -8,9 +8,10 @@ import shutil
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -99,13 +100,12 @@ COMMANDS = {
 }
 
 
-def execute(arguments: tuple[str, ...], kill_after_s: float | None = None) -> int:
+def execute(arguments: tuple[str, ...], temporary: Path, kill_after_s: float | None = None) -> int:
     """Run a command in a new process; return its exit code, -9 if it was killed."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(temporary)}
     with Path("log.txt").open("ab") as log:
         command = [sys.executable, "-m", "harness", *arguments]
-        process = subprocess.Popen(
-            command, stdout=log, stderr=log, env={**os.environ, "PYTHONPATH": str(ROOT)}
-        )
+        process = subprocess.Popen(command, stdout=log, stderr=log, env=environment)
         try:
             return process.wait(kill_after_s)
         except subprocess.TimeoutExpired:
@@ -131,27 +131,37 @@ def prepare_folder(folder: Path) -> None:
     write_saved(make_result(read_run(Path("RUN"))), Path("saved.json"))
 
 
+@pytest.fixture
+def short_folder() -> Iterator[Path]:
+    """Return a folder for temporary files; sockets in it need a short path."""
+    with tempfile.TemporaryDirectory(prefix="kills-") as folder:
+        yield Path(folder)
+
+
 @pytest.mark.parametrize("name", COMMANDS)
-def test_killed_commands_can_be_repeated(name, scale_count, report_counts, tmp_path, monkeypatch):
+def test_killed_commands_can_be_repeated(
+    name, scale_count, report_counts, tmp_path, short_folder, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     command, rng = COMMANDS[name], random.Random(name)
     prepare_folder(tmp_path / "whole")
     start = time.monotonic()
-    assert execute(command.arguments) == 0, Path("log.txt").read_text()
+    assert execute(command.arguments, short_folder) == 0, Path("log.txt").read_text()
     duration = time.monotonic() - start
     target = next(iter(Path().glob("out*")))
-    expected = command.read_result(target)
+    expected, files = command.read_result(target), set(Path().iterdir())
     killed = 0
     for number in range(scale_count(30)):
         prepare_folder(tmp_path / str(number))
-        killed += execute(command.arguments, rng.uniform(0.0, duration)) == -9
+        killed += execute(command.arguments, short_folder, rng.uniform(0.0, duration)) == -9
         can_resume = command.resume and Path(target, "run.json").exists()
-        code = execute(command.resume if can_resume else command.arguments)
+        code = execute(command.resume if can_resume else command.arguments, short_folder)
         log = Path("log.txt").read_text()
         # The output folder exists if the command finished before the kill.
         assert code == 0 or (code == 2 and "already exists" in log.splitlines()[-1]), log[-2000:]
         assert command.read_result(target) == expected, Path.cwd()
-        assert not [file for file in Path().iterdir() if ".unfinished" in file.name]
+        assert set(Path().iterdir()) == files
+        assert not [*short_folder.iterdir()]
         os.chdir(tmp_path)
         shutil.rmtree(tmp_path / str(number))
     report_counts({"kills": killed})

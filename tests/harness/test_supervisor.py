@@ -12,6 +12,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from harness.machine import system
 from tests.paths import ROOT
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="supervision is for Linux")
@@ -105,6 +106,8 @@ def test_next_start_removes_what_a_killed_program_left(shared, tmp_path):
     wait_for_end([child])  # the kernel ends it with its parent
     os.kill(other, signal.SIGKILL)
     assert file.exists()
+    without_lock = shared / f"{system.TEMPORARY_PREFIX}new"  # of a parent killed in between
+    without_lock.mkdir()
     assert (
         subprocess.run(
             [sys.executable, "-m", "harness", "list", "criteria"],
@@ -115,6 +118,7 @@ def test_next_start_removes_what_a_killed_program_left(shared, tmp_path):
     )
     assert not file.exists()
     assert len(list(shared.iterdir())) == 1  # that of the program that still runs
+    without_lock.mkdir()  # as if its child had still been ending
     os.killpg(second.pid, signal.SIGTERM)
     second.communicate(timeout=60)
     wait_for_end(others)
