@@ -16,7 +16,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from statistics import median
@@ -146,8 +146,20 @@ def measure(state: str, folder: Path, options: Sequence[str], **settings: Any) -
 def compare_planted(state: str, worsening: str, out: Path) -> int:
     """Return the exit code of `compare` for a worse present version measured with --beside."""
     content, variables = PLANTED[worsening]
-    out = out.resolve()
-    project = out / "project"
+    folder = out.resolve() / f"planted-{worsening}-{state}"
+    measure_versions(state, folder, content, variables)
+    return compare(folder / "base", folder)
+
+
+def measure_versions(
+    state: str, folder: Path, content: str, variables: Mapping[str, str], *options: str
+) -> None:
+    """Measure a version of the plugin and its first version in the same rounds, as `measure` does.
+
+    content : source of the present version
+    variables : environment variables of the run, which `tests/compare/heavy.py` reads
+    """
+    project = folder.parent / "project"
     if not (project / ".git").exists():
         project.mkdir(parents=True, exist_ok=True)
         (project / "mine.py").write_text(PLUGIN)
@@ -157,12 +169,10 @@ def compare_planted(state: str, worsening: str, out: Path) -> int:
         run_git(project, "add", "mine.py")
         run_git(project, "commit", "-q", "-m", "first")
     (project / "mine.py").write_text(content)
-    folder = out / f"planted-{worsening}-{state}"
-    options = ["--scene", "city", "--beside", "HEAD", "--draw-twice", "--rasterisers", HEAVY]
+    command = ["--scene", "city", "--beside", "HEAD", "--draw-twice", "--rasterisers", HEAVY]
+    command += ["--triangulators", TRIANGULATORS, *options]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), **variables}
-    options += ["--triangulators", TRIANGULATORS]
-    measure(state, folder, options, cwd=project, env=environment)
-    return compare(folder / "base", folder)
+    measure(state, folder, command, cwd=project, env=environment)
 
 
 def make_row(folder: Path, quiet: list[Path]) -> list[object]:
