@@ -114,7 +114,7 @@ def get_family(triangulator: str) -> str:
 def draw_scatter(
     panel: Axes, x: ArrayLike, y: ArrayLike, look: Look, label: str, **options: Any
 ) -> None:
-    """Draw one triangulator's marks; `options` are those of Matplotlib's `draw_scatter`."""
+    """Draw one triangulator's marks; `options` as for Matplotlib's `scatter`."""
     options = {"s": 7, "alpha": 0.5, "linewidths": 0, **options}
     panel.scatter(x, y, color=look.colour, marker=look.marker, label=label, **options)
 

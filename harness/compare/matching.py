@@ -170,7 +170,7 @@ def machines_differ(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool
 
 
 def list_changes(base: Run, head: Run) -> list[str]:
-    """Return a line for each fact of plan, software and machine that both runs have and differs."""
+    """Return a line for each fact of plan, software and machine that differs between the runs."""
     before, after = _flatten(base.facts), _flatten(head.facts)
     return [
         f"{name} was {_format_value(before[name])}, is {_format_value(value)}"

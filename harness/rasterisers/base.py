@@ -1,8 +1,8 @@
 """Interface of rasterisers, devices, drawings, and the submission order of triangles.
 
 A rasteriser runs in a separate worker process, because drivers read their settings from the
-environment once, when they are loaded, and because a crash of a driver must cost only one case.
-So this module must not import a GL library at module level.
+environment once, when the driver is loaded, and because a crash of a driver must cost only one
+case. So this module must not import a GL library at module level.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Options:
     work : iterations of arithmetic per fragment, to shift the cost from set-up to shading
     texture : trilinear lookups per fragment in a mip-mapped texture, 0 for none
     order : submission order; "native": the triangulator's; "walk": from neighbour to neighbour,
-        each triangle rotated so that its new vertex comes last; "vertex-cache": optimised for
+        each triangle rotated so that the new vertex comes last; "vertex-cache": optimised for
         vertex caches, fan by fan (Tipsify); "morton": along a space-filling curve over the
         triangles' centres; "shuffled": random with `seed`
     """
@@ -67,14 +67,14 @@ class Options:
             raise unknown_name_error("order", self.order, ORDERS)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the options by name, without `texture` if it is 0, as in older records."""
+        """Return the options by name, without a `texture` of 0, as in older records."""
         values = asdict(self)
         return values if self.texture else {n: v for n, v in values.items() if n != "texture"}
 
 
 @dataclass(frozen=True)
 class Device:
-    """A device that a rasteriser can run on.
+    """A device that can run a rasteriser.
 
     name : as given to --device, e.g. "llvmpipe", "gpu0"
     software : True if a CPU rasterises
@@ -99,9 +99,9 @@ class Sample:
     """Seconds that a batch of equal draws took.
 
     wall : wall-clock time
-    gpu : time by the GPU's timer, or None if the device has none
+    gpu : time by the GPU's timer, or None without a timer
     cpu : CPU time of all threads of this process
-    waited : time that its threads waited for a core, or None if the system does not report it
+    waited : time that the threads waited for a core, or None if the system does not report it
     """
 
     wall: float
@@ -111,7 +111,7 @@ class Sample:
 
 
 class Stopwatch:
-    """Measures from construction to `stop`, by all clocks of a `Sample` except the GPU's."""
+    """A stopwatch from construction to `stop`, with all clocks of a `Sample` except the GPU's."""
 
     _queues = system.RunQueueClock()
 
@@ -133,7 +133,7 @@ class Stopwatch:
 
 
 class Drawing(ABC):
-    """One triangulation of one frame, uploaded and ready to be drawn repeatedly."""
+    """A triangulation of a frame, uploaded and ready to be drawn repeatedly."""
 
     @abstractmethod
     def sample(self, repeats: int) -> Sample:
@@ -150,11 +150,11 @@ class Drawing(ABC):
 
 
 class Rasteriser(ABC):
-    """Turns triangles into pixels on one device.
+    """A rasteriser of triangles on a device.
 
-    Class attributes declare its capabilities: `name`; `counters`, the names that `count` returns;
+    Class attributes declare capabilities: `name`; `counters`, the names that `count` returns;
     `new_counters`, the display properties of counters that no built-in rasteriser has; `timed`,
-    whether `prepare` works. Construct it only inside a worker process with the device's
+    whether `prepare` works. Construct a rasteriser only inside a worker process with the device's
     environment.
 
     An implementation overrides `_count` and, if it can be timed, `_prepare`; both get validated
@@ -167,22 +167,22 @@ class Rasteriser(ABC):
     timed: ClassVar[bool] = True
 
     shades_fragments: ClassVar[bool] = False
-    """Whether it shades fragments, as `Options.samples` and `Options.work` require."""
+    """Whether fragments are shaded, as `Options.samples` and `Options.work` require."""
 
     supports_texture: ClassVar[bool] = False
-    """Whether its fragments can sample a texture, as `Options.texture` requires."""
+    """Whether fragments can sample a texture, as `Options.texture` requires."""
 
     limitation: ClassVar[str] = "neither multisampling nor fragment work nor textures"
     """The supported part of `Options`, for the message "<name> has ..."."""
 
     draws_indexed: ClassVar[bool] = False
-    """Whether it draws an index buffer, so that vertex batches are counted (`vertex_batches`)."""
+    """Whether an index buffer is drawn, so that vertex batches are counted (`vertex_batches`)."""
 
     supports_scissor: ClassVar[bool] = False
-    """Whether it supports `Frame.scissor`, as map tiles require."""
+    """Whether `Frame.scissor` is supported, as map tiles require."""
 
     supports_depth: ClassVar[bool] = False
-    """Whether it counts with a depth test; it then also counts `depth_ties`."""
+    """Whether counting supports a depth test, with the counter `depth_ties`."""
 
     device_names: ClassVar[tuple[str, ...]] = ("cpu",)
     """Names of supported devices, whether or not they work on this machine."""
@@ -206,18 +206,18 @@ class Rasteriser(ABC):
 
     @classmethod
     def find(cls, name: str) -> Device | None:
-        """Return the device called `name`, or None if it does not work on this machine."""
+        """Return the device called `name`, or None if missing on this machine."""
         return next((device for device in cls.devices() if device.name == name), None)
 
     @classmethod
     def supports(cls, options: Options) -> bool:
-        """Return whether it can draw with `options`."""
+        """Return whether `options` are supported."""
         is_shaded = cls.shades_fragments or (options.samples == 1 and options.work == 0)
         return is_shaded and (cls.supports_texture or options.texture == 0)
 
     @classmethod
     def remedy(cls, name: str | None = None) -> str:
-        """Return an instruction to make the device `name`, or any device, work."""
+        """Return an instruction that makes the device `name`, or any device, usable."""
         if cls.module and importlib.util.find_spec(cls.module) is None:
             return f"run: {format_install_command(cls.name)}"
         remedy = cls.remedies.get((name or "").rstrip(string.digits)) or cls.remedies.get("")
@@ -236,7 +236,7 @@ class Rasteriser(ABC):
         Raises
         ------
         harness.errors.NoRasteriserError
-            if the device cannot be opened, or another device opens in its place
+            if the device cannot be opened, or another device opens instead
         """
 
     def count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
@@ -249,7 +249,7 @@ class Rasteriser(ABC):
         ValueError
             if `triangles` is not an integer (m, 3) array of vertices of the frame
         """
-        return self._count(frame, self._ready(frame, triangles, options), options)
+        return self._count(frame, self._check_and_order(frame, triangles, options), options)
 
     def prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         """Upload `triangles` for timing; drawing them counts nothing.
@@ -263,9 +263,9 @@ class Rasteriser(ABC):
             raise UsageError(
                 f"{self.name} only counts and cannot be timed; choose another rasteriser"
             )
-        return self._prepare(frame, self._ready(frame, triangles, options), options)
+        return self._prepare(frame, self._check_and_order(frame, triangles, options), options)
 
-    def _ready(self, frame: Frame, triangles: Triangles, options: Options) -> Triangles:
+    def _check_and_order(self, frame: Frame, triangles: Triangles, options: Options) -> Triangles:
         if not self.supports(options):
             raise UsageError(f"{self.name} has {self.limitation}; use opengl for these")
         if frame.scissor is not None and not self.supports_scissor:
@@ -329,10 +329,10 @@ def split_batches(frame: Frame, triangles: Triangles, max_lanes: int = 2**32) ->
 
 
 def order_submission(frame: Frame, triangles: Triangles, options: Options) -> Triangles:
-    """Check `triangles` (m, 3) and return them, contiguous, in the order of submission.
+    """Return checked `triangles` (m, 3), contiguous, in the order of submission.
 
-    Tiles and views stay one after another; within each, triangles are ordered. Of a model's views
-    the native order is the model's, or front to back.
+    Tiles and views keep the native order; triangles are ordered within a tile or view. The native
+    order of a model's view is the order in the model's file, or front to back.
 
     Raises
     ------
@@ -346,19 +346,19 @@ def order_submission(frame: Frame, triangles: Triangles, options: Options) -> Tr
         raise ValueError(f"vertex index out of range (0 to {len(frame.points) - 1})")
     if frame.viewing is not None and options.order == "native":
         view = np.searchsorted(frame.viewing.piece_offsets, frame.owner(array), side="right")
-        array = array[np.lexsort((_positions(frame, frame.viewing, array), view))]
+        array = array[np.lexsort((_rank_in_view(frame, frame.viewing, array), view))]
     elif frame.tiles is None:
-        array = _ordered(frame, array, options)
+        array = _apply_order(frame, array, options)
     else:
-        tiles = [_ordered(frame, array[rows], options) for rows in frame.draws(array)]
+        tiles = [_apply_order(frame, array[rows], options) for rows in frame.draws(array)]
         array = np.concatenate(tiles)
     return np.ascontiguousarray(array, np.int32)
 
 
-def _positions(frame: Frame, viewing: Viewing, array: Triangles) -> NDArray[np.int64]:
-    """Return the (m,) positions of the triangles in the order of their view.
+def _rank_in_view(frame: Frame, viewing: Viewing, array: Triangles) -> NDArray[np.int64]:
+    """Return the positions (m,) of the triangles in the order of the view.
 
-    The k-th triangle of a face takes the position of the model's k-th triangle of that face.
+    The k-th triangle of a face has the position of the model's k-th triangle of the face.
     """
     if viewing.front_to_back and viewing.depths is not None:
         return np.asarray(viewing.depths[array].astype(np.int64).sum(axis=1))
@@ -371,7 +371,7 @@ def _positions(frame: Frame, viewing: Viewing, array: Triangles) -> NDArray[np.i
     return np.asarray(viewing.ranks[offsets[owner] + np.minimum(number, last)])
 
 
-def _ordered(frame: Frame, array: Triangles, options: Options) -> Triangles:
+def _apply_order(frame: Frame, array: Triangles, options: Options) -> Triangles:
     if options.order == "walk":
         from triangulators.geometry.order import walk
 
@@ -381,13 +381,13 @@ def _ordered(frame: Frame, array: Triangles, options: Options) -> Triangles:
 
         return vertex_cache_order(array, len(frame.points))
     if options.order == "morton":
-        return array[np.argsort(_morton(frame, array), kind="stable")]
+        return array[np.argsort(_interleave_bits(frame, array), kind="stable")]
     if options.order == "shuffled":
         return np.random.default_rng(options.seed).permutation(array)
     return array
 
 
-def _morton(frame: Frame, triangles: Triangles) -> NDArray[np.uint64]:
+def _interleave_bits(frame: Frame, triangles: Triangles) -> NDArray[np.uint64]:
     """Interleave the bits of each triangle's centre: (m,) positions along a Z-order curve."""
     centre = frame.points[triangles].astype(np.int64).sum(axis=1) // 3
     octets = np.maximum(centre, 0).astype("<u4")[..., None].view(np.uint8)

@@ -1,8 +1,9 @@
-"""Software rasterisers in compute shaders: one scans bounding boxes, the other rows and spans.
+"""Software rasterisers in compute shaders: scans of bounding boxes, and of rows and spans.
 
 `bounding-box` tests each pixel centre in a triangle's bounding box, as tinyrenderer, the analyser
 of meshoptimizer and the software rasteriser of Nanite (Karis, Stubbe, Wihlidal, SIGGRAPH 2021) do.
-The paper's overdraw criterion is exact for it. `scanline` computes each row's span by division.
+The paper's overdraw criterion is exact for this rasteriser. `scanline` computes each row's span by
+division.
 """
 
 from typing import Any, ClassVar
@@ -26,17 +27,17 @@ from harness.rasterisers.context import Context
 from harness.rasterisers.opengl import GLRasteriser
 
 MAX_GROUPS = 65535
-"""Maximum workgroups of a dispatch in one dimension that every device supports."""
+"""Maximum workgroups in a dimension of a dispatch that every device supports."""
 
 LANES = 32
 """Invocations of a workgroup."""
 
 JOB_PIXELS = 16384 * LANES
-"""Maximum pixels of one workgroup: llvmpipe silently ends a loop after 65,535 rounds."""
+"""Maximum pixels of a workgroup: llvmpipe silently ends a loop after 65,535 rounds."""
 
 
 class BoundingBox(GLRasteriser):
-    """A workgroup per triangle, several for a huge one; lanes share the pixels of the box."""
+    """A workgroup per triangle, several for a huge triangle; lanes share the box's pixels."""
 
     name = "bounding-box"
     counters: ClassVar[tuple[str, ...]] = ("bbox_tests", "hits")
@@ -46,17 +47,19 @@ class BoundingBox(GLRasteriser):
     def __init__(self, device: Device) -> None:
         super().__init__(device)
         self.context.require(*context.COMPUTE_EXTENSIONS)
-        self._draw = self.context.compute("triangle", self.source)
-        self._tally = self.context.compute("triangle", self.source, define="COUNT")
+        self._draw_program = self.context.build_compute_shader("triangle", self.source)
+        self._count_program = self.context.build_compute_shader(
+            "triangle", self.source, define="COUNT"
+        )
         self.context.check("building the shaders")
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         self.context.activate()
         totals = np.zeros((len(frame.grid), len(self.counters)), np.int64)
         for part in split_batches(frame, triangles):
-            counts = self.context.buffer(np.zeros(totals.size, np.uint32))
+            counts = self.context.create_buffer(np.zeros(totals.size, np.uint32))
             counts.bind_to_storage_buffer(4)
-            _Dispatched(self.context, self._tally, frame, part).run()
+            _DispatchedJobs(self.context, self._count_program, frame, part).run()
             self.ctx.memory_barrier()
             totals += np.frombuffer(counts.read(), np.uint32)[: totals.size].reshape(totals.shape)
         self.context.check("counting")
@@ -64,18 +67,18 @@ class BoundingBox(GLRasteriser):
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         self.context.activate()
-        return _Dispatched(self.context, self._draw, frame, triangles)
+        return _DispatchedJobs(self.context, self._draw_program, frame, triangles)
 
 
 class Scanline(BoundingBox):
-    """One workgroup per triangle, more for a huge one; its lanes share the rows."""
+    """A workgroup per triangle, several for a huge triangle; lanes share the rows."""
 
     name = "scanline"
     counters: ClassVar[tuple[str, ...]] = ("rows", "hits")
     source: ClassVar[str] = "scanline.comp"
 
 
-class _Dispatched(Drawing):
+class _DispatchedJobs(Drawing):
     """Triangles on the device, cut by rows into jobs of at most JOB_PIXELS."""
 
     def __init__(self, owner: Context, program: Any, frame: Frame, triangles: Triangles) -> None:
@@ -85,10 +88,10 @@ class _Dispatched(Drawing):
         self.size = (frame.width, frame.height)
         self.number = len(jobs)
         self.window = tuple(frame.window.tolist())
-        self.buffers = (*owner.upload(frame, triangles), owner.buffer(jobs))
+        self.buffers = (*owner.upload(frame, triangles), owner.create_buffer(jobs))
 
     def run(self) -> None:
-        """Start one workgroup per job."""
+        """Start a workgroup per job."""
         if not self.number:
             return
         for binding, buffer in enumerate(self.buffers):
@@ -99,14 +102,14 @@ class _Dispatched(Drawing):
         self.program.run(columns, -(-self.number // columns))
 
     def sample(self, repeats: int) -> Sample:
-        """Dispatch `repeats` times; each dispatch waits for the previous one."""
+        """Dispatch `repeats` times; each dispatch waits for the previous dispatch."""
         self.context.activate()
-        self.context.picture(*self.size).bind_to_image(0, read=False, write=True)
-        return self.context.timed(repeats, self.run, self.context.ctx.memory_barrier)
+        self.context.get_picture(*self.size).bind_to_image(0, read=False, write=True)
+        return self.context.time_draws(repeats, self.run, self.context.ctx.memory_barrier)
 
 
 def split_rows(frame: Frame, triangles: Triangles) -> NDArray[np.int32]:
-    """Cut triangles into jobs (k, 4): triangle, first row, last row, 0, in pixels."""
+    """Cut triangles into jobs of rows, (k, 4): triangle, first row, last row, padding."""
     corners = frame.points[triangles]
     first = (corners.min(axis=1) + SUBPIXEL // 2 - 1) // SUBPIXEL
     last = (corners.max(axis=1) - SUBPIXEL // 2) // SUBPIXEL

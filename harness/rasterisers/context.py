@@ -59,7 +59,7 @@ class Context:
 
     Unreferenced objects are freed the next time the context is activated.
 
-    backend : a glcontext context, or an object with its methods
+    backend : a glcontext context, or an object with the same methods
     """
 
     _current: ClassVar["Context | None"] = None
@@ -72,13 +72,13 @@ class Context:
         self._target: tuple[tuple[int, ...], Any] = (), None
         self._picture: Any = None
         self._texture: Any = None
-        self._gen_queries = self._function("glGenQueries", "int", "pointer")
-        self._delete_queries = self._function("glDeleteQueries", "int", "pointer")
-        self.begin_query = self._function("glBeginQuery", "uint", "uint")
-        self.end_query = self._function("glEndQuery", "uint")
-        self._query_result = self._function("glGetQueryObjectui64v", "uint", "uint", "pointer")
-        self.flush = self._function("glFlush")
-        self.clear = self._function("glClear", "uint")
+        self._gen_queries = self._load_function("glGenQueries", "int", "pointer")
+        self._delete_queries = self._load_function("glDeleteQueries", "int", "pointer")
+        self.begin_query = self._load_function("glBeginQuery", "uint", "uint")
+        self.end_query = self._load_function("glEndQuery", "uint")
+        self._query_result = self._load_function("glGetQueryObjectui64v", "uint", "uint", "pointer")
+        self.flush = self._load_function("glFlush")
+        self.clear = self._load_function("glClear", "uint")
         self.max_size = int(self.ctx.info["GL_MAX_RENDERBUFFER_SIZE"])
         self.max_samples = int(self.ctx.max_samples)
         has_statistics = (
@@ -87,7 +87,7 @@ class Context:
         )
         self.statistics = STATISTICS if has_statistics else {}
 
-    def _function(self, name: str, *kinds: str) -> Any:
+    def _load_function(self, name: str, *kinds: str) -> Any:
         types = {"uint": ctypes.c_uint, "int": ctypes.c_int, "pointer": ctypes.c_void_p}
         address = self._backend.load(name)
         if not address:
@@ -109,18 +109,18 @@ class Context:
                 f"OpenGL driver: missing extensions ({', '.join(missing)}); install a newer driver"
             )
 
-    def header(self, *extensions: str) -> str:
+    def make_header(self, *extensions: str) -> str:
         """Return the first lines of every shader for this context."""
         modern = self.ctx.version_code >= MODERN
         needed = extensions if modern else (*OLDER_EXTENSIONS, *extensions)
         lines = [f"#extension {name} : require" for name in needed]
         return "\n".join(["#version 450 core" if modern else "#version 330 core", *lines, ""])
 
-    def buffer(self, array: NDArray[Any]) -> Any:
-        """Upload an array; an empty one becomes four bytes, as OpenGL has no empty buffers."""
+    def create_buffer(self, array: NDArray[Any]) -> Any:
+        """Upload an array; an empty array becomes four bytes, as OpenGL has no empty buffers."""
         return self.ctx.buffer(array if array.size else np.zeros(1, np.uint32))
 
-    def program(self, vertex: str, fragment: str, *defines: str) -> Any:
+    def build_program(self, vertex: str, fragment: str, *defines: str) -> Any:
         """Build a program of two files in shaders/, with names to define such as DEPTH.
 
         Raises
@@ -128,7 +128,7 @@ class Context:
         NoRasteriserError
             if the driver cannot, for example without storage buffers in fragment shaders
         """
-        header = self.header(*(EARLY_EXTENSIONS if "DEPTH" in defines else ()))
+        header = self.make_header(*(EARLY_EXTENSIONS if "DEPTH" in defines else ()))
         header += "".join(f"#define {name}\n" for name in defines)
         try:
             return self.ctx.program(
@@ -141,17 +141,19 @@ class Context:
                 f"OpenGL driver: shader compilation failed: {message}"
             ) from error
 
-    def compute(self, *names: str, define: str = "") -> Any:
+    def build_compute_shader(self, *names: str, define: str = "") -> Any:
         """Build a compute shader from the concatenated files in shaders/."""
-        header = self.header(*COMPUTE_EXTENSIONS)
+        header = self.make_header(*COMPUTE_EXTENSIONS)
         if define:
             header += f"#define {define}\n"
         return self.ctx.compute_shader(
             header + "".join(read_shader(f"{name}.glsl") for name in names)
         )
 
-    def target(self, width: int, height: int, samples: int = 1, *, deep: bool = False) -> Any:
-        """Return an RGBA8 framebuffer, with depths if `deep`; the last one is reused if it fits.
+    def get_framebuffer(
+        self, width: int, height: int, samples: int = 1, *, deep: bool = False
+    ) -> Any:
+        """Return an RGBA8 framebuffer, with depths if `deep`; reuse an equal last one.
 
         Raises
         ------
@@ -169,20 +171,20 @@ class Context:
             self._target = properties, self.ctx.framebuffer([colours], depths)
         return self._target[1]
 
-    def picture(self, width: int, height: int) -> Any:
-        """Return a texture of one uint per pixel for compute shaders; reuse the last if it fits.
+    def get_picture(self, width: int, height: int) -> Any:
+        """Return a texture with a uint per pixel for compute shaders; reuse the last if equal.
 
         Raises
         ------
         UsageError
-            if it is too large
+            if the size is too large
         """
         check_size(width, height, self.max_size)
         if self._picture is None or self._picture.size != (width, height):
             self._picture = self.ctx.texture((width, height), 1, dtype="u4")
         return self._picture
 
-    def texture(self) -> Any:
+    def get_texture(self) -> Any:
         """Return a mip-mapped RGBA8 texture of noise with trilinear filtering."""
         if self._texture is None:
             size = (TEXTURE_PX, TEXTURE_PX)
@@ -193,10 +195,10 @@ class Context:
         return self._texture
 
     @contextmanager
-    def queries(self, number: int) -> Iterator[list[int]]:
+    def create_queries(self, number: int) -> Iterator[list[int]]:
         """Create `number` query objects, which are deleted at the end of the block.
 
-        Their results have 64 bits. moderngl's have 32: nanoseconds overflow after 4.29 s.
+        Results have 64 bits. moderngl's queries have 32: nanoseconds overflow after 4.29 s.
         """
         names = (ctypes.c_uint * number)()
         self._gen_queries(number, names)
@@ -205,41 +207,41 @@ class Context:
         finally:
             self._delete_queries(number, names)
 
-    def result(self, query: int) -> int:
-        """Wait for the result of a query and return it."""
+    def read_query(self, query: int) -> int:
+        """Wait for the result of a query, and return the result."""
         value = ctypes.c_uint64()
         self._query_result(query, QUERY_RESULT, ctypes.byref(value))
         return value.value
 
     def measure(self, targets: Mapping[str, int], draw: Callable[[], None]) -> dict[str, int]:
         """Call `draw` once, and return the result of a query of each target."""
-        with self.queries(len(targets)) as queries:
+        with self.create_queries(len(targets)) as queries:
             for target, query in zip(targets.values(), queries, strict=True):
                 self.begin_query(target, query)
             draw()
             for target in targets.values():
                 self.end_query(target)
-            return dict(zip(targets, map(self.result, queries), strict=True))
+            return dict(zip(targets, map(self.read_query, queries), strict=True))
 
     def wait(self) -> None:
         """Wait until the device has executed all commands.
 
-        Every driver waits for a query's result; zink's glFinish does not wait for commands that
-        were flushed before it.
+        Every driver waits for a query's result; zink's glFinish does not wait for commands
+        that were flushed before.
         """
-        with self.queries(1) as (query,):
+        with self.create_queries(1) as (query,):
             self.begin_query(TIME_ELAPSED, query)
             self.end_query(TIME_ELAPSED)
             self.ctx.finish()
-            self.result(query)
+            self.read_query(query)
 
-    def timed(self, calls: int, draw: Callable[[], None], after: Callable[[], None]) -> Sample:
+    def time_draws(self, calls: int, draw: Callable[[], None], after: Callable[[], None]) -> Sample:
         """Call `draw` and then `after`, `calls` times, wait, and return the total time.
 
         Each call of `draw` has a separate timer, as llvmpipe's timer covers only the last flush.
         """
         self.wait()
-        with self.queries(calls) as timers:
+        with self.create_queries(calls) as timers:
             watch = Stopwatch()
             for timer in timers:
                 self.begin_query(TIME_ELAPSED, timer)
@@ -248,9 +250,9 @@ class Context:
                 after()
             self.ctx.finish()
             # zink's glFinish does not wait for flushed commands; reading a result does.
-            self.result(timers[-1])
+            self.read_query(timers[-1])
             sample = watch.stop()
-            elapsed = sum(map(self.result, timers))
+            elapsed = sum(map(self.read_query, timers))
         self.check("timing")
         return replace(sample, gpu=elapsed * 1e-9)
 
@@ -267,12 +269,12 @@ class Context:
         """
         numbers = np.arange(len(frame.grid), dtype=np.uint32)
         return (
-            self.buffer(np.ascontiguousarray(frame.points, np.int32)),
-            self.buffer(np.repeat(numbers, frame.grid.vertex_counts)),
-            self.buffer(triangles),
+            self.create_buffer(np.ascontiguousarray(frame.points, np.int32)),
+            self.create_buffer(np.repeat(numbers, frame.grid.vertex_counts)),
+            self.create_buffer(triangles),
         )
 
     def close(self) -> None:
-        """Free the context and all its objects."""
+        """Free the context with all objects."""
         self.ctx.release()
         Context._current = None

@@ -10,14 +10,15 @@ class Counter:
     """An exact integer that a rasteriser counts.
 
     name : key in records and column name in files
-    label, unit : of tables and plots
-    better : "lower" if less is less work; "none" if every triangulation of a polygon has the same
-        value
-    best_case : lower bound over all triangulations, or None if it depends on the scene
-    of_order : whether it depends on the order of triangles, which no criterion predicts
+    label, unit : in tables and plots
+    better : "lower" if a lower value is less work; "none" if all triangulations of a polygon have
+    the
+        same value
+    best_case : lower bound over all triangulations, or None if the bound depends on the scene
+    of_order : whether the counter depends on the order of triangles, which no criterion predicts
     heading : shorter label for the terminal's table; with "" the table omits the counter, unless
-        the rasteriser has no other
-    gated : whether `compare` gates it; False for a driver's statistics, which are not exact
+        the rasteriser has no other counter
+    gated : whether `compare` gates it; False for a driver's inexact statistics
     """
 
     name: str
@@ -99,7 +100,7 @@ _registered = dict(COUNTERS)
 
 
 def describe(name: str) -> Counter:
-    """Return the counter called `name`; for an unregistered one, lower is better."""
+    """Return the counter called `name`; for an unregistered name, lower is better."""
     return _registered.get(name) or Counter(name, name.replace("_", " "))
 
 
@@ -109,7 +110,7 @@ def register(counters: Iterable[Counter]) -> None:
 
 
 def sort_key(name: str) -> tuple[int, str]:
-    """Return the sort key of a counter: built-in, then registered, then other ones."""
+    """Return the sort key of a counter: built-in, then registered, then unknown counters."""
     return list(_registered).index(name) if name in _registered else len(_registered), name
 
 
@@ -117,12 +118,12 @@ def sort_key(name: str) -> tuple[int, str]:
 class Estimate:
     """An estimate of a counter from criteria, in the counter's unit.
 
-    A criterion only ranks triangulations; an estimate predicts the count, so its error is a
+    A criterion only ranks triangulations; an estimate predicts the count, so the error is a
     percentage and a perfect estimate lies on the diagonal of a plot.
 
     measure : the counter
     formula : for display
-    terms : columns of predictions, with their coefficients in the sum
+    terms : columns of predictions, with coefficients in the sum
     """
 
     measure: str
@@ -133,18 +134,18 @@ class Estimate:
 ESTIMATES = {
     # A polygon of area S covers S pixels on average, and Q quads of four lanes are shaded.
     "helper_lanes_by_quads": Estimate("helper_lanes", "4Q - S", {"expected_quads": 4, "area": -1}),
-    # To first order Q is such that these are half-perimeters, and one for each triangle.
+    # To first order 4 Q - S is the half-perimeter plus one for each triangle.
     "helper_lanes_by_half_perimeter": Estimate(
         "helper_lanes", "H + T", {"half_perimeter": 1, "triangles": 1}
     ),
     # Every pixel centre of a bounding box is tested.
     "bbox_tests_by_overdraw": Estimate("bbox_tests", "A + S", {"overdraw": 1, "area": 1}),
 }
-"""Estimates by their column; of one counter the exact estimate comes first."""
+"""Estimates by column; the exact estimate of a counter comes first."""
 
 
 def compute_estimates(columns: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return each estimate whose terms are in `columns`; names of both begin with `prefix`."""
+    """Return each estimate whose terms are in `columns`; all names begin with `prefix`."""
     estimates = {}
     for name, estimate in ESTIMATES.items():
         values: dict[str, Any] = {term: columns.get(prefix + term) for term in estimate.terms}

@@ -63,14 +63,14 @@ ADAPTERS = {
 """Names of CPU rasterisers, by a word of the adapter's name and the backend."""
 
 Devices = tuple[tuple[Device, ...], tuple[str, ...]]
-"""Devices, best first, and the problems of unavailable ones."""
+"""Devices, best first, and the problems of unavailable devices."""
 
 Reports = Sequence[Mapping[str, Any]]
 """A probe's properties of each device."""
 
 
 class Kind(NamedTuple):
-    """A kind of device to probe; of several kinds with one name the first available is used.
+    """A kind of device to probe; the first available kind of a name is used.
 
     arguments : of the probe
     """
@@ -80,8 +80,8 @@ class Kind(NamedTuple):
     arguments: tuple[str, str]
 
 
-def vulkan_environment(patterns: Sequence[str]) -> dict[str, str] | None:
-    """Return variables that restrict Vulkan's loader to one driver, or None if it is missing.
+def find_vulkan_environment(patterns: Sequence[str]) -> dict[str, str] | None:
+    """Return variables that restrict Vulkan's loader to a driver, or None if the driver is missing.
 
     patterns : of the driver's manifest; the first match is used
     """
@@ -89,7 +89,7 @@ def vulkan_environment(patterns: Sequence[str]) -> dict[str, str] | None:
     icd = next(chain.from_iterable(matches), None)
     if icd is None:
         return None
-    # Newer Vulkan loaders read VK_DRIVER_FILES, older ones VK_ICD_FILENAMES.
+    # Newer Vulkan loaders read VK_DRIVER_FILES, older loaders VK_ICD_FILENAMES.
     return {"VK_ICD_FILENAMES": str(icd), "VK_DRIVER_FILES": str(icd), "LP_NUM_THREADS": "0"}
 
 
@@ -98,39 +98,39 @@ def _filter_reports(kind: Kind, reports: Reports) -> Reports:
     if kind.arguments[0] == "egl":
         return [report for report in reports if matches(kind.name, report["renderer"])]
     if kind.name != "gpu":
-        return [report for report in reports if software_adapter(report) == kind.name][:1]
+        return [report for report in reports if identify_software_adapter(report) == kind.name][:1]
     # A GPU is listed once per backend; the best backend that lists a GPU is used.
-    gpus = [report for report in reports if software_adapter(report) is None]
+    gpus = [report for report in reports if identify_software_adapter(report) is None]
     for backend in (REPORTED.get(name, name) for name in kind.arguments[1].split(",")):
         if matching := [report for report in gpus if report["backend_type"] == backend]:
             return matching
     return []
 
 
-def _egl_kinds() -> Iterator[Kind]:
+def _list_egl_kinds() -> Iterator[Kind]:
     software = ("egl", "software")
     yield Kind("gpu", {}, ("egl", "hardware"))
     yield Kind("llvmpipe", LLVMPIPE, software)
     yield Kind("softpipe", {**SOFTWARE, "GALLIUM_DRIVER": "softpipe"}, software)
-    if vulkan := vulkan_environment(LAVAPIPE):
+    if vulkan := find_vulkan_environment(LAVAPIPE):
         yield Kind("zink", {**SOFTWARE, "GALLIUM_DRIVER": "zink", **vulkan}, software)
-        # Some Mesa versions read only the first variable, others only the second.
+        # Some Mesa versions read only the first variable, some only the second.
         yield Kind("zink", {"MESA_LOADER_DRIVER_OVERRIDE": "zink", **vulkan}, software)
 
 
-def _webgpu_kinds() -> Iterator[Kind]:
+def _list_webgpu_kinds() -> Iterator[Kind]:
     yield Kind("gpu", {}, ("webgpu", ",".join(BACKENDS.get(sys.platform, LINUX))))
     if sys.platform == "win32":
         yield Kind("warp", {}, ("webgpu", "DX12"))
     if sys.platform == "linux":
-        if vulkan := vulkan_environment(LAVAPIPE):
+        if vulkan := find_vulkan_environment(LAVAPIPE):
             yield Kind("lavapipe", vulkan, ("webgpu", "Vulkan"))
         yield Kind("llvmpipe", LLVMPIPE, ("webgpu", "GL"))
-        if vulkan := vulkan_environment(SWIFTSHADER):
+        if vulkan := find_vulkan_environment(SWIFTSHADER):
             yield Kind("swiftshader", vulkan, ("webgpu", "Vulkan"))
 
 
-def software_adapter(adapter: Mapping[str, str]) -> str | None:
+def identify_software_adapter(adapter: Mapping[str, str]) -> str | None:
     """Return the name of a CPU rasteriser, or None for a GPU.
 
     adapter : WebGPU's properties of the adapter
@@ -145,13 +145,13 @@ def software_adapter(adapter: Mapping[str, str]) -> str | None:
 @cache
 def list_egl_devices() -> Devices:
     """List the devices that open through EGL."""
-    return _list_devices(list(_egl_kinds()))
+    return _list_devices(list(_list_egl_kinds()))
 
 
 @cache
 def list_webgpu_devices() -> Devices:
     """List WebGPU's adapters."""
-    return _list_devices(list(_webgpu_kinds()))
+    return _list_devices(list(_list_webgpu_kinds()))
 
 
 def _list_devices(kinds: Sequence[Kind]) -> Devices:
@@ -172,7 +172,11 @@ def _list_devices(kinds: Sequence[Kind]) -> Devices:
         for number, report in enumerate(reports):
             name = f"gpu{number}" if kind.name == "gpu" else kind.name
             details = {key: value for key, value in report.items() if key != "software"}
-            software = is_software(report["renderer"]) if is_egl else bool(software_adapter(report))
+            software = (
+                is_software(report["renderer"])
+                if is_egl
+                else bool(identify_software_adapter(report))
+            )
             devices.append(Device(name, software, kind.environment, details))
     return tuple(devices), tuple(problems)
 
@@ -196,12 +200,12 @@ VARIABLES = re.compile(
     r"(LD|LIBGL|MESA|GALLIUM|EGL|__EGL|__GLX|__NV|NVIDIA|CUDA|VK|LP|ZINK|WGPU|WAYLAND)_|DISPLAY$|"
     r"PYTHONPATH$"
 )
-"""Names of environment variables that drivers and their loaders read."""
+"""Names of environment variables that drivers and loaders read."""
 
 ROOT = Path("/")
 
 CACHE_FOLDER, MAX_CACHED_ANSWERS = "drivers", 64
-"""Folder with a file for each answer, and their maximum number: about ten environments."""
+"""Folder with a file for each answer, and the maximum number of files: about ten environments."""
 
 Probe = tuple[tuple[str, str], Mapping[str, str]]
 """Arguments of `probe.py`, and environment variables in addition to those of this process."""

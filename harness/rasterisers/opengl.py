@@ -1,4 +1,4 @@
-"""OpenGL on an EGL device: counted with atomics in one pass, timed in another."""
+"""OpenGL on an EGL device: a pass that counts with atomics, and a pass without for timing."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -33,13 +33,13 @@ KEEP_ALPHA = (True, True, True, False)
 WRITE_ALL = (True, True, True, True)
 
 IN_ORDER = ("softpipe",)
-"""Renderers that finish a triangle before they start the next."""
+"""Renderers that finish each triangle before starting the next."""
 
 
 class GLRasteriser(Rasteriser):
     """A rasteriser on OpenGL through EGL, without a window.
 
-    `context` is the open context, `ctx` moderngl's view of it; `device` gains the driver's strings.
+    `context` is the open context, `ctx` is moderngl's; `device` gains the driver's strings.
     """
 
     device_names: ClassVar[tuple[str, ...]] = ("gpu0", "llvmpipe", "softpipe", "zink")
@@ -49,11 +49,11 @@ class GLRasteriser(Rasteriser):
         "": f"run: {devices.INSTALL}",
     }
     drawn_by: ClassVar[str] = ""
-    """Prefix of the renderer's name, if it differs from the device's name."""
+    """Prefix of the renderer's name, if different from the device's name."""
 
     @classmethod
     def devices(cls) -> list[Device]:
-        """List GPUs, then llvmpipe, softpipe and zink on lavapipe, as far as they open."""
+        """List GPUs, then llvmpipe, softpipe and zink on lavapipe, as far as usable."""
         return list(devices.list_egl_devices()[0])
 
     def __init__(self, device: Device) -> None:
@@ -119,10 +119,10 @@ class OpenGL(GLRasteriser):
         self._in_order = self.device.details["renderer"] in IN_ORDER
         self._programs: dict[tuple[str, ...], Any] = {}
         for counting in (False, True):
-            self.program(counting=counting)
+            self.get_program(counting=counting)
         self.context.check("building the shaders")
 
-    def program(self, *, counting: bool, deep: bool = False, textured: bool = False) -> Any:
+    def get_program(self, *, counting: bool, deep: bool = False, textured: bool = False) -> Any:
         """Return the program for drawing or for counting, with a depth test if `deep`."""
         fragment = "draw.frag"
         if counting:
@@ -130,7 +130,7 @@ class OpenGL(GLRasteriser):
         defines = ["DEPTH"] * deep + ["TEXTURE"] * textured
         key = (fragment, *defines)
         if key not in self._programs:
-            self._programs[key] = self.context.program("draw.vert", fragment, *defines)
+            self._programs[key] = self.context.build_program("draw.vert", fragment, *defines)
         return self._programs[key]
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
@@ -139,7 +139,7 @@ class OpenGL(GLRasteriser):
         targets = {"samples_passed": context.SAMPLES_PASSED, **self.context.statistics}
         driver = dict.fromkeys(targets, 0)
         for part in split_batches(frame, triangles):
-            totals += self._tally(Mesh(self, frame, part, options, counting=True), part)
+            totals += self._count_per_polygon(Mesh(self, frame, part, options, counting=True), part)
             # Drawn again without counting, as storage writes change which work a driver may skip.
             mesh = Mesh(self, frame, part, options)
             mesh.bind()
@@ -166,7 +166,7 @@ class OpenGL(GLRasteriser):
             counters["depth_ties"] = sum_per_polygon(frame, triangles, ties)
         return counters
 
-    def _tally(self, mesh: "Mesh", triangles: Triangles) -> NDArray[np.int64]:
+    def _count_per_polygon(self, mesh: "Mesh", triangles: Triangles) -> NDArray[np.int64]:
         """Return (p, 5) counts in the order of SHADED.
 
         The first covered lane of each quad counts the quad and sets the triangle's bit. On
@@ -174,16 +174,16 @@ class OpenGL(GLRasteriser):
         quad.
         """
         shape = (len(mesh.frame.grid), len(SHADED))
-        counts = self.context.buffer(np.zeros(shape, np.uint32))
+        counts = self.context.create_buffer(np.zeros(shape, np.uint32))
         counts.bind_to_storage_buffer(0)
         # llvmpipe discards the triangles collected for a tile, including their storage writes,
-        # when an opaque triangle covers the tile; a draw that keeps alpha is not opaque to it.
+        # when an opaque triangle covers the tile; a draw that keeps alpha is not opaque there.
         mesh.target.color_mask = KEEP_ALPHA
         mesh.bind()
         if self._in_order:
             self._draw_in_order(mesh, len(triangles))
         else:
-            covering = self.context.buffer(np.zeros(len(triangles) // 32 + 1, np.uint32))
+            covering = self.context.create_buffer(np.zeros(len(triangles) // 32 + 1, np.uint32))
             covering.bind_to_storage_buffer(1)
             mesh.draw()
         mesh.target.color_mask = WRITE_ALL
@@ -197,11 +197,11 @@ class OpenGL(GLRasteriser):
 
     def _draw_in_order(self, mesh: "Mesh", number: int) -> None:
         columns, rows = (mesh.frame.width + 1) // 2, (mesh.frame.height + 1) // 2
-        last = self.context.buffer(np.zeros(1 + columns * rows, np.uint32))
+        last = self.context.create_buffer(np.zeros(1 + columns * rows, np.uint32))
         last.bind_to_storage_buffer(1)
         mesh.program["columns"] = columns
         mesh.begin()
-        # One draw per triangle: softpipe draws nothing where a shader asks for gl_PrimitiveID.
+        # A draw per triangle: softpipe draws no pixels if a shader reads gl_PrimitiveID.
         for triangle in range(number):
             mesh.program["triangle"] = triangle + 1
             mesh.vertices.render(vertices=3, first=3 * triangle)
@@ -231,49 +231,51 @@ class Mesh(Drawing):
         self.counting = counting
         self.draws = frame.draws(triangles)
         self.textured = options.texture > 0 and not counting
-        self.program = owner.program(counting=counting, deep=deep, textured=self.textured)
+        self.program = owner.get_program(counting=counting, deep=deep, textured=self.textured)
         size = (frame.width, frame.height)
-        self.target = self.context.target(*size, options.samples, deep=deep)
+        self.target = self.context.get_framebuffer(*size, options.samples, deep=deep)
         points, polygons, indices = self.context.upload(frame, triangles)
         content = [(points, "2i", "position"), (polygons, "1u", "polygon")]
         if frame.depths is not None:
-            content.append((self.context.buffer(frame.depths), "1i", "depth"))
+            content.append((self.context.create_buffer(frame.depths), "1i", "depth"))
         self.vertices = owner.ctx.vertex_array(self.program, content, indices)
 
     def sample(self, repeats: int) -> Sample:
         """Draw `repeats` times.
 
-        A GPU draws them as instances of one call, so that it never waits for the next call. A
-        software rasteriser gets one call and one flush per draw: it collects a frame before drawing
+        A GPU draws instances of a single call, and never waits for the next call. A software
+        rasteriser gets a call and a flush per draw, because drivers collect a frame before drawing
         and would skip tiles of a draw that a later draw covers. For the same reason each map tile
-        is a separate call there. With a depth test each draw starts with cleared depths, also on a
+        is a separate call. With a depth test each draw starts with cleared depths, also on a
         GPU.
         """
         self.context.activate()
         self.program["work"] = self.options.work
         self.bind()
         if not self.software and self.frame.depths is None:
-            return self.context.timed(1, partial(self.draw, repeats), self.context.flush)
+            return self.context.time_draws(1, partial(self.draw, repeats), self.context.flush)
         draws = cycle(self.draws)
         calls = repeats * len(self.draws)
-        return self.context.timed(calls, lambda: self.draw_rows(next(draws)), self.context.flush)
+        return self.context.time_draws(
+            calls, lambda: self.draw_rows(next(draws)), self.context.flush
+        )
 
     def bind(self) -> None:
-        """Make the framebuffer and the viewport current; call it before `draw`."""
+        """Make the framebuffer and the viewport current, as `draw` requires."""
         width, height = self.frame.width, self.frame.height
         self.target.use()
         self.target.viewport = (0, 0, width, height)
         self.target.scissor = self.frame.scissor
         self.program["size"] = (SUBPIXEL * width, SUBPIXEL * height)
         if self.textured:
-            self.context.texture().use(0)
+            self.context.get_texture().use(0)
             self.program["content"] = 0
             self.program["lookups"] = self.options.texture
         ctx = self.context.ctx
         (ctx.disable if self.frame.depths is None else ctx.enable)(ctx.DEPTH_TEST)
 
     def draw(self, instances: int = 1) -> None:
-        """Submit the triangles, `instances` times in one call for each tile."""
+        """Submit the triangles, `instances` times in a call per tile."""
         for rows in self.draws:
             self.draw_rows(rows, instances)
 
@@ -283,7 +285,7 @@ class Mesh(Drawing):
             self.context.clear(context.DEPTH_BUFFER_BIT)
 
     def draw_rows(self, rows: slice, instances: int = 1) -> None:
-        """Submit some of the triangles, `instances` times in one call."""
+        """Submit some of the triangles, `instances` times in a call."""
         self.begin()
         if self.counting:
             self.program["start"] = rows.start

@@ -116,10 +116,10 @@ class Pyrender(Rasteriser):
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         return _SceneDrawing(self, frame, triangles)
 
-    def _ready(self, frame: Frame, triangles: Triangles, options: Options) -> Triangles:
+    def _check_and_order(self, frame: Frame, triangles: Triangles, options: Options) -> Triangles:
         if frame.viewing is not None and frame.depths is None:
             raise UsageError("pyrender always tests depth; add depth=file or depth=front")
-        return super()._ready(frame, triangles, options)
+        return super()._check_and_order(frame, triangles, options)
 
 
 class _SceneDrawing(Drawing):
@@ -136,8 +136,8 @@ class _SceneDrawing(Drawing):
             camera = module.PerspectiveCamera(
                 yfov=FIELD_OF_VIEW, znear=0.05 * frame.width, zfar=4.0 * frame.width
             )
-            pose = camera_pose(frame.width, frame.height)
-            self.scenes = [self._scene(extrude(frame, triangles), camera, pose)]
+            pose = compute_camera_pose(frame.width, frame.height)
+            self.scenes = [self._make_scene(extrude_polygons(frame, triangles), camera, pose)]
             return
         camera = module.OrthographicCamera(
             xmag=frame.width / 2, ymag=frame.height / 2, znear=0.5, zfar=2.5
@@ -145,9 +145,11 @@ class _SceneDrawing(Drawing):
         pose = np.eye(4)
         pose[:3, 3] = frame.width / 2, frame.height / 2, 1.0
         draws = [triangles[rows] for rows in frame.draws(triangles)]
-        self.scenes = [self._scene(projected(frame, rows), camera, pose) for rows in draws]
+        self.scenes = [
+            self._make_scene(project_triangles(frame, rows), camera, pose) for rows in draws
+        ]
 
-    def _scene(self, solid: "Solid", camera: Any, pose: np.ndarray) -> Any:
+    def _make_scene(self, solid: "Solid", camera: Any, pose: np.ndarray) -> Any:
         module = self._module
         scene = module.Scene(bg_color=np.array(SKY), ambient_light=np.ones(3))
         primitive = module.Primitive(
@@ -173,7 +175,7 @@ class _SceneDrawing(Drawing):
         return watch.stop()
 
 
-def camera_pose(width: float, height: float) -> np.ndarray:
+def compute_camera_pose(width: float, height: float) -> np.ndarray:
     """Return the (4, 4) pose of a camera that looks at the city's centre from the south."""
     plan = np.cos(ELEVATION) * np.array([np.cos(AZIMUTH), np.sin(AZIMUTH)])
     backward = np.array([*plan, np.sin(ELEVATION)])
@@ -194,7 +196,7 @@ class Solid:
     faces: NDArray[np.uint32]
 
 
-def extrude(frame: Frame, triangles: Triangles) -> Solid:
+def extrude_polygons(frame: Frame, triangles: Triangles) -> Solid:
     """Extrude each polygon to a different height; the roof's triangles keep their order."""
     owner = np.repeat(np.arange(len(frame.grid)), frame.grid.vertex_counts).astype(np.int32)
     heights = (LOWEST + (TALLEST - LOWEST) * ((owner * GOLDEN) % 1.0)) * frame.width
@@ -222,7 +224,7 @@ def extrude(frame: Frame, triangles: Triangles) -> Solid:
     )
 
 
-def projected(frame: Frame, triangles: Triangles) -> Solid:
+def project_triangles(frame: Frame, triangles: Triangles) -> Solid:
     """Return projected triangles (m, 3) of a model's views, z from 0 down to -1."""
     assert frame.depths is not None
     used, faces = np.unique(triangles, return_inverse=True)

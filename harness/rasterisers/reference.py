@@ -50,10 +50,10 @@ def predict(
     """
     counts = spans.count_triangles(points, triangles, window).T
     fragments, quads, partial, blocks, tests = counts
-    return _shaded(fragments, quads, partial) | {"blocks": blocks, "bbox_tests": tests}
+    return _derive_shaded(fragments, quads, partial) | {"blocks": blocks, "bbox_tests": tests}
 
 
-def _shaded(
+def _derive_shaded(
     fragments: NDArray[np.int64], quads: NDArray[np.int64], partial: NDArray[np.int64]
 ) -> dict[str, NDArray[np.int64]]:
     """Return the counters `SHADED` of triangles, (m,) each."""
@@ -79,7 +79,7 @@ def predict_visible(
     paint = polygon_colours(frame.owner(triangles))
     arrays = (frame.points, frame.depths, triangles, begins, paint, frame.window)
     fragments, quads, partial, ties = spans.count_visible(*arrays, picture).T
-    return _shaded(fragments, quads, partial) | {"depth_ties": ties}
+    return _derive_shaded(fragments, quads, partial) | {"depth_ties": ties}
 
 
 def count_outline_quads(

@@ -109,7 +109,7 @@ class WebGPU(Rasteriser):
 
     @classmethod
     def supports(cls, options: Options) -> bool:
-        """Whether it can draw with `options`: WebGPU does not specify sample positions."""
+        """Return whether `options` are supported: WebGPU does not specify sample positions."""
         return options.samples == 1 and options.texture == 0
 
     def __init__(self, device: Device) -> None:
@@ -126,8 +126,8 @@ class WebGPU(Rasteriser):
         self._target: Any = None
         self.max_size = int(limits["max-texture-dimension-2d"])
         self._step = 1
-        self.draw = self._pipeline("draw", "shade", WRITE_ALL, DRAW_BUFFERS)
-        self._tally = self._pipeline("count", "count", KEEP_ALPHA, COUNT_BUFFERS)
+        self.draw = self._build_pipeline("draw", "shade", WRITE_ALL, DRAW_BUFFERS)
+        self._count_pipeline = self._build_pipeline("count", "count", KEEP_ALPHA, COUNT_BUFFERS)
         step = self._find_step()
         self._step = step or 1
         bits = None if step is None else (SUBPIXEL // step).bit_length() - 1
@@ -150,8 +150,8 @@ class WebGPU(Rasteriser):
     def _find_step(self) -> int | None:
         """Return the step of the grid to which the device snaps vertices, in 1/256 px, or None.
 
-        A frame's grid has a step of 1, that of a backend up to 16. The result is the first step at
-        which the device's counters of random triangles equal the reference's.
+        A frame's grid has a step of 1; a backend's grid has a step of up to 16. The result is the
+        first step at which the device's counters of random triangles equal the reference's.
         """
         rng = np.random.default_rng(7)
         corners = rng.integers(SUBPIXEL, (PROBE_PX - 1) * SUBPIXEL, (3 * PROBES, 2))
@@ -166,27 +166,29 @@ class WebGPU(Rasteriser):
         return None
 
     def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
-        frame = self._on_grid(frame)
+        frame = self._snap_to_grid(frame)
         polygons = len(frame.grid)
         totals = np.zeros((polygons, 4), np.int64)
         for part in split_batches(frame, triangles, MAX_LANES):
-            totals += self._tally_once(frame, part).reshape(polygons, 4)
+            totals += self._count_batch(frame, part).reshape(polygons, 4)
         fragments, covering = totals[:, 0], totals[:, 3]
         quads, full = np.rint(totals[:, 1:3] / (QUAD_COUNT_SCALE, 4)).astype(np.int64).T
         values = (fragments, quads, 4 * quads - fragments, quads - full, covering)
         return dict(zip(SHADED, values, strict=True))
 
-    def _tally_once(self, frame: Frame, part: Triangles) -> NDArray[np.uint32]:
+    def _count_batch(self, frame: Frame, part: Triangles) -> NDArray[np.uint32]:
         corners = frame.points[part].reshape(len(part), 6)
         rows = np.column_stack([corners, frame.owner(part)]).astype(np.int32)
-        triangles = self.buffer(rows, "VERTEX")
-        counts = self.buffer(np.zeros(4 * len(frame.grid), np.uint32), "STORAGE|COPY_SRC")
-        covering = self.buffer(np.zeros(len(part) // 32 + 1, np.uint32), "STORAGE")
-        size = self.buffer(_size(frame), "UNIFORM")
+        triangles = self.create_buffer(rows, "VERTEX")
+        counts = self.create_buffer(np.zeros(4 * len(frame.grid), np.uint32), "STORAGE|COPY_SRC")
+        covering = self.create_buffer(np.zeros(len(part) // 32 + 1, np.uint32), "STORAGE")
+        size = self.create_buffer(_get_subpixel_size(frame), "UNIFORM")
         encoder = self.gpu.create_command_encoder()
-        render = begin_pass(encoder, self.target(frame))
-        render.set_pipeline(self._tally)
-        render.set_bind_group(0, self.group(self._tally, size, counts, covering))
+        render = begin_pass(encoder, self.get_target(frame))
+        render.set_pipeline(self._count_pipeline)
+        render.set_bind_group(
+            0, self.create_bind_group(self._count_pipeline, size, counts, covering)
+        )
         render.set_vertex_buffer(0, triangles)
         if frame.scissor is not None:
             render.set_scissor_rect(*frame.scissor)
@@ -197,19 +199,19 @@ class WebGPU(Rasteriser):
         return totals[: 4 * len(frame.grid)]
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
-        return _Timed(self, self._on_grid(frame), triangles, options.work)
+        return _UploadedTriangles(self, self._snap_to_grid(frame), triangles, options.work)
 
-    def _on_grid(self, frame: Frame) -> Frame:
+    def _snap_to_grid(self, frame: Frame) -> Frame:
         """Return the frame on the device's grid, on which drawing and counting agree."""
         return frame.with_points(coarsen(frame.points, self._step))
 
-    def target(self, frame: Frame) -> Any:
-        """Return a view of a texture to draw into; the last one is reused if it fits.
+    def get_target(self, frame: Frame) -> Any:
+        """Return a view of a texture to draw into; the last texture is reused if equal.
 
         Raises
         ------
         UsageError
-            if it is too large
+            if the frame is too large
         """
         check_size(frame.width, frame.height, self.max_size)
         size = (frame.width, frame.height, 1)
@@ -220,12 +222,12 @@ class WebGPU(Rasteriser):
             ).create_view()
         return self._target
 
-    def buffer(self, array: NDArray[Any], usage: str) -> Any:
-        """Upload an array; an empty one becomes four bytes, as WebGPU has no empty bindings."""
+    def create_buffer(self, array: NDArray[Any], usage: str) -> Any:
+        """Upload an array; an empty array becomes four bytes, as WebGPU has no empty bindings."""
         content = np.ascontiguousarray(array if array.size else np.zeros(1, np.uint32))
         return self.gpu.create_buffer_with_data(data=content, usage=usage)
 
-    def group(self, pipeline: Any, *buffers: Any) -> Any:
+    def create_bind_group(self, pipeline: Any, *buffers: Any) -> Any:
         """Return a bind group of a pipeline with `buffers` as bindings 0, 1, ..."""
         entries = [
             {"binding": number, "resource": {"buffer": buffer, "offset": 0, "size": buffer.size}}
@@ -234,7 +236,7 @@ class WebGPU(Rasteriser):
         layout = pipeline.get_bind_group_layout(0)
         return self.gpu.create_bind_group(layout=layout, entries=entries)
 
-    def _pipeline(self, name: str, entry: str, mask: int, buffers: Sequence[Any]) -> Any:
+    def _build_pipeline(self, name: str, entry: str, mask: int, buffers: Sequence[Any]) -> Any:
         """Build a pipeline from a file in shaders/ with the fragment shader `entry`."""
         module = self.gpu.create_shader_module(code=read_shader(f"{name}.wgsl"))
         return self.gpu.create_render_pipeline(
@@ -272,7 +274,7 @@ def _find_adapter(device: Device) -> Any:
     )
 
 
-def _size(frame: Frame) -> NDArray[np.float32]:
+def _get_subpixel_size(frame: Frame) -> NDArray[np.float32]:
     return np.array([SUBPIXEL * frame.width, SUBPIXEL * frame.height], np.float32)
 
 
@@ -282,24 +284,24 @@ def begin_pass(encoder: Any, target: Any, timestamps: Mapping[str, Any] | None =
     return encoder.begin_render_pass(color_attachments=[attachment], timestamp_writes=timestamps)
 
 
-class _Timed(Drawing):
-    """One triangulation in buffers of the device, for repeated drawing."""
+class _UploadedTriangles(Drawing):
+    """A triangulation in buffers of the device, for repeated drawing."""
 
     def __init__(self, owner: WebGPU, frame: Frame, triangles: Triangles, work: int) -> None:
         numbers = np.arange(len(frame.grid), dtype=np.uint32)
         view = np.zeros(4, np.float32)
-        view[:2] = _size(frame)
+        view[:2] = _get_subpixel_size(frame)
         view.view(np.uint32)[2] = work
-        self._points = owner.buffer(frame.points.astype(np.int32), "VERTEX")
-        self._polygons = owner.buffer(np.repeat(numbers, frame.grid.vertex_counts), "VERTEX")
-        self._indices = owner.buffer(triangles.astype(np.uint32), "INDEX")
-        self._view = owner.buffer(view, "UNIFORM")
+        self._points = owner.create_buffer(frame.points.astype(np.int32), "VERTEX")
+        self._polygons = owner.create_buffer(np.repeat(numbers, frame.grid.vertex_counts), "VERTEX")
+        self._indices = owner.create_buffer(triangles.astype(np.uint32), "INDEX")
+        self._view = owner.create_buffer(view, "UNIFORM")
         self._pipeline = owner.draw
-        self._group = owner.group(owner.draw, self._view)
+        self._group = owner.create_bind_group(owner.draw, self._view)
         self.gpu = owner.gpu
         self._draws = frame.draws(triangles)
         self._scissor = frame.scissor or (0, 0, frame.width, frame.height)
-        self.target = owner.target(frame)
+        self.target = owner.get_target(frame)
         label = "{vendor} {device}".format_map(owner.device.details).lower()
         self.one_pass = not owner.device.software and any(name in label for name in IMMEDIATE)
         self.period_ns = owner.period_ns
@@ -310,8 +312,8 @@ class _Timed(Drawing):
     def sample(self, repeats: int) -> Sample:
         """Draw `repeats` times.
 
-        A GPU that shades triangles immediately gets instances in one pass. Other GPUs collect
-        triangles before shading and skip hidden ones, so each draw is submitted separately.
+        A GPU that shades triangles immediately gets instances in a pass. Tiling GPUs collect
+        triangles before shading and skip hidden triangles, so each draw is submitted separately.
         """
         instances = repeats if self.one_pass else 1
         passes = [self._draws] if self.one_pass else [[rows] for rows in self._draws] * repeats
@@ -330,7 +332,7 @@ class _Timed(Drawing):
         return replace(sample, gpu=(int(end) - int(begin)) * self.period_ns * 1e-9)
 
     def _encode(self, draws: Sequence[slice], instances: int, *, first: bool, last: bool) -> Any:
-        """Return the commands of one pass; the first and last pass write timestamps."""
+        """Return the commands of a pass; the first and last pass write timestamps."""
         encoder = self.gpu.create_command_encoder()
         stamps: dict[str, Any] = {}
         if self.period_ns is not None:

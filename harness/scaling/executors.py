@@ -61,7 +61,7 @@ class TaskResult(NamedTuple):
 
 
 class SchedulerUnreachableError(HarnessError):
-    """The Dask scheduler does not result."""
+    """The Dask scheduler does not answer."""
 
     exit_code = INCONCLUSIVE
 

@@ -31,7 +31,7 @@ def _of_opengl(drawing: Any, frame: Frame) -> Image:
     drawing.sample(1)
     target.scissor = None
     if target.samples:
-        source = drawing.context.target(frame.width, frame.height)
+        source = drawing.context.get_framebuffer(frame.width, frame.height)
         drawing.context.ctx.copy_framebuffer(source, target)
     pixels = np.frombuffer(source.read(components=4), np.uint8)
     return pixels.reshape(frame.height, frame.width, 4)[::-1].copy()
@@ -66,7 +66,7 @@ def _of_pyrender(drawing: Any, _: Frame) -> Image:
 
 
 def _of_compute(drawing: Any, frame: Frame) -> Image:
-    texture = drawing.context.picture(frame.width, frame.height)
+    texture = drawing.context.get_picture(frame.width, frame.height)
     texture.write(np.zeros((frame.height, frame.width), np.uint32))
     drawing.sample(1)
     pixels = np.frombuffer(texture.read(), np.uint8)

@@ -13,7 +13,7 @@ from harness.measuring import tasks
 from harness.models.seen import read
 from harness.rasterisers import Options, find_device, get, pyrender
 from harness.rasterisers.base import Triangles, order_submission
-from harness.rasterisers.pyrender import extrude
+from harness.rasterisers.pyrender import extrude_polygons
 from harness.rasterisers.reference import Reference
 from harness.triangulating.carrying import make_original_triangulation
 from harness.workers.worker import Worker
@@ -78,7 +78,7 @@ def test_missing_pyrender_has_no_devices_and_an_install_command(monkeypatch):
 
 def test_walls_stand_under_the_rings(frame):
     triangles = joined(frame, "delaunay")
-    solid = extrude(frame, triangles)
+    solid = extrude_polygons(frame, triangles)
     number = len(frame.points)
     assert len(solid.faces) == len(triangles) + 2 * number
     assert np.array_equal(solid.faces[: len(triangles)], triangles)
@@ -96,7 +96,7 @@ def test_walls_stand_under_the_rings(frame):
 
 def test_rings_close_on_themselves(frame):
     # Pickled, as for the worker that builds the walls.
-    solid = extrude(pickle.loads(pickle.dumps(frame)), np.empty((0, 3), np.int32))
+    solid = extrude_polygons(pickle.loads(pickle.dumps(frame)), np.empty((0, 3), np.int32))
     number = len(frame.points)
     following = solid.faces[:number, 1] - 2 * number
     assert sorted(following) == list(range(number))

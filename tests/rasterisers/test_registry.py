@@ -110,7 +110,7 @@ def test_first_working_environment_is_used(monkeypatch):
         devices.Kind("zink", {"WAY": name}, ("egl", "software"))
         for name in ("first", "second", "second")
     ]
-    monkeypatch.setattr(devices, "_egl_kinds", lambda: kinds)
+    monkeypatch.setattr(devices, "_list_egl_kinds", lambda: kinds)
     monkeypatch.setattr(
         devices,
         "run_probes",
@@ -127,7 +127,7 @@ def test_two_gpus_are_numbered(monkeypatch):
         for k, name in enumerate(["NVIDIA A", "llvmpipe", "AMD B"])
     ]
     monkeypatch.setattr(
-        devices, "_egl_kinds", lambda: [devices.Kind("gpu", {}, ("egl", "hardware"))]
+        devices, "_list_egl_kinds", lambda: [devices.Kind("gpu", {}, ("egl", "hardware"))]
     )
     monkeypatch.setattr(devices, "run_probes", lambda probes: [{"devices": cards, "problems": []}])
     gpus, problems = devices.list_egl_devices.__wrapped__()

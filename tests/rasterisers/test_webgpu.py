@@ -181,7 +181,7 @@ def make_adapter(device: str, backend: str, kind: str = "DiscreteGPU") -> dict[s
 )
 def test_gpu_is_listed_once_for_several_drivers(monkeypatch, system, adapters, names):
     monkeypatch.setattr(devices.sys, "platform", system)
-    monkeypatch.setattr(devices, "vulkan_environment", lambda patterns: None)
+    monkeypatch.setattr(devices, "find_vulkan_environment", lambda patterns: None)
     answer = {"devices": adapters, "problems": []}
     monkeypatch.setattr(devices, "run_probes", lambda probes: [answer for _ in probes])
     listed, problems = devices.list_webgpu_devices.__wrapped__()

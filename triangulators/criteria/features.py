@@ -68,14 +68,14 @@ def beauty(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> 
 
 
 @njit
-def _common(lost: float, doubled_area: float) -> float:
-    """Fraction of a triangle's area in common with shifted copies; lost: L in `_expected`."""
+def _common_share(lost: float, doubled_area: float) -> float:
+    """Fraction of a triangle's area in common with shifted copies; lost: L in `_mean_blocks`."""
     side = 1.0 - lost / doubled_area
     return side * side if side > 0.0 else 0.0
 
 
 @njit
-def _expected(
+def _mean_blocks(
     size: float, ax: float, ay: float, bx: float, by: float, cx: float, cy: float
 ) -> float:
     """Mean number of b x b blocks, b = size, with a covered pixel centre, over all positions.
@@ -119,15 +119,15 @@ def _expected(
     height = max(ay, by, cy) - min(ay, by, cy)
     falling = max(ax - ay, bx - by, cx - cy) - min(ax - ay, bx - by, cx - cy)
     rising = max(ax + ay, bx + by, cx + cy) - min(ax + ay, bx + by, cx + cy)
-    pairs = _common(width, cross) + _common(height, cross)
-    diagonals = _common(falling, cross) + _common(rising, cross)
+    pairs = _common_share(width, cross) + _common_share(height, cross)
+    diagonals = _common_share(falling, cross) + _common_share(rising, cross)
     triples = 0.0
     for r in (-1.0, 1.0):
         for u in (-1.0, 1.0):  # min for max: the loops visit all signs
             lost = min(0.0, r * uy, u * ux) + min(0.0, r * vy, u * vx)
-            triples += _common(-lost - min(0.0, r * wy, u * wx), cross)
+            triples += _common_share(-lost - min(0.0, r * wy, u * wx), cross)
     inner = size - 1.0
-    squares = triples - diagonals - _common(width + height, cross)
+    squares = triples - diagonals - _common_share(width + height, cross)
     share = size * size - size * inner * pairs + inner * inner * squares
     return 0.5 * cross * share / (size * size)
 
@@ -135,13 +135,13 @@ def _expected(
 @njit
 def expected_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """2x2 pixel quads with a covered pixel centre (Q), averaged over positions on the grid."""
-    return _expected(2.0, ax, ay, bx, by, cx, cy)
+    return _mean_blocks(2.0, ax, ay, bx, by, cx, cy)
 
 
 @njit
 def expected_blocks(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """4x4 pixel blocks with a covered pixel centre (P), averaged over positions on the grid."""
-    return _expected(4.0, ax, ay, bx, by, cx, cy)
+    return _mean_blocks(4.0, ax, ay, bx, by, cx, cy)
 
 
 @njit
