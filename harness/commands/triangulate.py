@@ -85,6 +85,14 @@ def triangulate(
             "or native, the triangulator's. A 3D model keeps its own order."
         ),
     ] = None,
+    polygons: Annotated[
+        bool,
+        typer.Option(
+            "--polygons",
+            help="Write the polygons' rings to .glb or .gltf as well, in the draft extension "
+            "EXT_mesh_polygon; a polygon whose triangulation has T-junctions fails.",
+        ),
+    ] = False,
     check: Annotated[
         bool,
         typer.Option("--check", help="For a 3D model: only print the changes; write no file."),
@@ -108,6 +116,7 @@ def triangulate(
         "--limit": limit,
         "--device": device,
         "--evidence": evidence,
+        "--polygons": polygons,
     }
     if _is_model_output(source, out, check):
         polygon_options: dict[str, object] = {
@@ -160,6 +169,7 @@ def triangulate(
             certify=evidence or certify,
             device=device or CPU,
             order=order or ORDER,
+            polygons=polygons,
         )
     if report.notes:
         reporter.say(f"{file}: {'; '.join(report.notes)}")

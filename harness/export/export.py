@@ -58,7 +58,9 @@ FORMATS: dict[str, Callable[[Output, ExportMetadata], Writer]] = {
 }
 """Writers by suffix of the output."""
 
-MODEL_SUFFIXES = (".glb", ".gltf", ".obj")
+GLTF_SUFFIXES = (".glb", ".gltf")
+
+MODEL_SUFFIXES = (*GLTF_SUFFIXES, ".obj")
 """Suffixes of 3D models."""
 
 ORDER = "walk"
@@ -172,6 +174,7 @@ def export_file(
     device: str = CPU,
     chunk: int = CHUNK_POLYGONS,
     order: str = ORDER,
+    polygons: bool = False,
     **parameters: Any,
 ) -> Report:
     """Triangulate a scene or a file of polygons and write the triangles to `out`.
@@ -199,6 +202,9 @@ def export_file(
         As for `triangulators.triangulate_many`.
     chunk : int
         Number of polygons in memory at a time.
+    polygons : bool
+        Write the rings of the polygons to glTF as well, in the draft extension EXT_mesh_polygon. A
+        polygon whose triangulation has T-junctions fails.
     **parameters
         Keyword arguments of the triangulator.
 
@@ -215,7 +221,7 @@ def export_file(
     """
     start = time.perf_counter()
     target = Path(out)
-    make = _find_writer(target)
+    make = _find_writer(target, polygons)
     name = resolve_triangulator_name(triangulator)
     report = Report(certified=Certified.create(name) if certify else None)
     evidence = certify if isinstance(certify, Path) else None
@@ -226,7 +232,8 @@ def export_file(
             proofs = None if evidence is None else stack.enter_context(Output(evidence))
             if proofs is not None:
                 report.evidence = proofs.file(mode="w")
-            options = TriangulationOptions(name, {"order": order, **parameters}, device, say)
+            parameters |= {"order": order}
+            options = TriangulationOptions(name, parameters, device, say, conforming=polygons)
             writer = add_chunks(chunks, partial(make, output), options, report, progress)
             if writer is None or report.triangles == 0:
                 raise InputError(_format_empty_export(str(source), report))
@@ -245,12 +252,14 @@ class TriangulationOptions:
 
     name : full name of the triangulator; parameters : keyword arguments
     say : called with a line before a polygon that may take minutes or hours
+    conforming : True if triangulations with T-junctions fail
     """
 
     name: str
     parameters: Mapping[str, Any]
     device: str = CPU
     say: Callable[[str], None] | None = None
+    conforming: bool = False
 
 
 def _read_chunks(source: str, size: int, *, solid: bool) -> Iterator[Chunk]:
@@ -329,14 +338,20 @@ def add_chunks(
     return writer
 
 
-def _find_writer(target: Path) -> Callable[[Output, ExportMetadata], Writer]:
+def _find_writer(
+    target: Path, polygons: bool = False
+) -> Callable[[Output, ExportMetadata], Writer]:
     make = FORMATS.get(target.suffix.lower())
     if make is None:
         formats = ", ".join(FORMATS)
         raise UsageError(f"{target}: unknown suffix (choose from {formats})")
     if target.is_dir():
         raise UsageError(f"{target}: is a folder; give the name of a file")
-    return make
+    if not polygons:
+        return make
+    if target.suffix.lower() not in GLTF_SUFFIXES:
+        raise UsageError(f"{target}: --polygons is for glTF; give a .glb or .gltf file")
+    return partial(make, polygons=True)
 
 
 def resolve_triangulator_name(triangulator: str | None, criterion: str | None = None) -> str:
@@ -362,7 +377,13 @@ def _triangulate_chunk(chunk: Chunk, options: TriangulationOptions, report: Repo
         options.say(line)
     start = time.perf_counter()
     polygons = PolygonArray.from_shapely(chunk.cleaned.polygons)
-    result = triangulate_many(polygons, options.name, device=options.device, **options.parameters)
+    result = triangulate_many(
+        polygons,
+        options.name,
+        conforming=options.conforming,
+        device=options.device,
+        **options.parameters,
+    )
     report.triangulate_s += time.perf_counter() - start
     failed = [(f"polygon {report.polygons + k}", why) for k, why in sorted(result.failed.items())]
     report.note("failed", failed)

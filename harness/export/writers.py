@@ -4,16 +4,17 @@ import io
 import json
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+import shapely
 from numpy.typing import NDArray
 
 from harness.atomic import Output
 from harness.models.gltf_file import write_glb
 from scenes.cleaning.projection import Projection
-from scenes.readers.gltf import BIN, JSON
+from scenes.readers.gltf import BIN, JSON, POLYGONS, RESTART, TRIANGLES
 from triangulators.polygon_arrays import PolygonArray, Triangulations, offsets_of
 
 
@@ -23,6 +24,7 @@ class ExportMesh:
 
     vertices : (n, 2) float64; triangles : (m, 3) int64 indices of vertices
     vertex_offsets, triangle_offsets : (p + 1,) offsets of the polygons
+    rings : (n,) ring of each vertex, counted over all polygons
     attributes : one row per polygon (no columns if the source has no attributes)
     """
 
@@ -30,6 +32,7 @@ class ExportMesh:
     triangles: NDArray[np.int64]
     vertex_offsets: NDArray[np.int64]
     triangle_offsets: NDArray[np.int64]
+    rings: NDArray[np.int64]
     attributes: pd.DataFrame
 
     @property
@@ -59,12 +62,13 @@ def make_mesh(
         triangulations.triangles.astype(np.int64) + shift[:, None],
         polygons.vertex_offsets,
         np.asarray(triangulations.triangle_offsets, dtype=np.int64),
+        np.repeat(np.arange(polygons.geom_offsets[-1]), np.diff(polygons.ring_offsets)),
         table.reset_index(drop=True),
     )
 
 
 def remove_polygons(mesh: ExportMesh, removed: NDArray[np.bool_]) -> ExportMesh:
-    """Return the mesh without the polygons flagged in `gone` (p,)."""
+    """Return the mesh without the polygons flagged in `removed` (p,)."""
     keep_vertex = ~removed[mesh.vertex_owners]
     renumbered = np.cumsum(keep_vertex) - 1
     keep_triangle = ~removed[mesh.triangle_owners]
@@ -73,6 +77,7 @@ def remove_polygons(mesh: ExportMesh, removed: NDArray[np.bool_]) -> ExportMesh:
         renumbered[mesh.triangles[keep_triangle]],
         offsets_of(np.diff(mesh.vertex_offsets)[~removed]),
         offsets_of(np.diff(mesh.triangle_offsets)[~removed]),
+        mesh.rings[keep_vertex],
         mesh.attributes[~removed].reset_index(drop=True),
     )
 
@@ -217,18 +222,64 @@ _UPRIGHT = [1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1]
 """Column-major rotation of the z axis (up) to glTF's y axis."""
 
 
+class PolygonLoops(NamedTuple):
+    """Rings and triangles of a batch, as EXT_mesh_polygon stores them.
+
+    loops : indices of vertices, exterior rings counter-clockwise and holes clockwise, with RESTART
+        between the rings; a ring has a vertex once
+    offsets : (p,) first index of each polygon in `loops`
+    triangles : (m, 3) indices of the same vertices
+    """
+
+    loops: NDArray[np.int64]
+    offsets: NDArray[np.int64]
+    triangles: NDArray[np.int64]
+
+
+def make_loops(mesh: ExportMesh) -> PolygonLoops:
+    """Return the rings of polygons whose triangulations are conforming.
+
+    Of coincident vertices of a polygon, the first one represents all: a triangulation need not use
+    the others, and a loop's vertices must belong to triangles.
+    """
+    keys = np.column_stack((mesh.vertex_owners, mesh.vertices))
+    _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    site = first[inverse.reshape(-1)]
+    _, start, ring = np.unique(mesh.rings, return_index=True, return_inverse=True)
+    end = np.append(start[1:], len(ring))
+    is_exterior = np.isin(start, mesh.vertex_offsets[:-1])
+    ccw = shapely.is_ccw(shapely.linearrings(mesh.vertices, indices=ring))
+    index = np.arange(len(ring))
+    loops = site[np.where((ccw == is_exterior)[ring], index, (start + end - 1)[ring] - index)]
+    following = np.append(loops[1:], -1)
+    following[end - 1] = loops[start]
+    is_distinct = loops != following
+    loops, ring = loops[is_distinct], ring[is_distinct]
+    starts = np.flatnonzero(np.diff(ring, prepend=-1))
+    return PolygonLoops(
+        np.insert(loops, starts[1:], RESTART),
+        (starts + np.arange(len(starts)))[is_exterior],
+        site[mesh.triangles],
+    )
+
+
 class GltfWriter:
     """Writes each batch as a mesh, with the attributes in `extras`, one list per column.
 
     glTF has single precision only, so positions are integers on a fine grid around the centre of
     each batch. The node's matrix, which readers use in double precision, restores coordinates.
     `_FEATURE_ID_0` is the polygon of each vertex within the mesh, as in EXT_mesh_features.
+
+    polygons : True to write the rings of the polygons as well, in the draft EXT_mesh_polygon
     """
 
-    def __init__(self, output: Output, about: ExportMetadata, *, binary: bool) -> None:
+    def __init__(
+        self, output: Output, about: ExportMetadata, *, binary: bool, polygons: bool = False
+    ) -> None:
         self._output = output
         self._about = about
         self._binary = binary
+        self._polygons = polygons
         self._data = output.spool("data") if binary else output.file(".bin")
         self._views: list[dict[str, Any]] = []
         self._accessors: list[dict[str, Any]] = []
@@ -255,11 +306,24 @@ class GltfWriter:
             "POSITION": self._accessor(grid.astype("<f4")),
             "_FEATURE_ID_0": self._accessor(feature),
         }
-        indices = self._accessor(mesh.triangles.astype("<u4").ravel())
+        loops = make_loops(mesh) if self._polygons else None
+        triangles = mesh.triangles if loops is None else loops.triangles
+        primitive: dict[str, Any] = {
+            "attributes": attributes,
+            "indices": self._accessor(triangles.astype("<u4").ravel()),
+        }
+        if loops is not None:
+            extension = {
+                "count": mesh.polygons,
+                "indicesOffsets": self._accessor((3 * mesh.triangle_offsets[:-1]).astype("<u4")),
+                "loopIndices": self._accessor(loops.loops.astype("<u4")),
+                "loopIndicesOffsets": self._accessor(loops.offsets.astype("<u4")),
+            }
+            primitive |= {"mode": TRIANGLES, "extensions": {POLYGONS: extension}}
         matrix = np.diag([step, step, step, 1.0])
         matrix[:2, 3] = middle - self._origin
         self._nodes.append({"mesh": len(self._nodes), "matrix": matrix.T.ravel().tolist()})
-        document: dict[str, Any] = {"primitives": [{"attributes": attributes, "indices": indices}]}
+        document: dict[str, Any] = {"primitives": [primitive]}
         if mesh.attributes.shape[1]:
             columns = {str(c): to_json_value(mesh.attributes[c].tolist()) for c in mesh.attributes}
             document["extras"] = {"attributes": columns}
@@ -294,6 +358,8 @@ class GltfWriter:
         }
         if not self._about.credit:
             del document["asset"]["copyright"]
+        if self._polygons:
+            document["extensionsUsed"] = [POLYGONS]
         self._assemble(json.dumps(document, separators=(",", ":")))
 
     def _assemble(self, document: str) -> None:

@@ -31,9 +31,15 @@ MAX_CRASHES = 10
 
 
 def triangulate_many(
-    polygons: Sequence[Polygon] | NDArray[Any] | PolygonArray, name: str, **more: Any
+    polygons: Sequence[Polygon] | NDArray[Any] | PolygonArray,
+    name: str,
+    *,
+    conforming: bool = False,
+    **more: Any,
 ) -> Triangulations:
     """Triangulate as `triangulators.triangulate_many` with parameters `more` does, and verify.
+
+    conforming : True if triangulations with T-junctions are invalid
 
     Polygons with an invalid triangulation, and polygons on which a user's triangulator ends the
     process, are `failed` as well.
@@ -43,7 +49,7 @@ def triangulate_many(
     """
     arrays = polygons if isinstance(polygons, PolygonArray) else PolygonArray.from_shapely(polygons)
     if parse(name).entry.builtin or multiprocessing.parent_process() is not None:
-        return _verify(arrays, triangulators.triangulate_many(polygons, name, **more))
+        return _verify(arrays, triangulators.triangulate_many(polygons, name, **more), conforming)
     # Most commands need no worker process, so the modules are loaded here.
     from harness.workers.pool import get_third_party_limits
     from harness.workers.worker import get_shared_worker
@@ -77,7 +83,8 @@ def triangulate_many(
             )
         pieces += list(done)
         failed |= {first + number: reason for number, reason in done.failed.items()}
-    return _verify(arrays, _join_pieces(pieces, failed, np.zeros(len(pieces), np.bool_)))
+    joined = _join_pieces(pieces, failed, np.zeros(len(pieces), np.bool_))
+    return _verify(arrays, joined, conforming)
 
 
 def _join_pieces(
@@ -87,7 +94,9 @@ def _join_pieces(
     return Triangulations(triangles, offsets_of([len(piece) for piece in pieces]), failed, compiled)
 
 
-def _verify(polygons: PolygonArray, triangulations: Triangulations) -> Triangulations:
+def _verify(
+    polygons: PolygonArray, triangulations: Triangulations, conforming: bool
+) -> Triangulations:
     """Return the triangulations; mark invalid triangulations as failed, without triangles."""
     pieces = list(triangulations)
     triangles_by_index = {
@@ -95,7 +104,9 @@ def _verify(polygons: PolygonArray, triangulations: Triangulations) -> Triangula
     }
     failed = {}
     for number in find_unconfirmed(polygons, triangles_by_index):
-        _, problem = check_triangles(polygons[number], pieces[number])
+        junctions, problem = check_triangles(polygons[number], pieces[number])
+        if conforming and junctions:
+            problem = f"{junctions} T-junction(s): a vertex lies on an edge of a triangle"
         if problem:
             failed[number] = problem
             pieces[number] = np.empty((0, 3), np.int32)

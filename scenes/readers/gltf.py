@@ -1,7 +1,8 @@
 """Reader of glTF 2.0 files (.glb, .gltf): buffers, accessors, and the triangles of their meshes.
 
 Source: Khronos, "glTF 2.0 Specification", sections 3.6 (buffers, accessors), 3.7.2 (meshes), 4.4
-(GLB); extensions KHR_mesh_quantization, EXT_mesh_gpu_instancing.
+(GLB); extensions KHR_mesh_quantization, EXT_mesh_gpu_instancing, and the draft EXT_mesh_polygon
+(KhronosGroup/glTF pull request 2570).
 """
 
 import base64
@@ -20,8 +21,12 @@ from scipy.spatial.transform import Rotation
 from scenes.readers.guard import refuse_special
 from scenes.scene import SceneError
 
-TRIANGLES, STRIP, FAN = 4, 5, 6
-"""Modes of a primitive that consists of triangles."""
+LINE_LOOP, TRIANGLES, STRIP, FAN = 2, 4, 5, 6
+"""Modes of a primitive: rings of polygons, and those that consist of triangles."""
+
+POLYGONS = "EXT_mesh_polygon"
+RESTART = 2**32 - 1
+"""Index between the loops of EXT_mesh_polygon, if indices have 32 bits."""
 
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
@@ -39,7 +44,9 @@ COMPRESSED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_mesh
 
 _INSTANCING = "EXT_mesh_gpu_instancing"
 
-HARMLESS = re.compile(rf"^(KHR_mesh_quantization|{_INSTANCING})$|material|texture|light")
+HARMLESS = re.compile(
+    rf"^(KHR_mesh_(quantization|primitive_restart)|{_INSTANCING}|{POLYGONS})$|material|texture|light"
+)
 """Extensions that are read, or that do not affect triangles."""
 
 
@@ -184,6 +191,33 @@ class GltfFile:
         strip[odd == 1] = strip[odd == 1][:, [0, 2, 1]]
         return strip
 
+    def loops(self, primitive: dict[str, Any], count: int) -> list[list[NDArray[np.int64]]]:
+        """Return the rings of each polygon of a primitive with EXT_mesh_polygon.
+
+        Rings are indices of the primitive's `count` vertices, the exterior first. Of the texts of
+        the draft, that with triangles in the primitive is read, and that with rings.
+        """
+        extension = primitive["extensions"][POLYGONS]
+        if primitive.get("mode", TRIANGLES) == LINE_LOOP:
+            names = (primitive["indices"], extension["indicesOffsets"])
+        else:
+            names = (extension["loopIndices"], extension["loopIndicesOffsets"])
+        stored, offsets = (self.array(name)[:, 0] for name in names)
+        if stored.dtype.kind != "u" or offsets.dtype.kind != "u":
+            raise ValueError("indices of polygons are not unsigned integers")
+        restart = np.iinfo(stored.dtype).max
+        bounds = [*offsets.tolist(), len(stored)]
+        if len(offsets) != extension["count"] or bounds != sorted(set(bounds)) or bounds[0] != 0:
+            raise ValueError(f"the offsets of {len(offsets):,} polygons do not increase from 0")
+        polygons = []
+        for polygon in np.split(stored, bounds[1:-1]):
+            rings = np.split(polygon, np.flatnonzero(polygon == restart))
+            rings = [ring[ring != restart].astype(np.int64) for ring in rings]
+            polygons.append([ring for ring in rings if len(ring)])
+            if not polygons[-1] or max(map(np.max, polygons[-1])) >= count:
+                raise ValueError(f"a polygon has no ring, or an index beyond {count:,} vertices")
+        return polygons
+
     def placements(self) -> list[tuple[NDArray[np.float64], ...]]:
         """Return for each mesh the (4, 4) matrices by which the scene's nodes place it.
 
@@ -253,12 +287,31 @@ def _node_matrix(node: dict[str, Any]) -> NDArray[np.float64]:
     return result
 
 
-def read_triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], int]:
+def read_polygons(model: GltfFile) -> list[list[NDArray[np.float64]]] | None:
+    """Return the rings (k, 3) of each polygon as placed by the default scene, z up.
+
+    None unless every mesh consists of polygons, in EXT_mesh_polygon.
+    """
+    primitives = [p for mesh in model.json.get("meshes", []) for p in mesh["primitives"]]
+    if not primitives or not all(POLYGONS in p.get("extensions", {}) for p in primitives):
+        return None
+    polygons = []
+    for mesh, placements in zip(model.json["meshes"], model.placements(), strict=True):
+        for primitive in mesh["primitives"]:
+            stored, matrices = model.positions(primitive, placements)
+            loops = model.loops(primitive, len(stored))
+            for matrix in matrices:
+                x, y, z = (stored @ matrix[:3, :3].T + matrix[:3, 3]).T
+                vertices = np.column_stack((x, -z, y))  # y is up in glTF
+                polygons += [[vertices[ring] for ring in rings] for rings in loops]
+    return polygons
+
+
+def read_triangles(model: GltfFile) -> tuple[NDArray[np.float64], NDArray[np.int64], int]:
     """Return vertices (n, 3) and triangles (m, 3) of a model as placed by the default scene.
 
     The third value is the number of primitives of points or lines, or without positions.
     """
-    model = GltfFile(path)
     vertices: list[NDArray[np.float64]] = [np.empty((0, 3))]
     triangles: list[NDArray[np.int64]] = [np.empty((0, 3), np.int64)]
     count = skipped = 0

@@ -14,13 +14,14 @@ import shapely
 from numpy.typing import NDArray
 
 from scenes.cleaning.layout import arrange_in_rows
-from scenes.readers.gltf import read_triangles
+from scenes.readers.gltf import GltfFile, read_polygons, read_triangles
 from scenes.readers.guard import MAX_LINE_CHARACTERS, numbered_lines
 from scenes.readers.reader import Raw, Source
 from scenes.scene import Note, SceneError
 from scenes.spec import format_install_command
 
 _FLAT = "each face in a plane, side by side"
+_MAP = "the polygons of EXT_mesh_polygon"
 _NO_AREA = "has no area, or a NaN or infinite coordinate"
 _MAX_DEVIATION = 1e-3
 """Maximum distance of vertices from a face's plane, as a share of the size, without a note."""
@@ -30,11 +31,17 @@ def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model 
     """Yield every face, rotated into the plane and laid out in rows, in model units.
 
     Horizontal faces keep the plan, and vertical faces stand upright. In a model of triangles only,
-    coplanar neighbours are joined.
+    coplanar neighbours are joined. Polygons of EXT_mesh_polygon that lie in one horizontal plane
+    keep their positions.
     """
     suffix = source.path.suffix.lower()
+    model = GltfFile(source.path) if suffix in (".glb", ".gltf") else None
+    rings = read_polygons(model) if model is not None else None
+    if rings is not None:
+        yield _flatten_polygons(rings)
+        return
     if suffix not in (".obj", ".ply"):
-        vertices, triangles, notes = _read_triangles(source)
+        vertices, triangles, notes = _read_triangles(source, model)
         if len(triangles) == 0:
             raise SceneError(f"{source.path} has no faces: give a model with faces")
         joined = _join_triangles(*_merge_vertices(vertices, triangles))
@@ -51,9 +58,27 @@ def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model 
         joined = _join_triangles(*_merge_vertices(vertices, np.array([face for _, face in usable])))
         yield replace(joined, dropped=dropped + joined.dropped)
         return
+    yield _flatten_faces([(label, [vertices[face]]) for label, face in usable], dropped)
+
+
+def _flatten_polygons(polygons: list[list[NDArray[np.float64]]]) -> Raw:
+    """Return the polygons of EXT_mesh_polygon, as a map if all are in one horizontal plane."""
+    faces = [(f"polygon {number}", rings) for number, rings in enumerate(polygons)]
+    heights = np.concatenate([ring[:, 2] for rings in polygons for ring in rings])
+    if np.ptp(heights) != 0.0 or any(len(ring) < 3 for rings in polygons for ring in rings):
+        return _flatten_faces(faces, [])
+    shapes = [shapely.Polygon(rings[0][:, :2], [r[:, :2] for r in rings[1:]]) for rings in polygons]
+    return Raw(shapes, [label for label, _ in faces], notes=(_MAP,))
+
+
+def _flatten_faces(faces: list[tuple[str, list[NDArray[np.float64]]]], dropped: list[Note]) -> Raw:
+    """Return labelled faces, given by rings (k, 3), each in the plane of its first ring.
+
+    dropped : notes of faces that were skipped
+    """
     polygons, labels, repaired = [], [], []
-    for label, face in usable:
-        polygon, deviation = _flatten(vertices[face])
+    for label, rings in faces:
+        polygon, deviation = _flatten(rings)
         if polygon is None:
             dropped.append((label, _NO_AREA))
             continue
@@ -61,7 +86,9 @@ def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model 
             repaired.append((label, f"is not planar by {deviation:.2g} of the size; projected"))
         polygons.append(polygon)
         labels.append(label)
-    yield Raw(arrange_in_rows(polygons), labels, dropped=dropped, repaired=repaired, notes=(_FLAT,))
+    return Raw(
+        arrange_in_rows(polygons), labels, dropped=dropped, repaired=repaired, notes=(_FLAT,)
+    )
 
 
 def _has_vertices(face: NDArray[np.int64], count: int, label: str, dropped: list[Note]) -> bool:
@@ -75,10 +102,14 @@ def _has_vertices(face: NDArray[np.int64], count: int, label: str, dropped: list
     return False
 
 
-def _flatten(points: NDArray[np.float64]) -> tuple[shapely.Polygon | None, float]:
-    """Return a face in its plane, and the largest distance from the plane relative to the size."""
+def _flatten(rings: list[NDArray[np.float64]]) -> tuple[shapely.Polygon | None, float]:
+    """Return a face in its plane, and the largest distance from the plane relative to the size.
+
+    rings : vertices (k, 3) of the exterior, whose plane it is, and of the holes
+    """
     with np.errstate(over="ignore", invalid="ignore"):
-        local = points - points.mean(axis=0)
+        centre = rings[0].mean(axis=0)
+        local = rings[0] - centre
         following = np.roll(local, -1, axis=0)
         # Newell's normal is correct for concave and for slightly bent faces.
         normal = np.cross(local, following).sum(axis=0)
@@ -87,7 +118,9 @@ def _flatten(points: NDArray[np.float64]) -> tuple[shapely.Polygon | None, float
         return None, 0.0
     axes = compute_axes(normal / length)
     size = np.abs(local).max()
-    return shapely.Polygon(local @ axes[:2].T), float(np.abs(local @ axes[2]).max() / size)
+    exterior, *holes = [(ring - centre) @ axes.T for ring in rings]
+    height = max(float(np.abs(ring[:, 2]).max()) for ring in (exterior, *holes))
+    return shapely.Polygon(exterior[:, :2], [hole[:, :2] for hole in holes]), height / float(size)
 
 
 def compute_axes(normal: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -100,12 +133,12 @@ def compute_axes(normal: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _read_triangles(
-    source: Source,
+    source: Source, model: GltfFile | None
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], tuple[str, ...]]:
-    """Return vertices, triangles and notes of a format of triangles."""
+    """Return vertices, triangles and notes of a format of triangles; `model` is a glTF file."""
     suffix = source.path.suffix.lower()
-    if suffix in (".glb", ".gltf"):
-        vertices, triangles, skipped = read_triangles(source.path)
+    if model is not None:
+        vertices, triangles, skipped = read_triangles(model)
         notes = (f"{skipped} primitive(s) of points or lines skipped",) if skipped else ()
         return vertices, triangles, notes
     corners = _read_binary_stl(source.path) if suffix == ".stl" else None
