@@ -80,8 +80,8 @@ LOCKED := uv pip compile $(LOCK) --override overrides.txt
 lock:  ## pin all packages again, with hashes and without addresses; needs uv
 	$(LOCKED) --upgrade pyproject.toml --extra test -o requirements-test.lock
 	grep -E '^[a-z0-9._-]+==' requirements-test.lock | sed 's/ *\\$$//' > .constraints.txt
-	$(LOCKED) -c .constraints.txt pyproject.toml -o requirements.lock
-	$(LOCKED) -c .constraints.txt pyproject.toml --extra docs -o requirements-docs.lock
+	$(LOCKED) -c .constraints.txt pyproject.toml --extra gis -o requirements.lock
+	$(LOCKED) -c .constraints.txt pyproject.toml --extra gis --extra docs -o requirements-docs.lock
 	rm .constraints.txt
 	uv pip compile $(LOCK) --upgrade --no-deps requirements-data.in -o requirements-data.lock
 	uv pip compile $(LOCK) --upgrade --no-deps requirements-ports.in -o requirements-ports.lock

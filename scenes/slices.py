@@ -15,14 +15,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pyogrio
 
 from scenes.files import read_chunks
 from scenes.readers import guard
 from scenes.readers.geoparquet import geometry_column, pyarrow_parquet
 from scenes.readers.guard import check_path
 from scenes.readers.reader import Source, choose_reader
-from scenes.readers.vector import choose_layer
 from scenes.scene import SceneError
 from scenes.spec import convert_arguments, parse_name, path_exists
 from scenes.tiles.archives import Run, TilePosition, open_archive
@@ -80,6 +78,10 @@ def cut_file(path: str, layer: str | None = None, where: str | None = None) -> S
     if not is_random_access:
         return Slices(identity, [None], [0])
     with guard.clear_errors(path, reader.kind):
+        import pyogrio
+
+        from scenes.readers.vector import choose_layer
+
         name, _ = choose_layer(Source(file, layer))
         count = pyogrio.read_info(file, layer=name, force_feature_count=True)["features"]
     ranges = [(start, min(start + MAX_ROWS, count)) for start in range(0, count, MAX_ROWS)]

@@ -8,7 +8,7 @@ import sys
 import types
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from importlib import metadata
+from importlib import import_module, metadata
 from pathlib import Path
 from typing import Any, Union, get_args, get_origin
 from urllib.parse import unquote, urlsplit
@@ -63,6 +63,20 @@ def format_install_command(extra: str) -> str:
         version = record["vcs_info"]
         source = f" @ {version['vcs']}+{record['url']}@{version['commit_id']}"
     return f'{pip} "{DISTRIBUTION}[{extra}]{source}"'
+
+
+def import_optional(module: str, user: object, extra: str) -> Any:
+    """Return a module of an optional extra; `user` is the file or option that needs it.
+
+    Raises SceneError with the command that installs the extra.
+    """
+    try:
+        return import_module(module)
+    except ModuleNotFoundError as error:
+        package = module.partition(".")[0]
+        raise SceneError(
+            f"{user}: {package} is not installed; {format_install_command(extra)}"
+        ) from error
 
 
 def parse_name(text: str) -> tuple[str, dict[str, str]]:

@@ -6,18 +6,16 @@ defines, as GDAL, GeoParquet, PostGIS and CityJSON do.
 
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from pyproj import CRS, Transformer
-from pyproj.crs import ProjectedCRS
-from pyproj.crs.coordinate_operation import (
-    LambertAzimuthalEqualAreaConversion,
-    LambertCylindricalEqualAreaConversion,
-)
-from pyproj.exceptions import CRSError
+
+from scenes.spec import import_optional
+
+if TYPE_CHECKING:
+    from pyproj import CRS, Transformer
 
 MAX_DISTANCE_DEG = 90.0
 """Maximum distance from the centre of an azimuthal map, in degrees: shapes beyond would fold."""
@@ -30,7 +28,7 @@ _POLE = 89.999
 
 
 @cache
-def find_system(crs: str | None) -> CRS | None:
+def find_system(crs: str | None) -> "CRS | None":
     """Return the horizontal part of a reference system given by name, code, WKT or PROJJSON.
 
     None if PROJ does not know the system.
@@ -42,9 +40,10 @@ def find_system(crs: str | None) -> CRS | None:
     """
     if not crs:
         return None
+    pyproj = import_optional("pyproj", f"reference system {crs[:40]!r}", "gis")
     try:
-        horizontal = CRS.from_user_input(crs)
-    except CRSError:
+        horizontal: CRS = pyproj.CRS.from_user_input(crs)
+    except pyproj.exceptions.CRSError:
         return None
     if horizontal.is_bound and horizontal.source_crs is not None:
         horizontal = horizontal.source_crs
@@ -130,18 +129,19 @@ class Projection:
         return f"Lambert azimuthal equal-area about {lon:g}, {lat:g}"
 
     @cached_property
-    def _to_metres(self) -> Transformer:
-        datum = find_system(self.crs) or CRS("OGC:CRS84")
+    def _to_metres(self) -> "Transformer":
+        pyproj = import_optional("pyproj", "projections", "gis")
+        datum = find_system(self.crs) or pyproj.CRS("OGC:CRS84")
         base = datum.source_crs if datum.is_derived and datum.source_crs is not None else datum
+        operations = pyproj.crs.coordinate_operation
         conversion = (
-            LambertCylindricalEqualAreaConversion()
+            operations.LambertCylindricalEqualAreaConversion()
             if self.centre is None
-            else LambertAzimuthalEqualAreaConversion(self.centre[1], self.centre[0])
+            else operations.LambertAzimuthalEqualAreaConversion(self.centre[1], self.centre[0])
         )
         # On the datum of the data, without a shift to another datum.
-        return Transformer.from_crs(
-            datum, ProjectedCRS(conversion, geodetic_crs=base), always_xy=True
-        )
+        system = pyproj.crs.ProjectedCRS(conversion, geodetic_crs=base)
+        return pyproj.Transformer.from_crs(datum, system, always_xy=True)
 
     def forward(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (n, 2) metres east and north of (n, 2) coordinates of the source.

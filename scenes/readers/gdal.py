@@ -12,8 +12,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import pyogrio
-
 _HANDLER = ctypes.CFUNCTYPE(None, ctypes.c_int, ctypes.c_int, ctypes.c_char_p)
 _FAILURE = 3
 """GDAL's CE_Failure; lower numbers are warnings."""
@@ -28,10 +26,14 @@ _SURFACES = {15: _MULTI_POLYGON, 16: _MULTI_POLYGON, 17: 3}
 
 @cache
 def load_library() -> Any | None:
-    """Return GDAL as pyogrio loads it, or None if not found.
+    """Return GDAL as pyogrio loads it, or None if not found or pyogrio is not installed.
 
     An extension module of pyogrio exposes GDAL; on Windows the library is in the next folder.
     """
+    try:
+        import pyogrio
+    except ModuleNotFoundError:
+        return None
     package = Path(pyogrio.__file__).parent
     modules = sorted(package.glob("_err.*.so")) + sorted(package.glob("_err.*.pyd"))
     for file in [*modules, *sorted(package.with_name("pyogrio.libs").glob("*gdal*"))]:

@@ -12,7 +12,7 @@ import numpy as np
 from scenes.readers.reader import Raw, Source
 from scenes.readers.wkt import parse_wkb
 from scenes.scene import SceneError
-from scenes.spec import format_install_command, format_suggestion
+from scenes.spec import format_suggestion, import_optional
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,13 +32,7 @@ def read(source: Source, size: int) -> Iterator[Raw]:
 
 def pyarrow_parquet(source: Source) -> Any:
     """Return pyarrow.parquet; raises SceneError with the command that installs it."""
-    try:
-        from pyarrow import parquet
-    except ImportError as error:
-        raise SceneError(
-            f"{source.path} needs pyarrow: {format_install_command('geoparquet')}"
-        ) from error
-    return parquet
+    return import_optional("pyarrow.parquet", source.path, "geoparquet")
 
 
 def _read_batches(file: Any, rows: tuple[int, int] | None, size: int) -> Iterator[tuple[int, Any]]:

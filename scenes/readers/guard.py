@@ -16,7 +16,7 @@ from itertools import accumulate
 from pathlib import Path
 
 from scenes.scene import Note, SceneError
-from scenes.spec import path_exists
+from scenes.spec import import_optional, path_exists
 
 _LOG = logging.getLogger(__name__)
 
@@ -41,6 +41,8 @@ its format, or export it again
     except MemoryError as error:
         raise SceneError(f"{name} needs more memory than available: give a part of it") from error
     except Exception as error:
+        if isinstance(error, ModuleNotFoundError) and error.name == "pyogrio":
+            import_optional("pyogrio", name, "gis")
         if isinstance(error, ImportError) and error.path:  # a library could not be loaded
             raise
         raise SceneError(

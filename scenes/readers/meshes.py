@@ -18,7 +18,7 @@ from scenes.readers.gltf import GltfFile, read_polygons, read_triangles
 from scenes.readers.guard import MAX_LINE_CHARACTERS, numbered_lines
 from scenes.readers.reader import Raw, Source
 from scenes.scene import Note, SceneError
-from scenes.spec import format_install_command
+from scenes.spec import import_optional
 
 _FLAT = "each face in a plane, side by side"
 _MAP = "the polygons of EXT_mesh_polygon"
@@ -274,11 +274,7 @@ def parse_ply(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]
     Raises SceneError for a file without faces and if plyfile is missing, and plyfile's errors for
     invalid PLY.
     """
-    try:
-        from plyfile import PlyData  # type: ignore[import-untyped]
-    except ImportError:
-        raise SceneError(f"{path} needs plyfile: {format_install_command('ply')}") from None
-    data = PlyData.read(path, mmap=False)
+    data = import_optional("plyfile", path, "ply").PlyData.read(path, mmap=False)
     if "face" not in data or not len(data["face"].data):
         raise SceneError(f"{path} has no faces: give a model with faces")
     vertex, face = data["vertex"].data, data["face"].data

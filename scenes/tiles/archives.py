@@ -16,13 +16,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import closing, suppress
 from functools import lru_cache
-from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from scenes.readers import guard
 from scenes.scene import SceneError
-from scenes.spec import format_install_command
+from scenes.spec import import_optional
 
 MAX_TILE_BYTES = 64 * 2**20
 """Maximum size of an uncompressed tile; usual tiles have some hundred kilobytes."""
@@ -176,17 +175,6 @@ def parse_attribution(metadata: bytes) -> str:
     return ""
 
 
-def import_optional(package: str) -> Any:
-    """Return an optional package; raises SceneError if it is not installed."""
-    try:
-        return import_module(package)
-    except ImportError:
-        raise SceneError(
-            f"these tiles need the package {package.partition('.')[0]}: "
-            f"{format_install_command('tiles')}"
-        ) from None
-
-
 class Folder(Archive):
     """A file, or a folder of files, usually named z/x/y.mvt or z-x-y.pbf; compressed or not.
 
@@ -334,7 +322,7 @@ class PMTiles(Archive):
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._format = import_optional("pmtiles.tile")
+        self._format = import_optional("pmtiles.tile", path, "tiles")
         try:
             self.header = self._format.deserialize_header(self._read_bytes(0, 127))
         except (self._format.MagicNumberNotFound, self._format.SpecVersionUnsupported) as error:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from scenes.readers.guard import note_errors
 from scenes.scene import Note
-from scenes.tiles.archives import import_optional
+from scenes.spec import import_optional
 
 POINT, LINE, POLYGON = 1, 2, 3
 """Geometry types; 0 is unknown."""
@@ -37,6 +37,10 @@ class _Messages(NamedTuple):
     unknown: Any
 
 
+def _import_protobuf(module: str) -> Any:
+    return import_optional(f"google.protobuf.{module}", "vector tiles", "tiles")
+
+
 @cache
 def _messages() -> _Messages:
     """Return the classes of protobuf's messages.
@@ -44,7 +48,7 @@ def _messages() -> _Messages:
     Nested messages are bytes here and decoded separately: an invalid layer or feature then does not
     affect the rest. A name is bytes, because it may be invalid UTF-8.
     """
-    descriptor = import_optional("google.protobuf.descriptor_pb2")
+    descriptor = _import_protobuf("descriptor_pb2")
     file = descriptor.FileDescriptorProto(name="vector_tile.proto", package="raster_harness")
     types = descriptor.FieldDescriptorProto
     bytes_, number = types.TYPE_BYTES, types.TYPE_UINT32
@@ -68,13 +72,13 @@ def _messages() -> _Messages:
         message = file.message_type.add(name=name)
         for field, tag, label, kind in fields:
             message.field.add(name=field, number=tag, label=label, type=kind)
-    pool = import_optional("google.protobuf.descriptor_pool").DescriptorPool()
+    pool = _import_protobuf("descriptor_pool").DescriptorPool()
     pool.Add(file)
-    create_class = import_optional("google.protobuf.message_factory").GetMessageClass
+    create_class = _import_protobuf("message_factory").GetMessageClass
     descriptors = (
         pool.FindMessageTypeByName(f"raster_harness.{m.name}") for m in file.message_type
     )
-    unknown = import_optional("google.protobuf.unknown_fields").UnknownFieldSet
+    unknown = _import_protobuf("unknown_fields").UnknownFieldSet
     tile, layer, feature = map(create_class, descriptors)
     return _Messages(tile, layer, feature, unknown)
 

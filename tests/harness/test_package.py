@@ -1,6 +1,7 @@
 """The wheel contains all files of the packages, and no path of the build machine."""
 
 import importlib
+import os
 import re
 import shutil
 import subprocess
@@ -15,7 +16,7 @@ from harness import __version__
 from harness.errors import UsageError
 from harness.history import find_noisy_changes
 from scenes import SceneError
-from scenes.readers import meshes
+from scenes.cleaning.projection import find_system
 from tests.paths import ROOT
 
 PACKAGES = ("harness", "triangulators", "scenes")
@@ -96,13 +97,73 @@ def test_all_files_name_one_version():
     assert set(versions.values()) == {__version__}, versions
 
 
-def test_a_missing_extra_is_one_line(monkeypatch, tmp_path):
-    for package in ("ruptures", "plyfile"):
+WITHOUT_EXTRAS = """
+import sys
+packages = "pyogrio pyproj pyarrow plyfile pmtiles google ruptures dask wgpu manifold3d almeshopt"
+sys.modules.update(dict.fromkeys(packages.split()))  # importing these fails
+"""
+RUN_COMMANDS = """
+import sys
+from tests.conftest import run_command
+for line in sys.stdin:
+    print("exit code", run_command(*line.split()), file=sys.stderr)
+"""
+
+
+def run_without_extras(folder, *commands):
+    """Run commands in a process without the packages of extras; return (exit code, errors) each."""
+    (folder / "sitecustomize.py").write_text(WITHOUT_EXTRAS)
+    process = subprocess.run(
+        [sys.executable, "-c", RUN_COMMANDS],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": f"{folder}{os.pathsep}{ROOT}", "COLUMNS": "200"},
+        input="\n".join(commands),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    pieces = re.split(r"exit code (\d+)\n", process.stderr)
+    return [(int(code), error) for error, code in zip(pieces[:-1:2], pieces[1::2], strict=True)]
+
+
+def test_base_measures_and_triangulates_without_extras(tmp_path):
+    (tmp_path / "a.wkt").write_text("POLYGON ((0 0, 4 0, 4 4, 2 1, 0 4))")
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 4 0 0\nv 4 4 0\nv 0 4 0\nf 1 2 3 4\n")
+    run = "run --scene city:buildings=3 --rasterisers reference --resolution 64 --quick --out city"
+    commands = [run, "triangulate a.wkt -o a.glb", "triangulate a.obj -o a.npz", "list scenes"]
+    results = run_without_extras(tmp_path, *commands)
+    assert [code for code, _ in results] == [0, 0, 0, 0], results
+    assert (tmp_path / "city" / "report.html").exists()
+
+
+def test_missing_extras_are_one_line(tmp_path):
+    (tmp_path / "a.geojson").write_text('{"type": "FeatureCollection", "features": []}')
+    (tmp_path / "a.json").write_text('{"type": "CityJSON", "version": "2.0"}')
+    (tmp_path / "a.ply").write_bytes(b"ply")
+    (tmp_path / "a.parquet").write_bytes(b"PAR1PAR1")
+    (tmp_path / "a.pmtiles").write_bytes(b"PMTiles\3" + bytes(200))
+    commands = {
+        "triangulate a.geojson -o a.glb": r"a\.geojson: pyogrio is .*\[gis\]",
+        "triangulate a.ply -o a.npz": r"a\.ply: plyfile is .*\[ply\]",
+        "triangulate a.parquet -o a.glb": r"a\.parquet: pyarrow is .*\[geoparquet\]",
+        "run --scene a.pmtiles:zoom=3 --quick": r"a\.pmtiles: pmtiles is .*\[tiles\]",
+    }
+    results = run_without_extras(tmp_path, *commands)
+    for (code, error), expected in zip(results, commands.values(), strict=True):
+        assert code == 2
+        assert re.fullmatch(f'error: {expected}"', error.splitlines()[-1]), error
+
+
+def test_other_missing_extras_are_one_line(monkeypatch):
+    for package in ("ruptures", "pyproj"):
         monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(UsageError, match=r"pip install .*\[history\]\"$"):
         find_noisy_changes(np.zeros(100))
-    with pytest.raises(SceneError, match=r"a\.ply needs plyfile.*\[ply\]\"$"):
-        meshes.parse_ply(tmp_path / "a.ply")
+    with pytest.raises(SceneError, match=r"system 'EPSG:2': pyproj is not installed; .*\[gis\]\"$"):
+        find_system("EPSG:2")
+
+
+MENTION = r"""(?:format_install_command|import_optional)\((?:[^()]*, )?["'](\w+)["']\)"""
 
 
 def test_mentioned_extras_are_declared():
@@ -111,9 +172,13 @@ def test_mentioned_extras_are_declared():
         extra
         for package in PACKAGES
         for file in (ROOT / package).rglob("*.py")
-        for extra in re.findall(r"""\bformat_install_command\(["'](\w+)""", file.read_text())
+        for extra in re.findall(MENTION, file.read_text())
     }
-    assert {"history", "ply", "webgpu"} <= named <= set(declared["optional-dependencies"])
+    assert (
+        {"gis", "history", "ply", "tiles", "webgpu"}
+        <= named
+        <= set(declared["optional-dependencies"])
+    )
 
 
 @pytest.mark.parametrize(
