@@ -75,13 +75,15 @@ try: setup-test  ## put docs/try.html together from its parts
 docs-full: setup-test  ## run every command of README and docs, the slow ones too
 	DOCS_FULL=1 $(PY) -m pytest tests/docs
 
+# What `make setup` installs besides the base.
+SETUP_EXTRAS := --extra gis --extra plots --extra svg --extra sweep
 LOCKED := uv pip compile $(LOCK) --override overrides.txt
 
 lock:  ## pin all packages again, with hashes and without addresses; needs uv
 	$(LOCKED) --upgrade pyproject.toml --extra test -o requirements-test.lock
 	grep -E '^[a-z0-9._-]+==' requirements-test.lock | sed 's/ *\\$$//' > .constraints.txt
-	$(LOCKED) -c .constraints.txt pyproject.toml --extra gis -o requirements.lock
-	$(LOCKED) -c .constraints.txt pyproject.toml --extra gis --extra docs -o requirements-docs.lock
+	$(LOCKED) -c .constraints.txt pyproject.toml $(SETUP_EXTRAS) -o requirements.lock
+	$(LOCKED) -c .constraints.txt pyproject.toml $(SETUP_EXTRAS) --extra docs -o requirements-docs.lock
 	rm .constraints.txt
 	uv pip compile $(LOCK) --upgrade --no-deps requirements-data.in -o requirements-data.lock
 	uv pip compile $(LOCK) --upgrade --no-deps requirements-ports.in -o requirements-ports.lock

@@ -6,8 +6,10 @@ others get the remaining looks in order of appearance.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -188,16 +190,30 @@ def make_plain_table(title: TextType | None, *columns: str, **options: Any) -> T
     return table
 
 
+@cache
+def _report_missing_plots() -> None:
+    """Say once that plots are skipped."""
+    from scenes.spec import format_install_command
+
+    install = format_install_command("plots")
+    print(f"plots skipped: matplotlib is not installed; {install}", file=sys.stderr)
+
+
 def draw_figure(
     folder: Path, name: str, make: Callable[..., Figure | None], *arguments: Any
 ) -> list[Path]:
     """Draw a figure in the common style, and write it as PNG and SVG; return the files.
 
+    Without matplotlib, one line on standard error says that plots are skipped.
+
     name : any text, whose `file_stem` names the files
     make : returns the figure, or None without data
     """
-    import matplotlib
-
+    try:
+        import matplotlib
+    except ModuleNotFoundError:
+        _report_missing_plots()
+        return []
     with matplotlib.rc_context(STYLE):  # also applies to writing files
         figure = make(*arguments)
         if figure is None:

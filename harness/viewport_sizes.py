@@ -31,6 +31,7 @@ from harness.style import ONE_COLUMN, STYLE, choose_looks, format_count, make_gr
 from harness.triangulating.recipes import Recipe
 from harness.triangulating.triangulate import time_in_rounds, triangulate_polygons
 from scenes import Scene
+from scenes.spec import import_optional
 from triangulators.errors import suggest
 
 if TYPE_CHECKING:
@@ -362,8 +363,7 @@ def make_tables(sizes: Sizes) -> Iterator[Table]:
 
 def draw_chart(sizes: Sizes, file: Path) -> None:
     """Draw the savings of each triangulator over the size, as PNG or SVG by the file's suffix."""
-    import matplotlib
-
+    matplotlib = import_optional("matplotlib", file, "plots")
     base = next(iter(sizes.sizes[0].costs))
     at = [size.resolution for size in sizes.sizes]
     with matplotlib.rc_context(STYLE):

@@ -19,7 +19,7 @@ from scenes.cleaning.layout import translate
 from scenes.cleaning.repair import Cleaned, clean
 from scenes.readers.guard import check_path, format_reason, note_errors
 from scenes.scene import Note, Scene, SceneError
-from scenes.spec import format_install_command
+from scenes.spec import format_install_command, import_optional
 
 if TYPE_CHECKING:
     from matplotlib.ft2font import FT2Font
@@ -148,10 +148,8 @@ def glyphs(*, seed: int = 0, font: str = "", text: str = "", steps: int = 4) -> 
     """
     if not 1 <= steps <= 100:
         raise SceneError(f"glyphs: steps={steps} is out of range: give 1 to 100")
-    from matplotlib import font_manager  # slow to import
-
-    path = font or font_manager.findfont("DejaVu Sans")
-    font_face = _open_font(path)
+    font_face = open_font(font)
+    path = font_face.fname
     characters = text or "".join(map(chr, _LETTERS))
     polygons: list[shapely.Polygon] = []
     repaired: list[Note] = []
@@ -186,9 +184,13 @@ def glyphs(*, seed: int = 0, font: str = "", text: str = "", steps: int = 4) -> 
     )
 
 
-def _open_font(path: str) -> FT2Font:
+def open_font(path: str = "") -> FT2Font:
+    """Return a font's file, by default matplotlib's DejaVu Sans; raises SceneError."""
+    import_optional("matplotlib", "outlines of letters", "plots")
+    from matplotlib import font_manager  # slow to import
     from matplotlib.ft2font import FT2Font
 
+    path = path or font_manager.findfont("DejaVu Sans")
     try:
         return FT2Font(str(check_path(path)))
     except (OSError, RuntimeError) as error:

@@ -101,12 +101,16 @@ ENTRIES = {
             "scenes.real:glyphs",
             "glyph outlines of a font",
             "Bitstream Vera licence (DejaVu), or the font's own",
+            extra="plots",
+            package="matplotlib",
             size=(417, 13951, 127),
         ),
         Entry(
             "cad",
             "scenes.generated.cad:build",
             "sheet metal parts: slots, bolt holes, gears, letters",
+            extra="plots",
+            package="matplotlib",
             size=(89, 19973, 379),
         ),
         Entry(
@@ -268,7 +272,7 @@ def _choose_reader(parameters: dict[str, Any]) -> Callable[..., Scene]:
 def _import_builder(scene: Entry) -> Callable[..., Any]:
     command = scene.available()
     if command:
-        raise SceneError(f"scene {scene.name} needs data that are not installed: {command}")
+        raise SceneError(f"scene {scene.name}: {scene.package} is not installed; {command}")
     full_name = scene.name if scene.name == scene.builder else f"{scene.name} ({scene.builder})"
     with _contain_errors(f"scene {full_name} cannot be imported"):
         loaded: Any = EntryPoint(scene.name, scene.builder, GROUP).load()

@@ -41,7 +41,7 @@ def measure(wheel: Path, extra: str) -> dict[str, int]:
         folder = Path(name)
         lock = (ROOT / "requirements-test.lock").read_text()
         pins = folder / "constraints.txt"
-        pins.write_text("\n".join(re.findall(r"^[\w.-]+==[^\s;]+", lock, re.MULTILINE)))
+        pins.write_text("\n".join(re.findall(r"^[\w.-]+==.*?(?= \\$)", lock, re.MULTILINE)))
         requirement = f"{wheel}[{extra}]" if extra else str(wheel)
         target = folder / "packages"
         uv = [UV, "pip", "install", "-q", "--python", sys.executable, "--target", target]

@@ -7,13 +7,12 @@ from collections.abc import Callable
 
 import numpy as np
 import shapely
-from matplotlib import font_manager, ft2font
 from numpy.random import Generator
 
 from scenes.cleaning.layout import arrange_in_rows, translate
 from scenes.cleaning.repair import clean
 from scenes.readers.meshes import join_facets
-from scenes.real import read_glyph
+from scenes.real import open_font, read_glyph
 from scenes.scene import Scene, SceneError
 
 Part = Callable[[Generator, int], shapely.Geometry]
@@ -170,7 +169,7 @@ def _build_gear(rng: Generator, segments: int) -> shapely.Geometry:
 
 def _build_sign(rng: Generator, segments: int) -> shapely.Geometry:
     """Return a plate with a part number cut out."""
-    face = ft2font.FT2Font(font_manager.findfont("DejaVu Sans"))
+    face = open_font()
     letters, x = [], 0.0
     name = f"{chr(rng.integers(65, 91))}{chr(rng.integers(65, 91))}-{rng.integers(100, 999)}"
     for character in name:

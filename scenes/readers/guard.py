@@ -21,6 +21,10 @@ from scenes.spec import import_optional, path_exists
 _LOG = logging.getLogger(__name__)
 
 
+_READER_EXTRAS = {"pyogrio": "gis", "fontTools": "svg"}
+"""Extras by the packages that readers import at the top."""
+
+
 @contextmanager
 def clear_errors(name: str, kind: str) -> Iterator[None]:
     """Turn any exception raised within into a SceneError of one line.
@@ -41,8 +45,9 @@ its format, or export it again
     except MemoryError as error:
         raise SceneError(f"{name} needs more memory than available: give a part of it") from error
     except Exception as error:
-        if isinstance(error, ModuleNotFoundError) and error.name == "pyogrio":
-            import_optional("pyogrio", name, "gis")
+        missing = error.name if isinstance(error, ModuleNotFoundError) else None
+        if missing and (package := missing.partition(".")[0]) in _READER_EXTRAS:
+            import_optional(package, name, _READER_EXTRAS[package])
         if isinstance(error, ImportError) and error.path:  # a library could not be loaded
             raise
         raise SceneError(

@@ -99,8 +99,8 @@ def test_all_files_name_one_version():
 
 WITHOUT_EXTRAS = """
 import sys
-packages = "pyogrio pyproj pyarrow plyfile pmtiles google ruptures dask wgpu manifold3d almeshopt"
-sys.modules.update(dict.fromkeys(packages.split()))  # importing these fails
+packages = "pyogrio pyproj pyarrow plyfile pmtiles google matplotlib fontTools OpenGL ruptures dask"
+sys.modules.update(dict.fromkeys([*packages.split(), "wgpu", "manifold3d"]))  # they fail to import
 """
 RUN_COMMANDS = """
 import sys
@@ -130,20 +130,31 @@ def test_base_measures_and_triangulates_without_extras(tmp_path):
     (tmp_path / "a.wkt").write_text("POLYGON ((0 0, 4 0, 4 4, 2 1, 0 4))")
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 4 0 0\nv 4 4 0\nv 0 4 0\nf 1 2 3 4\n")
     run = "run --scene city:buildings=3 --rasterisers reference --resolution 64 --quick --out city"
-    commands = [run, "triangulate a.wkt -o a.glb", "triangulate a.obj -o a.npz", "list scenes"]
+    commands = [
+        run,
+        "report city",
+        "triangulate a.wkt -o a.glb",
+        "triangulate a.obj -o a.npz",
+        "list scenes",
+    ]
     results = run_without_extras(tmp_path, *commands)
-    assert [code for code, _ in results] == [0, 0, 0, 0], results
+    assert [code for code, _ in results] == [0, 0, 0, 0, 0], results
     assert (tmp_path / "city" / "report.html").exists()
+    assert not (tmp_path / "city" / "plots").exists()
+    assert re.search(r'plots skipped: matplotlib is not installed; .*\[plots\]"', results[1][1])
 
 
 def test_missing_extras_are_one_line(tmp_path):
     (tmp_path / "a.geojson").write_text('{"type": "FeatureCollection", "features": []}')
     (tmp_path / "a.json").write_text('{"type": "CityJSON", "version": "2.0"}')
+    (tmp_path / "a.svg").write_text("<svg/>")
     (tmp_path / "a.ply").write_bytes(b"ply")
     (tmp_path / "a.parquet").write_bytes(b"PAR1PAR1")
     (tmp_path / "a.pmtiles").write_bytes(b"PMTiles\3" + bytes(200))
     commands = {
         "triangulate a.geojson -o a.glb": r"a\.geojson: pyogrio is .*\[gis\]",
+        "triangulate a.svg -o a.glb": r"a\.svg: fontTools is .*\[svg\]",
+        "run --scene glyphs --quick": r".*glyphs.*\[plots\]",
         "triangulate a.ply -o a.npz": r"a\.ply: plyfile is .*\[ply\]",
         "triangulate a.parquet -o a.glb": r"a\.parquet: pyarrow is .*\[geoparquet\]",
         "run --scene a.pmtiles:zoom=3 --quick": r"a\.pmtiles: pmtiles is .*\[tiles\]",
@@ -174,11 +185,8 @@ def test_mentioned_extras_are_declared():
         for file in (ROOT / package).rglob("*.py")
         for extra in re.findall(MENTION, file.read_text())
     }
-    assert (
-        {"gis", "history", "ply", "tiles", "webgpu"}
-        <= named
-        <= set(declared["optional-dependencies"])
-    )
+    assert {"gis", "history", "ply", "plots", "tiles"} <= named
+    assert named <= set(declared["optional-dependencies"])
 
 
 @pytest.mark.parametrize(
