@@ -148,8 +148,8 @@ def glyphs(*, seed: int = 0, font: str = "", text: str = "", steps: int = 4) -> 
     """
     if not 1 <= steps <= 100:
         raise SceneError(f"glyphs: steps={steps} is out of range: give 1 to 100")
-    font_face = open_font(font)
-    path = font_face.fname
+    path = font or find_font()
+    font_face = open_font(path)
     characters = text or "".join(map(chr, _LETTERS))
     polygons: list[shapely.Polygon] = []
     repaired: list[Note] = []
@@ -184,13 +184,16 @@ def glyphs(*, seed: int = 0, font: str = "", text: str = "", steps: int = 4) -> 
     )
 
 
-def open_font(path: str = "") -> FT2Font:
-    """Return a font's file, by default matplotlib's DejaVu Sans; raises SceneError."""
-    import_optional("matplotlib", "outlines of letters", "plots")
-    from matplotlib import font_manager  # slow to import
+def find_font() -> str:
+    """Return the path of matplotlib's DejaVu Sans; raises SceneError without matplotlib."""
+    manager = import_optional("matplotlib.font_manager", "DejaVu Sans", "plots")  # slow to import
+    return str(manager.findfont("DejaVu Sans"))
+
+
+def open_font(path: str) -> FT2Font:
+    """Return the font of a file; raises SceneError for other files."""
     from matplotlib.ft2font import FT2Font
 
-    path = path or font_manager.findfont("DejaVu Sans")
     try:
         return FT2Font(str(check_path(path)))
     except (OSError, RuntimeError) as error:

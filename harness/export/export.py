@@ -351,7 +351,7 @@ def _find_writer(
         return make
     if target.suffix.lower() not in GLTF_SUFFIXES:
         raise UsageError(f"{target}: --polygons is for glTF; give a .glb or .gltf file")
-    return partial(make, polygons=True)
+    return partial(GltfWriter, binary=target.suffix.lower() == ".glb", polygons=True)
 
 
 def resolve_triangulator_name(triangulator: str | None, criterion: str | None = None) -> str:

@@ -141,7 +141,8 @@ class Projection:
         )
         # On the datum of the data, without a shift to another datum.
         system = pyproj.crs.ProjectedCRS(conversion, geodetic_crs=base)
-        return pyproj.Transformer.from_crs(datum, system, always_xy=True)
+        transformer: Transformer = pyproj.Transformer.from_crs(datum, system, always_xy=True)
+        return transformer
 
     def forward(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (n, 2) metres east and north of (n, 2) coordinates of the source.

@@ -12,7 +12,7 @@ from numpy.random import Generator
 from scenes.cleaning.layout import arrange_in_rows, translate
 from scenes.cleaning.repair import clean
 from scenes.readers.meshes import join_facets
-from scenes.real import open_font, read_glyph
+from scenes.real import find_font, open_font, read_glyph
 from scenes.scene import Scene, SceneError
 
 Part = Callable[[Generator, int], shapely.Geometry]
@@ -169,7 +169,7 @@ def _build_gear(rng: Generator, segments: int) -> shapely.Geometry:
 
 def _build_sign(rng: Generator, segments: int) -> shapely.Geometry:
     """Return a plate with a part number cut out."""
-    face = open_font()
+    face = open_font(find_font())
     letters, x = [], 0.0
     name = f"{chr(rng.integers(65, 91))}{chr(rng.integers(65, 91))}-{rng.integers(100, 999)}"
     for character in name:

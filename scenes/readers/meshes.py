@@ -146,9 +146,9 @@ def _read_triangles(
         return corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), ()
     import trimesh  # slow to import
 
-    model = trimesh.load_mesh(source.path, process=False)
-    triangles = np.asarray(getattr(model, "faces", np.empty((0, 3), int)), dtype=np.int64)
-    return np.asarray(getattr(model, "vertices", np.empty((0, 3))), float), triangles, ()
+    mesh = trimesh.load_mesh(source.path, process=False)
+    triangles = np.asarray(getattr(mesh, "faces", np.empty((0, 3), int)), dtype=np.int64)
+    return np.asarray(getattr(mesh, "vertices", np.empty((0, 3))), float), triangles, ()
 
 
 def _read_binary_stl(path: Path) -> NDArray[np.float64] | None:
