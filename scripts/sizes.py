@@ -62,14 +62,14 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         wheel = build_wheel(Path(folder))
         base = measure(wheel, "")
-        rows = [("base", "", sum(base.values()), len(base))]
+        rows = [("base", "all", sum(base.values()), len(base))]
         large = sorted(base.items(), key=lambda item: -item[1])
         rows += [("base", name, size, 1) for name, size in large if size >= MIN_MEGABYTES * 1e6]
         for extra in project["optional-dependencies"]:
             if extra not in NOT_MEASURED:
                 sizes = measure(wheel, extra)
                 added = sum(sizes.values()) - sum(base.values())
-                rows.append((extra, "", added, len(sizes) - len(base)))
+                rows.append((extra, "all", added, len(sizes) - len(base)))
     with out.open("w", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(("extra", "package", "megabytes", "packages"))

@@ -86,6 +86,7 @@ def test_all_files_name_one_version():
         "pyproject.toml": r'(?m)^version = "(.*)"',
         "CITATION.cff": r"(?m)^version: (.*)",
         "ports/javascript/package.json": r'"version": "(.*?)"',
+        "ports/python/pyproject.toml": r"(?m)^version = \"(.*)\"",
         "ports/cpp/CMakeLists.txt": r"flip_triangles VERSION (\S+)",
         "CHANGELOG.md": r"(?m)^## (\S+)",
         **{f"{name}/__init__.py": r'(?m)^__version__ = "(.*)"' for name in PACKAGES},
