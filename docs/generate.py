@@ -3,14 +3,18 @@
 MkDocs calls the `on_*` functions as hooks; see its documentation on `hooks`.
 """
 
+import html
 import importlib
 import inspect
+import io
 import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from matplotlib import rc_context
+from matplotlib.figure import Figure
 from typer.cli import get_docs_for_click
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -29,7 +33,31 @@ from triangulators.registry import BUILTIN
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """Render a page's figures and generated parts, and remove the comments behind figures."""
-    return without_comments(filled(markdown))
+    return typeset(without_comments(filled(markdown)))
+
+
+def typeset(markdown: str) -> str:
+    """Replace the `math` blocks of a page, a formula in TeX's notation each, by pictures."""
+
+    def picture(match: re.Match[str]) -> str:
+        return f"{match[1]}{_draw_formula(match[2].strip())}"
+
+    return re.sub(r"^( *)```math\n(.*?)^ *```$", picture, markdown, flags=re.MULTILINE | re.DOTALL)
+
+
+def _draw_formula(formula: str) -> str:
+    """Return a formula as inline SVG in the colour of the text around it."""
+    stream = io.StringIO()
+    with rc_context({"mathtext.fontset": "stix"}):
+        figure = Figure()
+        figure.text(0, 0, f"${formula}$", fontsize=13, color="#010203")
+        figure.savefig(stream, format="svg", transparent=True, bbox_inches="tight", pad_inches=0.05)
+    svg = stream.getvalue()
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg[svg.index("<svg") :], flags=re.DOTALL)
+    svg = re.sub(r'<g id="[^"]*"', "<g", svg).replace("#010203", "currentColor")
+    label = html.escape(formula, quote=True)
+    attributes = f'class="formula" role="img" aria-label="{label}"'
+    return " ".join(svg.replace("<svg", f"<svg {attributes}", 1).split()) + "\n"
 
 
 def on_post_build(config: Any) -> None:
@@ -43,7 +71,11 @@ def on_post_build(config: Any) -> None:
 
 def pages() -> list[Path]:
     """Return the Markdown pages that have figures or generated parts."""
-    pages = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    pages = [
+        ROOT / "README.md",
+        ROOT / "paper" / "paper.md",
+        *sorted((ROOT / "docs").rglob("*.md")),
+    ]
     return [page for page in pages if "<!-- " in page.read_text(encoding="utf-8")]
 
 

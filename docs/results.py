@@ -17,9 +17,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from docs.figures import ALIASES, ROOT, Interval, format_value
-from harness.frame import View, make_frame
+from harness.frame import Frame, View, make_frame
 from harness.metrics.per_polygon import spearman
 from harness.profile.report import format_seconds
 from harness.rasterisers.reference import predict
@@ -33,6 +34,9 @@ REFERENCE = ROOT / "results" / "reference"
 SCENES = ("city", "helsinki", "glyphs", "counties")
 
 H200_SCENES = ("city", "glyphs", "cad")
+
+PICTURE_PX = 64
+"""Side of the viewport of a polygon in a picture."""
 
 MIN_COVERAGE = 0.93
 """Coverage below which an interval of 95 % is reported as not covering."""
@@ -107,11 +111,40 @@ def number_before(file: str, word: str) -> int:
 
 
 @cache
-def picture(counter: str, triangulator: str = "ear-clipping") -> int:
-    """Return a counter of overdraw.png, drawn by `raster-harness inspect city --polygon 438`."""
-    frame = make_frame([load("city").polygons[438]], View(64))
-    parts = triangulate_polygons(parse(triangulator), frame.polygons).parts
-    return int(sum(predict(frame.points, frame.join(parts))[counter]))
+def _savings(scene: str) -> list[tuple[float, int]]:
+    """Return (helper lanes of the H-optimal triangulation over ear clipping's, index), in order.
+
+    Each polygon is alone in a viewport of 64 px; polygons without helper lanes are left out.
+    """
+    savings = []
+    for index, polygon in enumerate(load(scene).polygons):
+        frame = make_frame([polygon], View(PICTURE_PX))
+        base, best = (_helper_lanes(frame, name) for name in ("ear-clipping", ALIASES["H"]))
+        if base:
+            savings.append((best / base, index))
+    return sorted(savings)
+
+
+@cache
+def picture_frame(scene: str, quantile: float) -> Frame:
+    """Return the frame of the polygon at a quantile of its scene's savings; 1 is the largest."""
+    savings = _savings(scene)
+    _, index = savings[round((1 - quantile) * (len(savings) - 1))]
+    return make_frame([load(scene).polygons[index]], View(PICTURE_PX))
+
+
+def triangulate_frame(frame: Frame, triangulator: str) -> NDArray[np.int32]:
+    """Return the triangles (m, 3) of a frame of one polygon."""
+    return frame.join(triangulate_polygons(parse(triangulator), frame.polygons).parts)
+
+
+def _helper_lanes(frame: Frame, triangulator: str) -> int:
+    return int(sum(predict(frame.points, triangulate_frame(frame, triangulator))["helper_lanes"]))
+
+
+def picture(scene: str, quantile: float, triangulator: str = "ear-clipping") -> int:
+    """Return the helper lanes of a polygon of `scripts/pictures.py`."""
+    return _helper_lanes(picture_frame(scene, quantile), triangulator)
 
 
 def gain(

@@ -6,8 +6,9 @@ others get the remaining looks in order of appearance.
 
 from __future__ import annotations
 
+import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -197,6 +198,26 @@ def _report_missing_plots() -> None:
 
     install = format_install_command("plots")
     print(f"plots skipped: matplotlib is not installed; {install}", file=sys.stderr)
+
+
+def format_markdown_table(heading: Sequence[str], rows: Iterable[Sequence[str]], texts: int) -> str:
+    """Return a Markdown table; columns after the first `texts` are aligned right."""
+    alignment = ["---"] * texts + ["--:"] * (len(heading) - texts)
+    return "".join(f"| {' | '.join(line)} |\n" for line in (heading, alignment, *rows))
+
+
+def format_latex_table(heading: Sequence[str], rows: Iterable[Sequence[str]], texts: int) -> str:
+    """Return a LaTeX table (booktabs); columns after the first `texts` are aligned right."""
+
+    def format_line(cells: Sequence[str]) -> str:
+        return " & ".join(re.sub(r"([%_#&$])", r"\\\1", cell) for cell in cells) + " \\\\\n"
+
+    columns = "l" * texts + "r" * (len(heading) - texts)
+    body = "".join(map(format_line, rows))
+    return (
+        f"\\begin{{tabular}}{{{columns}}}\n\\toprule\n{format_line(heading)}\\midrule\n{body}"
+        "\\bottomrule\n\\end{tabular}\n"
+    )
 
 
 def draw_figure(

@@ -62,7 +62,7 @@ def print_summary(decided: Iterable[Decided], console: Console) -> None:
 def _make_table(decision: Decision, *, wide: bool) -> Table:
     """Return a group's ranking; long cells are wrapped."""
     records = [standing.record for standing in decision.standings]
-    table = make_plain_table(_format_title(decision), title_style="bold", padding=(0, 1, 0, 0))
+    table = make_plain_table(format_title(decision), title_style="bold", padding=(0, 1, 0, 0))
     widest = max(len(standing.name) for standing in decision.standings)
     table.add_column("triangulator", overflow="fold", min_width=min(widest, NAME_WIDTH))
     metrics = _select_metrics(records, wide=wide)
@@ -89,7 +89,24 @@ def _make_table(decision: Decision, *, wide: bool) -> Table:
     return table
 
 
-def _format_title(decision: Decision) -> str:
+def list_table(decisions: Sequence[Decision]) -> tuple[list[str], list[list[str]], int]:
+    """Return the heading and the rows of a table of several groups, and its columns of text."""
+    standings = [standing for decision in decisions for standing in decision.standings]
+    metrics = _select_metrics([standing.record for standing in standings], wide=True)
+    heading = ["scene, device", "triangulator", *(m.heading or m.label for m in metrics)]
+    rows = []
+    for decision in decisions:
+        complete = max(standing.record.all_polygons for standing in decision.standings)
+        for standing in decision.standings:
+            numbers = (_format_number(metric(standing.record), metric.form) for metric in metrics)
+            is_base = standing is decision.base
+            ratio, _ = _compare_cells(standing, is_base, complete, has_break_even=True)
+            rows.append([format_title(decision), standing.name, *numbers, ratio.plain])
+    return [*heading, "time relative to the base (95 % CI)"], rows, 2
+
+
+def format_title(decision: Decision) -> str:
+    """Return the scene, the condition and the device of a group."""
     group, count = decision.group.id, decision.standings[0].record.all_polygons
     backend = f"{group.rasteriser} on {group.device_name}"
     return f"{group.scene}, {count:,} polygons, {group.condition}: {backend}"

@@ -42,7 +42,7 @@ COMMANDS = {
     "report": Entry(
         MEASURE,
         "report:report",
-        (f"report {RUN}", f"report {RUN} --out city.html"),
+        (f"report {RUN}", f"report {RUN} --out city.html", f"report {RUN} --out city.tex"),
     ),
     "profile": Entry(MEASURE, "profile:profile", ("profile --budget 0.05",)),
     "page": Entry(

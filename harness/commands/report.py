@@ -15,7 +15,12 @@ def report(
     run: Annotated[Path, typer.Argument(help="Folder of a run or a study, or its cases.jsonl.")],
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="File to write; report.html in the folder if absent."),
+        typer.Option(
+            "--out",
+            "-o",
+            help="File to write; report.html in the folder if absent. With the suffix .md, .tex or "
+            ".json: only the table, in Markdown, LaTeX or the JSON of Bencher.",
+        ),
     ] = None,
     base: Base = None,
 ) -> None:
@@ -23,12 +28,18 @@ def report(
 
     If the run has no plots, as after `run --quick`, they are added to its folder.
     """
+    from harness.metrics.decision import decide_all
     from harness.metrics.groups import set_base
     from harness.report.page import write_report
+    from harness.report.tables import FORMATS, write_table
     from harness.results.run_folder import read_latest
 
     stored = read_latest(run, Reporter().warn)
-    file = write_report(set_base(stored, base) if base else stored, out)
+    run_with_base = set_base(stored, base) if base else stored
+    if out is not None and out.suffix.lower() in FORMATS:
+        write_table(decide_all(run_with_base), out)
+        return
+    file = write_report(run_with_base, out)
     if out is None and "plan" in stored.facts and not (stored.path / "plots").exists():
         from harness.report.plots import plot_run
 

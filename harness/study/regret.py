@@ -12,7 +12,6 @@ another. So a regret of a time has a lower and an upper estimate, which bracket 
 """
 
 import math
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -28,7 +27,7 @@ from harness.results.record import Record, Time
 from harness.stats.intervals import MIN_VALUES, UNKNOWN, mean_interval, split_rounds
 from harness.study.correlations import TIME, get_label, make_criterion_table, to_column
 from harness.study.subjects import MIN_QUADS
-from harness.style import get_family
+from harness.style import format_latex_table, format_markdown_table, get_family
 
 OF_QUADS = ("quads", "helper_lanes")
 
@@ -216,19 +215,9 @@ def write_paper_table(correlations: pd.DataFrame, regrets: pd.DataFrame, folder:
                 regret = [cells.get((*key, size), "") for size in sizes]
                 device_label = f"{rasteriser} on {device}"
                 rows.append([device_label, get_label(measure), row["criterion"], rank, *regret])
-    lines = [heading, ["---"] * 3 + ["--:"] * (len(heading) - 3), *rows]
-    markdown = "".join(f"| {' | '.join(line)} |\n" for line in lines)
-    first, *body = (" & ".join(map(_escape_latex, line)) + " \\\\\n" for line in (heading, *rows))
-    columns = "lll" + "r" * (len(heading) - 3)
-    latex = f"\\begin{{tabular}}{{{columns}}}\n\\toprule\n{first}\\midrule\n{''.join(body)}"
-    latex += "\\bottomrule\n\\end{tabular}\n"
-    for suffix, text in (("md", markdown), ("tex", latex)):
+    for suffix, format_table in (("md", format_markdown_table), ("tex", format_latex_table)):
+        text = format_table(heading, rows, 3)
         (folder / f"{PAPER_TABLE}.{suffix}").write_text(text, encoding="utf-8")
-
-
-def _escape_latex(text: str) -> str:
-    """Return `text` with the special characters of LaTeX escaped."""
-    return re.sub(r"([%_#&$])", r"\\\1", text)
 
 
 def select_printed(measured: Iterable[str]) -> list[str]:

@@ -45,13 +45,58 @@ def test_the_reference_has_every_command_option_and_name(site):
     run_python = (site / "reference" / "python.html").read_text()
     assert "Triangulate a polygon" in run_python
     assert "paired_ratio" in run_python
-    assert "javascripts/sort.js" in run_python
+    assert "javascripts/tables.js" in run_python
 
 
 def test_pages_load_no_external_files(site):
     pattern = r'<(?:script|img|iframe|source)[^>]+src="(?:https?:)?//|<link[^>]+stylesheet[^>]+//'
     for page in site.rglob("*.html"):
         assert not re.search(pattern, page.read_text()), page.name
+
+
+TOO_WIDE = """[...document.querySelectorAll("article :is(table, pre, img, svg)")]
+    .filter((part) => part.getBoundingClientRect().right > innerWidth + 1)
+    .map((part) => part.outerHTML.slice(0, 80))"""
+
+
+@pytest.mark.parametrize("width", [1200, 400])
+def test_every_page_fits_the_window(site, browser, width):
+    browser.resize(width, 800)
+    for page in sorted(site.rglob("*.html")):
+        browser.open(page, LOADED)
+        assert browser.evaluate(TOO_WIDE) == [], page.name
+        assert browser.evaluate("document.documentElement.scrollWidth") <= width, page.name
+
+
+def test_a_wide_table_becomes_a_list_in_a_narrow_window(site, browser):
+    page, stacked = site / "devices.html", "document.querySelectorAll('table.stacked').length"
+    labels = "[...document.querySelectorAll('table td')].every((cell) => cell.dataset.label)"
+    for width, expected in ((1600, 0), (400, 4)):
+        browser.resize(width, 800)
+        browser.open(page, LOADED)
+        assert browser.evaluate(stacked) == expected
+        assert browser.evaluate(labels)
+
+
+def test_the_site_has_few_sections_with_every_page_once():
+    nav = yaml.safe_load((ROOT / "mkdocs.yml").read_text().partition("nav:")[2])
+    assert len(nav) <= 8
+    entries = [
+        file for section in nav for page in next(iter(section.values())) for file in page.values()
+    ]
+    files = [page.relative_to(ROOT / "docs") for page in (ROOT / "docs").rglob("*.md")]
+    assert sorted(entries) == sorted([*map(str, files), "try.html"])
+
+
+def test_formulas_are_typeset():
+    page = "a\n\n```math\nQ \\leq \\frac{S}{4}\n```\n\n   ```math\n   x^2\n   ```\n"
+    typeset = generate.typeset(page)
+    assert typeset.count('<svg class="formula"') == 2
+    assert 'aria-label="Q \\leq \\frac{S}{4}"' in typeset
+    assert "```" not in typeset
+    assert re.search(r"^   <svg", typeset, flags=re.MULTILINE)
+    with pytest.raises(ValueError, match="Unknown symbol"):
+        generate.typeset("```math\n\\nosuch\n```")
 
 
 def test_links_of_pages_outside_docs_exist():

@@ -6,9 +6,11 @@ import pytest
 
 from docs.figures import INLINE, ROOT, format_value, render, without_comments
 from docs.generate import filled, pages
-from docs.results import csv, gain, select
+from docs.results import csv, gain, picture_frame, select, triangulate_frame
+from harness.heatmaps import make_lane_maps
 from harness.study import replication
 from scripts.charts import CHARTS, render_svg
+from scripts.pictures import PICTURES, draw_edges, draw_levels, draw_picture
 
 TABLE = """<!-- table
 rows triangulator=delaunay,H
@@ -86,6 +88,26 @@ def test_charts_are_up_to_date(name):
     assert (ROOT / "docs" / "images" / f"{name}.svg").read_text(encoding="utf-8") == render_svg(
         CHARTS[name]
     )
+
+
+@pytest.mark.parametrize("name", sorted(PICTURES))
+def test_pictures_are_up_to_date(name):
+    picture = (ROOT / "docs" / "images" / f"{name}.svg").read_text(encoding="utf-8")
+    assert picture == draw_picture(*PICTURES[name])
+
+
+def test_a_picture_shows_every_lane_and_every_edge():
+    frame = picture_frame("city", 0.5)
+    triangles = triangulate_frame(frame, "ear-clipping")
+    covered, helpers = make_lane_maps(frame, triangles)
+    lanes = covered + helpers
+    for level, path in enumerate(draw_levels(lanes), start=1):
+        runs = re.findall(r"M(\d+) (\d+)h(\d+)", path)
+        drawn = {(int(x) + i, int(y)) for x, y, length in runs for i in range(int(length))}
+        rows, columns = (lanes == level if level < 4 else lanes >= 4).nonzero()
+        assert drawn == set(zip(columns.tolist(), rows.tolist(), strict=True))
+    corners, diagonals = len(frame.points), len(triangles) - 1
+    assert draw_edges(frame, triangles).count("M") == corners + diagonals
 
 
 CORRELATIONS = "llvmpipe/validate-city/correlations.csv"

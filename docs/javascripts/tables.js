@@ -15,3 +15,21 @@ for (const heading of document.querySelectorAll("article table th")) {
         body.append(...rows);
     });
 }
+
+// A table wider than its page becomes a list: a block for each row, a line for each cell.
+const tables = [...document.querySelectorAll("article table")].filter((table) => table.tHead);
+for (const table of tables) {
+    const labels = [...table.tHead.rows[0].cells].map((cell) => cell.textContent.trim());
+    for (const row of table.tBodies[0].rows) {
+        [...row.cells].forEach((cell, index) => (cell.dataset.label = labels[index]));
+    }
+}
+function stack() {
+    const page = document.querySelector("article").clientWidth;
+    for (const table of tables) {
+        table.classList.remove("stacked");
+        table.classList.toggle("stacked", table.scrollWidth > page);
+    }
+}
+stack();
+addEventListener("resize", stack);

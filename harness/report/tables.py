@@ -1,0 +1,61 @@
+"""A run as one table: Markdown, LaTeX (booktabs), or the JSON of Bencher."""
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from harness import atomic
+from harness.errors import InputError
+from harness.metrics.decision import Decided, Decision
+from harness.style import format_latex_table, format_markdown_table
+from harness.summary import format_title, list_table
+
+
+def write_table(decided: Sequence[Decided], file: Path) -> None:
+    """Write a run's table in the format of the file's suffix, one of `FORMATS`.
+
+    Raises
+    ------
+    InputError
+        If the run has no measured case.
+    """
+    decisions = [decision for _, decision in decided if decision]
+    if not decisions:
+        raise InputError(f"{file}: table not written (the run has no measured case)")
+    atomic.write(file, FORMATS[file.suffix.lower()](decisions).encode())
+
+
+def _format_markdown(decisions: Sequence[Decision]) -> str:
+    heading, rows, texts = list_table(decisions)
+    return format_markdown_table(heading, rows, texts)
+
+
+def _format_latex(decisions: Sequence[Decision]) -> str:
+    heading, rows, texts = list_table(decisions)
+    return format_latex_table(heading, rows, texts)
+
+
+def _format_bencher(decisions: Sequence[Decision]) -> str:
+    """Return the Bencher Metric Format: a benchmark per case, `latency` in ns, and all counters."""
+    benchmarks = {}
+    for decision in decisions:
+        for standing in decision.standings:
+            record, measures = standing.record, {}
+            if record.time and record.time.median_s is not None:
+                measures["latency"] = {"value": record.time.median_s * 1e9}
+                if ends := record.time.ci95_s:
+                    names = ("lower_value", "upper_value")
+                    measures["latency"] |= dict(
+                        zip(names, (end * 1e9 for end in ends), strict=True)
+                    )
+            measures |= {name: {"value": value} for name, value in record.counters.items()}
+            benchmarks[f"{format_title(decision)}: {standing.name}"] = measures
+    return json.dumps(benchmarks, indent=1) + "\n"
+
+
+FORMATS: dict[str, Callable[[Sequence[Decision]], str]] = {
+    ".md": _format_markdown,
+    ".tex": _format_latex,
+    ".json": _format_bencher,
+}
+"""Format of a table, by the suffix of its file."""
