@@ -110,26 +110,9 @@ def number_before(file: str, word: str) -> int:
     return int(number.replace(",", ""))
 
 
-@cache
-def _savings(scene: str) -> list[tuple[float, int]]:
-    """Return (helper lanes of the H-optimal triangulation over ear clipping's, index), in order.
-
-    Each polygon is alone in a viewport of 64 px; polygons without helper lanes are left out.
-    """
-    savings = []
-    for index, polygon in enumerate(load(scene).polygons):
-        frame = make_frame([polygon], View(PICTURE_PX))
-        base, best = (_helper_lanes(frame, name) for name in ("ear-clipping", ALIASES["H"]))
-        if base:
-            savings.append((best / base, index))
-    return sorted(savings)
-
-
-@cache
 def picture_frame(scene: str, quantile: float) -> Frame:
-    """Return the frame of the polygon at a quantile of its scene's savings; 1 is the largest."""
-    savings = _savings(scene)
-    _, index = savings[round((1 - quantile) * (len(savings) - 1))]
+    """Return the frame of a polygon of `scripts/pictures.py`."""
+    (index,) = csv("gallery.csv", "polygon", scene=scene, quantile=quantile)
     return make_frame([load(scene).polygons[index]], View(PICTURE_PX))
 
 
@@ -138,13 +121,14 @@ def triangulate_frame(frame: Frame, triangulator: str) -> NDArray[np.int32]:
     return frame.join(triangulate_polygons(parse(triangulator), frame.polygons).parts)
 
 
-def _helper_lanes(frame: Frame, triangulator: str) -> int:
+def count_helper_lanes(frame: Frame, triangulator: str) -> int:
+    """Return the helper lanes of a frame of one polygon."""
     return int(sum(predict(frame.points, triangulate_frame(frame, triangulator))["helper_lanes"]))
 
 
 def picture(scene: str, quantile: float, triangulator: str = "ear-clipping") -> int:
     """Return the helper lanes of a polygon of `scripts/pictures.py`."""
-    return _helper_lanes(picture_frame(scene, quantile), triangulator)
+    return count_helper_lanes(picture_frame(scene, quantile), triangulator)
 
 
 def gain(

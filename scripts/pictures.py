@@ -1,12 +1,25 @@
-"""Pictures of a polygon with two triangulations, over the shader lanes of each pixel, as SVG."""
+"""Pictures of a polygon with two triangulations, over the shader lanes of each pixel, as SVG.
+
+    PYTHONPATH=. python scripts/pictures.py
+
+chooses the polygons and writes results/reference/gallery.csv; `make documents` draws them.
+"""
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
-from docs.results import picture_frame, triangulate_frame
-from harness.frame import Frame
+from docs.results import (
+    PICTURE_PX,
+    REFERENCE,
+    count_helper_lanes,
+    picture_frame,
+    triangulate_frame,
+)
+from harness.frame import Frame, View, make_frame
 from harness.grid import SUBPIXEL
 from harness.heatmaps import make_lane_maps
+from scenes import load
 
 PICTURES = {
     "typical": ("city", 0.5),
@@ -105,3 +118,23 @@ def draw_legend(y: int) -> list[str]:
         ]
         x += 3 * FONT_PX
     return lines
+
+
+def choose_polygon(scene: str, quantile: float) -> int:
+    """Return the index of the polygon at a quantile of its scene's savings; 1 is the largest.
+
+    A saving is the helper lanes of the optimum relative to ear clipping, of the polygon alone.
+    """
+    savings = []
+    for index, polygon in enumerate(load(scene).polygons):
+        frame = make_frame([polygon], View(PICTURE_PX))
+        base, best = (count_helper_lanes(frame, triangulator) for triangulator in PANELS)
+        if base:
+            savings.append((best / base, index))
+    return sorted(savings)[round((1 - quantile) * (len(savings) - 1))][1]
+
+
+if __name__ == "__main__":
+    rows = [(*key, choose_polygon(*key)) for key in dict.fromkeys(PICTURES.values())]
+    table = pd.DataFrame(rows, columns=["scene", "quantile", "polygon"])
+    table.to_csv(REFERENCE / "gallery.csv", index=False)

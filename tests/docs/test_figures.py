@@ -10,7 +10,7 @@ from docs.results import csv, gain, picture_frame, select, triangulate_frame
 from harness.heatmaps import make_lane_maps
 from harness.study import replication
 from scripts.charts import CHARTS, render_svg
-from scripts.pictures import PICTURES, draw_edges, draw_levels, draw_picture
+from scripts.pictures import PICTURES, choose_polygon, draw_edges, draw_levels, draw_picture
 
 TABLE = """<!-- table
 rows triangulator=delaunay,H
@@ -94,6 +94,13 @@ def test_charts_are_up_to_date(name):
 def test_pictures_are_up_to_date(name):
     picture = (ROOT / "docs" / "images" / f"{name}.svg").read_text(encoding="utf-8")
     assert picture == draw_picture(*PICTURES[name])
+
+
+def test_the_polygons_of_pictures_are_at_their_quantiles():
+    for quantile in (0.5, 1.0):
+        assert csv("gallery.csv", "polygon", scene="city", quantile=quantile) == [
+            choose_polygon("city", quantile)
+        ]
 
 
 def test_a_picture_shows_every_lane_and_every_edge():
