@@ -35,7 +35,7 @@ from harness.profile import placing, stage_draws
 from harness.profile.draw import Draw, jittered_mesh, unshared
 from harness.profile.placing import DIRECTIONS, LEVEL, SIDE, SLANTED, Direction
 
-DESIGN = 3
+DESIGN = 4
 """Version of the design: pages of different versions have different draws."""
 
 ASPECTS = (1, 2, 4, 8, 16, 32, 64)
@@ -81,11 +81,18 @@ SHARED_RINGS = (0, 2)
 WORK_ROUNDS = (16, 64)
 """Rounds of arithmetic of a fragment."""
 
+WORK_MESHES = (2, 4)
+"""Sides in px of meshes drawn with arithmetic.
+
+An H200 shades the quads of neighbouring triangles together: a round in a lane takes 9 to 11 ps in
+scenes and for triangles of 16 px, but 21 ps for scattered thin triangles.
+"""
+
 
 def make_draws(seed: int = 0) -> list[Draw]:
     """Return the draws of the design, in the order of the tables here and in `stage_draws`.
 
-    The draws of design 2 come first.
+    The draws of design 2 come first, then those of design 3.
     """
     kinds = (
         _equal_shapes("few", 0, FEW, seed),
@@ -95,6 +102,7 @@ def make_draws(seed: int = 0) -> list[Draw]:
         *(kind(seed) for kind in (_positions, _cuts, _strips, _thin, _vertices, _work, _twice)),
         _equal_shapes("size", 210, BALANCED_SIZES, seed),
         stage_draws.make_stage_draws(seed),
+        _work_in_meshes(seed),
     )
     return [draw for kind in kinds for draw in kind]
 
@@ -243,6 +251,14 @@ def _work(seed: int) -> Iterator[Draw]:
         geometry = _scattered(*size, SLANTED, count, (seed, 700 + number))
         for work in (0, *WORK_ROUNDS):
             yield Draw("work", f"{name}, {work} rounds", f"work {name}", *geometry, work=work)
+
+
+def _work_in_meshes(seed: int) -> Iterator[Draw]:
+    for side in WORK_MESHES:
+        geometry = _mesh(seed, side)
+        for work in WORK_ROUNDS:
+            name = f"a mesh of {side} px, {work} rounds"
+            yield Draw("work", name, f"work mesh {side}", *geometry, work=work)
 
 
 def _twice(seed: int) -> Iterator[Draw]:

@@ -61,12 +61,26 @@ FAMILY_CONFIDENCE = 1.0 - (1.0 - CONFIDENCE) / len(TERMS)
 
 VERTICES = ("transformed_vertices", "vertex_batches")
 TRIANGLES = ("triangles", "covering", "tile_pairs")
-PIXELS = ("fragments", "helper_lanes", "blocks", "work")
+PIXELS = ("fragments", "helper_lanes", "blocks")
+ARITHMETIC = ("work",)
 
 FORMS: dict[str, dict[str, tuple[str, ...]]] = {
     "sum": {"all": tuple(TERMS)[1:]},
-    "maximum of two stages": {"vertices": VERTICES, "triangles and pixels": TRIANGLES + PIXELS},
-    "maximum of three stages": {"vertices": VERTICES, "triangles": TRIANGLES, "pixels": PIXELS},
+    "maximum of two stages": {
+        "vertices": VERTICES,
+        "triangles and pixels": TRIANGLES + PIXELS + ARITHMETIC,
+    },
+    "maximum of three stages": {
+        "vertices": VERTICES,
+        "triangles": TRIANGLES,
+        "pixels": PIXELS + ARITHMETIC,
+    },
+    "maximum of four stages": {
+        "vertices": VERTICES,
+        "triangles": TRIANGLES,
+        "pixels": PIXELS,
+        "arithmetic": ARITHMETIC,
+    },
 }
 """The stages of each form with their terms, the simplest first. The draw itself is added to each;
 other terms cost nothing in a maximum."""

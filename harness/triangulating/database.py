@@ -10,6 +10,7 @@ import hashlib
 import importlib.metadata
 import json
 import logging
+import math
 import os
 import sqlite3
 import struct
@@ -30,6 +31,9 @@ from triangulators.polygon_arrays import PolygonArray
 
 SCHEMA = 1
 
+ENTRY_FORMAT = 2
+"""Version of the values of entries, part of their keys: older entries are not read."""
+
 APPLICATION_ID = 0x52485443
 """SQLite's application_id of model databases: "RHTC"."""
 
@@ -48,10 +52,16 @@ _Result = TypeVar("_Result")
 
 
 class TimedTriangles(NamedTuple):
-    """Triangles (m, 3) of a polygon, and the seconds of their computation."""
+    """Triangles (m, 3) of a polygon, and the seconds of their computation.
+
+    gap : relative gap to the optimum, infinite if unknown, or None for triangulators without gaps
+    processor : hash of the name of the processor that computed them
+    """
 
     triangles: NDArray[np.int32]
     seconds: float
+    gap: float | None = None
+    processor: bytes = bytes(8)
 
 
 class ModelDatabase:
@@ -243,9 +253,12 @@ def make_key(
 ) -> bytes:
     """Return the key of a triangulation: a hash of the polygon, the triangulator and the version.
 
+    Triangles are a function of these on any processor: the compiled code does not reorder sums, and
+    limits of proofs are numbers of constraints instead of times.
+
     coords (n, 2), ring_offsets (h + 2,): the polygon's rings, as of `PolygonArray.rings_of`
     """
-    facts = [SCHEMA, triangulator, sorted(parameters.items()), get_triangulators_version()]
+    facts = [ENTRY_FORMAT, triangulator, sorted(parameters.items()), get_triangulators_version()]
     digest = hashlib.blake2b(json.dumps(facts).encode(), digest_size=20)
     digest.update(np.asarray(ring_offsets, dtype="<i8")[1:].tobytes())
     digest.update(np.ascontiguousarray(coords, dtype="<f8").tobytes())
@@ -254,10 +267,14 @@ def make_key(
 
 @cache
 def get_triangulators_version() -> str:
-    """Return a hash of the triangulators' source and of the versions of their libraries."""
+    """Return a hash of the triangulators' source and of the versions of their libraries.
+
+    These are the libraries that compute triangles or proofs. NumPy's arithmetic and random numbers
+    are the same in all supported versions, so a database can be copied to a machine with another.
+    """
     code_hash = source_hash(Path(triangulators.__file__).parent)
     digest = hashlib.blake2b(code_hash.encode(), digest_size=12)
-    for name in ("numpy", "shapely", "mapbox-earcut", "manifold3d", "PyOpenGL"):
+    for name in ("shapely", "mapbox-earcut", "manifold3d", "highspy", "PyOpenGL"):
         try:
             digest.update(f"{name} {importlib.metadata.version(name)}".encode())
         except importlib.metadata.PackageNotFoundError:
@@ -265,26 +282,33 @@ def get_triangulators_version() -> str:
     return digest.hexdigest()
 
 
+_FACTS = struct.Struct("<dd8s")
+"""Seconds, gap and processor of an entry."""
+
+
 def _compute_checksum(key: bytes, data: bytes) -> bytes:
     return hashlib.blake2b(data, digest_size=8, key=key).digest()
 
 
 def _pack(key: bytes, model: TimedTriangles) -> bytes:
-    """Return the bytes of an entry: checksum, triangles of 12 bytes, seconds of 8 bytes."""
+    """Return the bytes of an entry: checksum, triangles of 12 bytes, and `_FACTS`."""
     data = np.ascontiguousarray(model.triangles, dtype="<i4").tobytes()
-    data += struct.pack("<d", model.seconds)
+    data += _FACTS.pack(
+        model.seconds, math.nan if model.gap is None else model.gap, model.processor
+    )
     return _compute_checksum(key, data) + data
 
 
 def _unpack(key: bytes, value: Any) -> TimedTriangles | None:
     """Return the triangles of an entry, or None if the entry is damaged."""
-    if not isinstance(value, bytes) or len(value) < 16 or len(value) % 12 != 4:
+    if not isinstance(value, bytes) or len(value) < 32 or len(value) % 12 != 8:
         return None
     data = value[8:]
     if _compute_checksum(key, data) != value[:8]:
         return None
-    triangles = np.frombuffer(data[:-8], "<i4").reshape(-1, 3).astype(np.int32)
-    return TimedTriangles(triangles, *struct.unpack("<d", data[-8:]))
+    triangles = np.frombuffer(data[: -_FACTS.size], "<i4").reshape(-1, 3).astype(np.int32)
+    seconds, gap, processor_hash = _FACTS.unpack(data[-_FACTS.size :])
+    return TimedTriangles(triangles, seconds, None if math.isnan(gap) else gap, processor_hash)
 
 
 MIN_CACHED_S = 0.5e-3
@@ -303,14 +327,16 @@ class CacheLookup:
 
     path : the database, or None to use no database
     name, parameters : the triangulator
-    notes : lines for the user about damage, or the reason why the database is not used
+    notes : lines for the user about damage, times of another processor, or the reason why the
+        database is not used
     """
 
     def __init__(self, path: Path | None, name: str, parameters: Mapping[str, Any]) -> None:
         self.notes: list[str] = []
         self._name = name
-        # Stored times are specific to the CPU.
-        self._parameters = {**parameters, "cpu": processor()["name"]}
+        self._parameters = dict(parameters)
+        name = processor()["name"].encode()
+        self._processor = hashlib.blake2b(name, digest_size=8).digest()
         self._database: ModelDatabase | None = None
         self._keys: list[bytes] = []
         if path is not None:
@@ -335,9 +361,18 @@ class CacheLookup:
             for index in range(len(polygons))
         ]
         entries = self._database.find(self._keys)
+        foreign = sum(entry.processor != self._processor for entry in entries.values())
+        if foreign:
+            self.notes.append(
+                f"model database: {foreign} triangulations by {self._name} were timed on another "
+                "processor; for times of this processor: --no-cache"
+            )
         return [entries.get(key) for key in self._keys]
 
-    def store(self, number: int, triangles: NDArray[np.int32], seconds: float) -> None:
+    def store(
+        self, number: int, triangles: NDArray[np.int32], seconds: float, gap: float | None = None
+    ) -> None:
         """Store the triangles of a polygon of `find`, if the computation took `MIN_CACHED_S`."""
         if self._database is not None and seconds >= MIN_CACHED_S:
-            self._database.store(self._name, self._keys[number], TimedTriangles(triangles, seconds))
+            entry = TimedTriangles(triangles, seconds, gap, self._processor)
+            self._database.store(self._name, self._keys[number], entry)

@@ -125,11 +125,10 @@ class Recipe:
         """Return (m, 3) triangles; raise as `triangulators.triangulate` does."""
         return self.triangulate_with_gap(polygon)[0]
 
-    def gap_of_cached(self, vertices: int) -> float | None:
-        """Return the gap of a polygon's cached triangles, or None for triangulators without gaps.
+    def gap_of_batch(self, vertices: int) -> float | None:
+        """Return the gap of a polygon's triangles from a batch, or None without gaps.
 
-        Up to `LIMIT` vertices, only proven optima are cached; for larger polygons the gap is
-        unknown.
+        Up to `LIMIT` vertices, a batch has only optima; for larger polygons the gap is unknown.
         """
         name = self.base.partition(":")[0]
         if name not in registry.BUILTIN or registry.BUILTIN[name].with_gap is None:

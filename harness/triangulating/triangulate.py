@@ -56,9 +56,9 @@ def triangulate_polygons(
         computed = {k: attempt.part for k, attempt in attempts.items() if attempt.part is not None}
         computed_checks = _check_unconfirmed(arrays, computed)
         for k, vertices in enumerate(arrays.vertex_counts.tolist()):
-            gap = recipe.gap_of_cached(vertices)
             timed = cached[k]
             if k in valid:
+                gap = recipe.gap_of_batch(vertices) if timed is None else timed.gap
                 result.seconds += 0.0 if timed is None else timed.seconds
                 result.cached += timed is not None
                 result.add(triangles[k], checks.get(k, (0, ""))[0])
@@ -68,10 +68,9 @@ def triangulate_polygons(
                 if attempt.skipped:
                     result.skipped.append((k, attempt.skipped))
                 result.add(attempt.part, junctions, problem or attempt.problem)
-                # Only proven optima are cached; unproven results are computed again.
-                if result.parts[-1] is not None and attempt.gap == gap:
-                    cache.store(k, result.parts[-1], attempt.seconds)
                 gap = attempt.gap
+                if result.parts[-1] is not None:
+                    cache.store(k, result.parts[-1], attempt.seconds, gap)
             if result.parts[-1] is not None and gap is not None:
                 result.gaps.append(gap)
     result.notes = cache.notes

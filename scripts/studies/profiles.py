@@ -1,15 +1,16 @@
 """Test the law of a profile on its device with polygons that it was not fitted to.
 
     PYTHONPATH=. python scripts/studies/profiles.py PROFILE.json... [--out FOLDER]
-        [--scenes city,helsinki,glyphs,counties] [--resolution 512] [--budget 0.1] [--seed 0]
-        [--refit]
+        [--scenes city,helsinki,glyphs,counties] [--resolution 512] [--polygons 24]
+        [--budget 0.1] [--seed 0] [--refit]
 
 With `--refit` nothing is drawn: the law of each profile is fitted again to the stored times with
 the current terms, and the file is rewritten.
 
-24 polygons of each scene are drawn with ten triangulators, with optimal:calibrated and the
+Polygons of each scene are drawn with ten triangulators, with optimal:calibrated and the
 coefficients of the profile, and with six random triangulations, timed together in groups. Writes
-<profile>-judged.csv to the folder of the profile or to FOLDER. Columns for each scene:
+<profile>-judged.csv to the folder of the profile or to FOLDER, and the counters and seconds of
+each draw to <profile>-draws.csv.xz. Columns for each scene:
 
 law_over, law_within : R2 of log time predicted by the law of the profile from exact counters, over
     all draws and within polygons, with the time of an empty draw in this session (it depends on the
@@ -31,7 +32,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -51,7 +52,7 @@ from harness.profile.fitting import r_squared, r_squared_within
 from harness.profile.law import COSTS, cost_rows, predict_times
 from harness.profile.measured import Measured
 from harness.progress import Reporter
-from harness.rasterisers.base import Options
+from harness.rasterisers.base import Options, order_submission
 from harness.settings import StudySize, TimingSettings
 from harness.stats.intervals import Ratio, mean_interval, paired_ratio
 from harness.study.regret import compute_regret_interval, estimate_regret
@@ -62,10 +63,15 @@ from scripts.studies.laws import recreate_draws
 
 Draw = tuple[Frame, NDArray[np.int32]]
 
+WALK = Options(order="walk")
+
 MAX_GROUP_DRAWS = 24
 """Max number of draws timed together: enough to interleave, few enough for many rounds."""
 
 HALVES = ["first", "second"]
+
+DRAW_COUNTERS = ("vertices", *(name for name in TERMS if name not in ("draw", "work")))
+"""Counters of draws that are stored; `vertices` is a term of older laws."""
 
 CALIBRATED = "optimal:calibrated"
 TRIANGULATORS = (
@@ -96,6 +102,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     parser.add_argument("--scenes", default="city,helsinki,glyphs,counties")
     parser.add_argument("--resolution", type=int, default=512)
+    parser.add_argument("--polygons", type=int, default=24)
     parser.add_argument("--budget", type=float, default=0.1)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--refit", action="store_true")
@@ -108,13 +115,20 @@ def main() -> None:
             print(profiles.write_profile(refit(profile), target))
             continue
         out = (options.out or file.parent) / f"{file.stem}-judged.csv"
+        draws = []
         with out.open("w", newline="") as stream:
             table = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
             table.writeheader()
             for scene in options.scenes.split(","):
-                for row in judge_scene(profile, scene, options):
+                measured = measure_scene(profile, scene, options)
+                draws.append(measured.table)
+                for row in judge_scene(profile, measured, options):
                     table.writerow(row)
                     print(",".join(str(value) for value in row.values()), flush=True)
+        columns = ["scene", "polygon", "triangulator", "empty_s", "seconds", *DRAW_COUNTERS]
+        pd.concat(draws)[columns].to_csv(
+            out.with_name(f"{file.stem}-draws.csv.xz"), index=False, float_format="%.5g"
+        )
 
 
 def refit(profile: dict[str, Any]) -> dict[str, Any]:
@@ -141,26 +155,51 @@ def refit(profile: dict[str, Any]) -> dict[str, Any]:
     return content | {"design": profile["design"]}
 
 
-def judge_scene(profile: dict[str, Any], scene: str, options: argparse.Namespace) -> Iterator[Any]:
-    """Yield a row of `COLUMNS` for each of `JUDGED`."""
+class MeasuredScene(NamedTuple):
+    """Draws of a scene's polygons.
+
+    draws : frames, and triangles in the order in which they were drawn
+    table : scene, polygon, triangulator, empty_s, seconds, `HALVES` and `DRAW_COUNTERS` of each
+    """
+
+    draws: list[Draw]
+    table: pd.DataFrame
+
+
+def measure_scene(
+    profile: dict[str, Any], scene: str, options: argparse.Namespace
+) -> MeasuredScene:
+    """Triangulate, time and count polygons of a scene on the device of a profile."""
     device = profile["device"]
     kind = device["rasteriser"]
     backend = Backend(kind, rasterisers.find_device(kind, device["name"]))
-    pool = MeasuringPool(Worker, timeout_s=600)
-    try:
+    with closing(MeasuringPool(Worker, timeout_s=600)) as pool:
         draws, polygons, triangulators = triangulate_polygons(
             pool, scene, options, profile["coefficients"]
         )
         table, empty = time_draws(backend, pool, options.budget, draws, polygons)
-    finally:
-        pool.close()
-    table = table.assign(polygon=polygons, triangulator=triangulators)
-    seconds = table["seconds"].to_numpy()
+    step = device["details"].get("step") or 1
+    counted = [
+        count_triangles(frame.with_points(coarsen(frame.points, step)), triangles)
+        for frame, triangles in draws
+    ]
+    table = table.join(pd.DataFrame(counted)[list(DRAW_COUNTERS)])
+    names = {"polygon": polygons, "triangulator": triangulators}
+    return MeasuredScene(draws, table.assign(scene=scene, empty_s=empty, **names))
+
+
+def judge_scene(
+    profile: dict[str, Any], measured: MeasuredScene, options: argparse.Namespace
+) -> Iterator[Any]:
+    """Yield a row of `COLUMNS` for each of `JUDGED`."""
+    draws, table = measured
+    seconds, empty = table["seconds"].to_numpy(), float(table["empty_s"].iloc[0])
+    polygons = table["polygon"].tolist()
     cost = cost_rows(draws)[:, 1:] @ [profile["coefficients"][name] for name in COSTS[1:]]
-    by_law, _ = scale_prediction(seconds, empty, predict_by_law(profile, draws))
+    by_law, _ = scale_prediction(seconds, empty, predict_by_law(profile, table))
     predicted, speed = scale_prediction(seconds, empty, cost)
     common = {
-        "scene": scene,
+        "scene": table["scene"].iloc[0],
         "resolution": options.resolution,
         "polygons": table["polygon"].nunique(),
         "draws": len(draws),
@@ -207,13 +246,14 @@ def triangulate_polygons(
     polygons: list[str] = []
     triangulators: list[str] = []
     loaded = load_scene(scene, options.seed, Reporter(quiet=True))
-    for number, subject in choose_polygons(loaded, StudySize(polygons=24)):
+    for number, subject in choose_polygons(loaded, StudySize(polygons=options.polygons)):
         frame = make_frame(subject.polygons, View(options.resolution))
         for name in (*TRIANGULATORS, CALIBRATED, *RANDOM):
             recipe = parse(name, seed=options.seed, calibration=coefficients)
             parts = pool.triangulate(recipe, frame.polygons).parts
             if all(part is not None for part in parts):
-                draws.append((frame, frame.join(parts)))
+                triangles = order_submission(frame, frame.join(parts), WALK)
+                draws.append((frame, triangles))
                 polygons.append(str(number))
                 triangulators.append(name)
     return draws, polygons, triangulators
@@ -229,14 +269,13 @@ def time_draws(
     compared, are timed in the same rounds. Columns: seconds, and the ratios in either half of the
     rounds (`HALVES`). Raises `NothingMeasuredError` if the device fails.
     """
-    options = Options(order="walk")
     settings = TimingSettings(
         precision=0.002, budget_s=budget_s, warm_up_s=0.02, min_batch_s=3e-3, paired=False
     )
     table = pd.DataFrame(np.nan, index=range(len(draws)), columns=["seconds", *HALVES])
     reference_s, empty_s = [], []
     for seed, members in enumerate(_groups(polygons)):
-        candidates = {str(member): (*draws[member], options) for member in members}
+        candidates = {str(member): (*draws[member], Options()) for member in members}
         groups, failures = pool.time(backend, candidates, settings, seed)
         if failures:
             raise NothingMeasuredError(f"{backend.label}: {next(iter(failures.values()))}")
@@ -282,12 +321,10 @@ def _halves(rounds: NDArray[np.float64], epochs: Sequence[int]) -> list[float]:
     return [float(np.median(rounds[numbers % 2 == half])) for half in range(2)]
 
 
-def predict_by_law(profile: dict[str, Any], draws: list[Draw]) -> NDArray[np.float64]:
+def predict_by_law(profile: dict[str, Any], table: pd.DataFrame) -> NDArray[np.float64]:
     """Return the seconds of draws by the law of a profile from exact counters, without `draw`."""
     costs = {term["name"]: term["cost"] for term in profile["terms"]} | {"draw": 0.0}
-    step = profile["device"]["details"].get("step") or 1
-    snapped = [(frame.with_points(coarsen(frame.points, step)), *more) for frame, *more in draws]
-    rows = design_of([count_triangles(*draw) for draw in snapped])
+    rows = design_of(table[list(DRAW_COUNTERS)].assign(work=0).to_dict("records"))
     return predict_times(rows, np.array([costs[name] for name in TERMS]), profile["form"])
 
 

@@ -256,9 +256,9 @@ def test_measurements_of_a_lost_gpu_are_evaluated(browser, profile_page):
 def test_counters_of_a_gpu_that_is_lost_early_are_retained(browser, profile_page):
     open_page(browser, profile_page, "at: { 300: ({ lose }) => lose() }")
     result = measure(browser)
-    assert len(result["draws"]) == 179
+    assert len(result["draws"]) == 183
     assert result["law"] is None
-    assert "All counters of 179 draws are the exact ones." in read_text(browser, "answer")
+    assert "All counters of 183 draws are the exact ones." in read_text(browser, "answer")
     assert "Too little was timed to say what a triangle costs." in read_text(browser, "answer")
 
 
@@ -303,7 +303,7 @@ def test_much_too_slow_device_is_reported(browser, profile_page):
 def test_differing_counters_are_reported(browser, profile_page):
     open_page(browser, profile_page, "wrong: 7")
     assert measure(browser)["differing"] == 1
-    message = "Counters differ from the exact ones in 1 of 179 draws."
+    message = "Counters differ from the exact ones in 1 of 183 draws."
     assert message in read_text(browser, "answer")
     assert message in browser.evaluate("state.profile.refused = true; answerOf(state.result)")
 

@@ -127,10 +127,10 @@ FORGERIES: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "epochs": (lambda r: r["epochs"].append(1), "draws have different numbers of rounds"),
     "zero": (lambda r: times(r, "40").__setitem__(0, 0.0), "a draw took no time"),
     "negative": (lambda r: times(r, "40").__setitem__(0, -1.0), "greater than or equal to 0"),
-    "missing": (lambda r: r["times"].pop("40"), "the timed draws are not the 179 draws"),
+    "missing": (lambda r: r["times"].pop("40"), "the timed draws are not the 183 draws"),
     "strange": (
         lambda r: r["times"].update({"x": r["times"]["4"]}),
-        "the timed draws are not the 179 draws",
+        "the timed draws are not the 183 draws",
     ),
     "few": (truncate_epochs(3), "after 3 of at least 4 epochs"),
     "untimed": (lambda r: r.update(times=None, epochs=[], law=None), "after 0 of at least 4"),

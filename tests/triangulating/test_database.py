@@ -15,7 +15,7 @@ from harness.triangulating import database as model
 from harness.triangulating.database import ModelDatabase, TimedTriangles
 from triangulators.compute.compiled_files import is_trusted
 
-EXAMPLE = TimedTriangles(np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), 0.25)
+EXAMPLE = TimedTriangles(np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), 0.25, 0.5, b"12345678")
 
 
 @pytest.fixture
@@ -34,11 +34,11 @@ def test_stored_entries_are_found_later(path):
         database.store("delaunay", make_key(2), TimedTriangles(EXAMPLE.triangles[:1], 0.5))
     with ModelDatabase(path) as database:
         entries = database.find([make_key(k) for k in range(1200)])
-        assert {k: (v.triangles.tolist(), v.seconds) for k, v in entries.items()} == {
-            make_key(1): (EXAMPLE.triangles.tolist(), 0.25),
-            make_key(2): (EXAMPLE.triangles[:1].tolist(), 0.5),
+        assert {k: (v.triangles.tolist(), *v[1:]) for k, v in entries.items()} == {
+            make_key(1): (EXAMPLE.triangles.tolist(), 0.25, 0.5, b"12345678"),
+            make_key(2): (EXAMPLE.triangles[:1].tolist(), 0.5, None, bytes(8)),
         }
-        assert database.info() == {"delaunay": (2, 16 + 24 + 16 + 12)}
+        assert database.info() == {"delaunay": (2, 32 + 24 + 32 + 12)}
         assert database.clear() == 2
         assert database.info() == {}
 

@@ -1,5 +1,6 @@
 """A second run reads the triangulations of the first, reports that, and verifies them."""
 
+import importlib.metadata
 import re
 from pathlib import Path
 
@@ -151,12 +152,34 @@ def test_other_parameters_have_other_entries(database, computed):
 
 
 @pytest.mark.usefixtures("cache_everything")
-@pytest.mark.parametrize("name", ["get_triangulators_version", "processor"])
-def test_another_version_or_machine_computes_again(database, monkeypatch, name):
+def test_another_version_computes_again(database, monkeypatch):
     triangulate_named("delaunay", POLYGONS[:2], 0, None, database)
-    answers = {"get_triangulators_version": "another", "processor": {"name": "another"}}
-    monkeypatch.setattr(database_module, name, lambda: answers[name])
+    monkeypatch.setattr(database_module, "get_triangulators_version", lambda: "another")
     assert triangulate_named("delaunay", POLYGONS[:2], 0, None, database).cached == 0
+
+
+@pytest.mark.usefixtures("cache_everything")
+def test_another_processor_reads_the_entries_and_reports_their_times(database, monkeypatch):
+    monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
+    first = triangulate_named("delaunay", POLYGONS[:2], 0, None, database)
+    assert triangulate_named("delaunay", POLYGONS[:2], 0, None, database).notes == []
+    monkeypatch.setattr(database_module, "processor", lambda: {"name": "another"})
+    second = triangulate_named("delaunay", POLYGONS[:2], 0, None, database)
+    assert (second.cached, second.seconds) == (2, pytest.approx(first.seconds))
+    assert [note.partition(";")[0] for note in second.notes] == [
+        "model database: 2 triangulations by delaunay were timed on another processor"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "matters"), [("numpy", False), ("shapely", True), ("highspy", True)]
+)
+def test_only_versions_of_libraries_that_compute_triangles_matter(monkeypatch, name, matters):
+    """A database can be copied to a machine with another NumPy."""
+    version = database_module.get_triangulators_version.__wrapped__
+    before, find, changed = version(), importlib.metadata.version, {name: "99"}
+    monkeypatch.setattr(importlib.metadata, "version", lambda n: changed.get(n) or find(n))
+    assert (version() != before) == matters
 
 
 @pytest.mark.usefixtures("cache_everything")

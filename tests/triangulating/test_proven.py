@@ -72,13 +72,14 @@ def test_cached_optima_are_proven(polygons, tmp_path, monkeypatch):
     assert second.gaps == first.gaps == [0.0, 0.0, 0.0]
 
 
-def test_unproven_results_are_computed_again(polygons, tmp_path, monkeypatch, no_proof):
+def test_unproven_results_are_cached_with_their_gaps(polygons, tmp_path, monkeypatch, no_proof):
     monkeypatch.setattr(database_module, "MIN_CACHED_S", 0.0)
     monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
     database = tmp_path / "kept.sqlite"
-    triangulate_named("optimal:half-perimeter", polygons, database)
+    first = triangulate_named("optimal:half-perimeter", polygons, database)
     second = triangulate_named("optimal:half-perimeter", polygons, database)
-    assert second.cached == 2
+    assert second.cached == 3
+    assert second.gaps == first.gaps
     assert second.gaps[1] > 0.0
 
 

@@ -185,7 +185,7 @@ function designOf(seed) {
     found.push(once, { points: once.points, rows: [...once.rows, ...once.rows] });
   });
   [2560, 3072, 3584].forEach((side, k) => found.push(scattered(side, side, SLANTED, 1000, [seed, 210 + k])));
-  return [...found, ...stageDraws(seed)];
+  return [...found, ...stageDraws(seed), ...[2, 4].flatMap((side) => [mesh(seed, side), mesh(seed, side)])];
 }
 
 /* CRC-32 of the points, then the rows, as 32-bit integers, the low byte first. */

@@ -1,0 +1,67 @@
+"""Errors of laws on draws outside their fit: the computation, and the committed results."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from scripts.studies import accuracy
+
+
+def make_times(**columns: object) -> pd.DataFrame:
+    view = {"scene": "city", "resolution": 256, "order": "native", "rounds": 0}
+    names = ["ear-clipping", "delaunay", "refined", "worst"]
+    return pd.DataFrame({"triangulator": names, **view, **columns})
+
+
+def test_errors_are_relative_to_the_base_of_the_same_view():
+    """Delaunay is 2 % slower, and `refined` 10 %; the law doubles times and swaps the last two."""
+    times = make_times(seconds=[1.0, 1.02, 1.1, 0.9])
+    predicted = np.array([2.0, 2.04, 1.8, 2.2])
+    other_view = make_times(seconds=[5.0, 5.0, 5.0, 5.0]).assign(resolution=1024)
+    table = pd.concat([times, other_view])
+    errors = accuracy.measure_errors(table, np.r_[predicted, np.full(4, 5.0)])
+    assert (errors["compared"], errors["large"], errors["signs"], errors["draws"]) == (6, 2, 0, 8)
+    squares = [0.0, (0.9 / 1.1 - 1) ** 2, (1.1 / 0.9 - 1) ** 2, 0.0, 0.0, 0.0]
+    assert errors["relative_rms"] == pytest.approx(np.sqrt(np.mean(squares)))
+    squares = [1.0, 1.0, (1.8 / 1.1 - 1) ** 2, (2.2 / 0.9 - 1) ** 2, *[0.0] * 4]
+    assert errors["absolute_rms"] == pytest.approx(np.sqrt(np.mean(squares)))
+
+
+def test_a_law_is_scaled_to_the_speed_and_the_empty_draw_of_each_session():
+    table = make_times(seconds=[3.0, 5.0, 7.0, 9.0]).assign(source="city", empty_s=1.0)
+    table = pd.concat([table, table.assign(source="glyphs", seconds=table["seconds"] * 2 - 1)])
+    scaled = accuracy.scale_to_session(table, np.tile([1.0, 2.0, 3.0, 4.0], 2))
+    assert scaled == pytest.approx(table["seconds"].to_numpy())
+
+
+@pytest.fixture(scope="module")
+def rows() -> pd.DataFrame:
+    return pd.DataFrame(accuracy.compare_laws())
+
+
+def test_committed_results_follow_from_committed_measurements(rows):
+    """Run `scripts/studies/accuracy.py compare` after a change to the law or to a profile."""
+    stored = pd.read_csv(accuracy.REFERENCE / "law-accuracy.csv")
+    columns = ["profile", "form", "set", "compared", "large", "signs", "additive_signs", "draws"]
+    pd.testing.assert_frame_equal(stored[columns], rows[columns], check_dtype=False)
+    errors = [name for name in rows if name.endswith("rms")]
+    assert stored[errors].to_numpy() == pytest.approx(rows[errors].to_numpy(), abs=1e-5)
+
+
+def test_stages_predict_scenes_that_were_not_fitted(rows):
+    """The bars that were set before the measurement."""
+    gpu = rows[rows["profile"] == "opengl-h200"].set_index("set")
+    assert gpu.loc["first", "relative_rms"] < 0.05
+    assert gpu.loc["extended", "relative_rms"] < 0.06
+    assert gpu.loc["first", "absolute_rms"] < 0.20
+    for name in ("first", "extended", "second"):
+        assert gpu.loc[name, "signs"] == gpu.loc[name, "large"] > 20
+    additive = gpu["additive_relative_rms"]
+    assert (gpu["relative_rms"] < additive)[["first", "extended", "second"]].all()
+
+
+def test_software_is_predicted_as_well_as_by_the_additive_laws(rows):
+    software = rows[(rows["profile"] != "opengl-h200") & (rows["set"] == "all")]
+    assert len(software) == 6
+    for error in ("relative_rms", "absolute_rms"):
+        assert (software[error] < software[f"additive_{error}"] + 1e-3).all()
