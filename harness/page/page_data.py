@@ -275,7 +275,7 @@ def _make_groups(draws: Sequence[Draw], positions: list[int]) -> GroupsContent:
     labels = np.unique(groups, return_inverse=True)[1]
     folds = law.assign_folds(groups).tolist()
     reach = [
-        law.student_quantile(int(labels.max()) + 1, confidence)
+        law.interval_reach(int(labels.max()) + 1, confidence)
         for confidence in (law.CONFIDENCE, law.FAMILY_CONFIDENCE)
     ]
     return {"places": positions, "labels": labels.tolist(), "folds": folds, "reach": reach}

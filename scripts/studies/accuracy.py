@@ -20,6 +20,11 @@ draws, absolute_rms : all draws, and the root mean square error of predicted tim
     predicted times are multiplied by a common factor
 additive_... : the same for the additive law (additive-laws.csv) that commit 94a2d01c fitted to the
     same stored times
+
+`compare` also writes law-arithmetic.csv: for each form of law, a fit to the designed draws of the
+H200 and to the city with arithmetic at one size (`ARITHMETIC_FITTED`). Columns: held_out, the error
+of held-out groups; chosen, whether `law.fit` chooses the form; lane_ps, picoseconds of a round in a
+lane; draws, relative_rms, absolute_rms of the city with arithmetic at the other sizes.
 """
 
 import json
@@ -33,8 +38,8 @@ from numpy.typing import NDArray
 
 from harness.frame import View, frame_of
 from harness.measuring.loading import load_scene
+from harness.profile import law
 from harness.profile.counted import TERMS, count_triangles, design_of
-from harness.profile.law import predict_times
 from harness.progress import Reporter
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
@@ -57,6 +62,9 @@ SETS = ("first", "extended", "second", "shuffled", "arithmetic")
 """Draws of the H200: those of 26 November 2026 for the city and letters up to 1024 px, and with
 letters at 4096 px and cad at 256 px; those of 27 November without arithmetic in orders that are not
 shuffled, shuffled, and those with arithmetic."""
+
+ARITHMETIC_FITTED = 1024
+"""Size in px of the draws with arithmetic that a law is fitted to."""
 
 LARGE = 0.03
 """Relative difference from ear clipping whose sign a law should predict."""
@@ -148,7 +156,7 @@ def read_law(profile: str) -> tuple[str, Costs]:
 def predict_by_form(form: str, costs: Costs, table: pd.DataFrame) -> NDArray[np.float64]:
     """Return the seconds of each draw by a law of one of `law.FORMS`."""
     rows = design_of(table.to_dict("records"))
-    return predict_times(rows, np.array([costs[name] for name in TERMS]), form)
+    return law.predict_times(rows, np.array([costs[name] for name in TERMS]), form)
 
 
 def predict_by_sum(costs: Costs, table: pd.DataFrame) -> NDArray[np.float64]:
@@ -213,6 +221,31 @@ def scale_to_session(table: pd.DataFrame, predicted: NDArray[np.float64]) -> NDA
     return result
 
 
+def compare_forms() -> Iterator[dict[str, object]]:
+    """Yield a row for each form of law that is fitted to draws with arithmetic."""
+    content = json.loads((PROFILES / "opengl-h200.json").read_text(encoding="utf-8"))
+    stored = [row for row in content["times"] if row["kind"] != "twice"]
+    city = read_gpu_draws()["arithmetic"]
+    is_fitted = city["resolution"] == ARITHMETIC_FITTED
+    part, rest = city[is_fitted], city[~is_fitted]
+    seconds = np.exp([np.log(row["epochs"]).mean() for row in stored])
+    rows = design_of([*(row["counters"] for row in stored), *part.to_dict("records")])
+    groups = [*(row["group"] for row in stored), *("city " + part["triangulator"])]
+    times = np.r_[seconds, part["seconds"]]
+    fitted = law.fit(rows, times[None], groups)
+    labels = np.unique(groups, return_inverse=True)[1]
+    for form in law.FORMS:
+        costs, _ = law.fit_form(rows, times, labels, form)
+        predicted = law.predict_times(design_of(rest.to_dict("records")), costs, form)
+        errors = measure_errors(rest, predicted)
+        yield {
+            "form": form,
+            "held_out": fitted.errors[form],
+            "chosen": form == fitted.form,
+            "lane_ps": 1e12 * costs[list(TERMS).index("work")],
+        } | {name: errors[name] for name in ("draws", "relative_rms", "absolute_rms")}
+
+
 def main() -> None:
     """Run the command of the first argument."""
     command, *names = sys.argv[1:] or [""]
@@ -220,9 +253,10 @@ def main() -> None:
         for name in names:
             print(count_scene(name))
     elif command == "compare":
-        file = REFERENCE / "law-accuracy.csv"
-        pd.DataFrame(compare_laws()).to_csv(file, index=False, float_format="%.5f")
-        print(file)
+        for name, rows in (("accuracy", compare_laws()), ("arithmetic", compare_forms())):
+            file = REFERENCE / f"law-{name}.csv"
+            pd.DataFrame(rows).to_csv(file, index=False, float_format="%.5f")
+            print(file)
     else:
         sys.exit(__doc__)
 

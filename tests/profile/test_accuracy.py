@@ -48,6 +48,16 @@ def test_committed_results_follow_from_committed_measurements(rows):
     assert stored[errors].to_numpy() == pytest.approx(rows[errors].to_numpy(), abs=1e-5)
 
 
+def test_arithmetic_is_a_stage_of_its_own():
+    """In the draws of an H200: fitted to one size, it predicts the other sizes."""
+    rows = pd.DataFrame(accuracy.compare_forms()).set_index("form")
+    stored = pd.read_csv(accuracy.REFERENCE / "law-arithmetic.csv", index_col="form")
+    assert rows["lane_ps"].to_numpy() == pytest.approx(stored["lane_ps"].to_numpy(), abs=1e-3)
+    assert rows.index[rows["chosen"]].tolist() == ["maximum of four stages"]
+    assert rows.loc["maximum of four stages", "absolute_rms"] < 0.10
+    assert rows.loc["maximum of three stages", "absolute_rms"] > 0.25
+
+
 def test_stages_predict_scenes_that_were_not_fitted(rows):
     """The bars that were set before the measurement."""
     gpu = rows[rows["profile"] == "opengl-h200"].set_index("set")

@@ -319,6 +319,7 @@ def test_significance_is_decided_by_the_draw_with_the_largest_share(shares, know
         *(np.zeros(2, int), np.array(shares), {}, 1.0, 1.0),
     )
     assert fitted.significant.tolist() == [shown, False]
-    # Student's interval with 20 degrees of freedom.
-    expected = 1.0 + 2.086e-6 * np.array([[-1, 1]] * 2) if known else np.array([[0.0, 7.0]] * 2)
+    # Student's interval with 20 degrees of freedom, times `DEVIATION_FACTOR`.
+    width = 1.7 * 2.086e-6 * np.array([[-1, 1]] * 2)
+    expected = 1.0 + width if known else np.array([[0.0, 7.0]] * 2)
     assert fitted.intervals - 1.0 == pytest.approx(expected - 1.0, rel=1e-3)
