@@ -240,6 +240,7 @@ def compare_forms() -> Iterator[dict[str, object]]:
         errors = measure_errors(rest, predicted)
         yield {
             "form": form,
+            "stages": len(law.FORMS[form]),
             "held_out": fitted.errors[form],
             "chosen": form == fitted.form,
             "lane_ps": 1e12 * costs[list(TERMS).index("work")],
