@@ -11,6 +11,8 @@
 # DEVICE=name   another device than the best one; see: .venv/bin/python -m harness list rasterisers
 # PYTHON=path   another Python than that of .venv, with the packages of requirements.lock
 # SECONDS_LIMIT=n  end after so many seconds (540); the steps come in the order of their importance
+# RASTER_HARNESS_CACHE=file  triangulations; `prepare` stores them there, and a copy of the file saves
+#               their computation on the machine with the GPU
 # QUICK=yes     a small scene and short measurements, as a rehearsal on a software device
 #
 # A failed step does not stop the others; the last line lists the failed steps. Complete steps are
@@ -155,5 +157,5 @@ case "$command" in
     step) to=$3 device=$4; perform "$2" ;;
     prepare | measure) to=${2:?folder}; $command "${@:3}" ;;
     judge) "$python" scripts/studies/gpu.py judge "${2:?folder}" ;;
-    *) sed -n '2,20s/^# \{0,1\}//p' "$0"; exit 2 ;;
+    *) sed -n '2,22s/^# \{0,1\}//p' "$0"; exit 2 ;;
 esac

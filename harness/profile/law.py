@@ -26,7 +26,10 @@ of real devices are not independent but follow the counters, so intervals are wi
 coefficients may be negative: a constraint at 0 would bias the other terms downwards.
 
 A cost is significant if it is so among all terms, by Bonferroni's correction: at most one device in
-twenty may get a false cost.
+twenty may get a false cost. All terms stay in the law: non-negative costs already leave out 60 % of
+the terms that a simulated device does not charge for, and the others share the cost of correlated
+terms. Without the terms that are not significant, errors of times of scenes relative to ear
+clipping's rose from 0.6 to 1.4 % to 2 to 7 %.
 
 Sources: S. Searle, G. Casella and C. McCulloch, "Variance Components", 1992, chapter 5; J. Imbens
 and M. Kolesar, "Robust standard errors in small samples", Review of Economics and Statistics 98(4),

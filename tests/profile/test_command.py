@@ -16,6 +16,7 @@ from harness.machine.environment import processor
 from harness.profile import advice, design, measured, report
 from harness.profile.advice import BASE, CALIBRATED_OPTIMUM, CRITERIA, choose_triangulator
 from harness.profile.counted import design_of
+from harness.profile.law import DEVIATION_FACTOR
 from harness.profile.profile import is_of_this_machine, origin_of, read_coefficients, read_law
 from tests.conftest import assert_one_line, assert_refused, require_ok
 from tests.measuring.test_run import inline
@@ -160,13 +161,14 @@ def test_seconds_have_readable_units(value, text):
 
 
 def test_interval_of_a_saving_covers_the_true_share():
-    """Costs simulated with the stored covariance."""
+    """Costs simulated with the stored covariance, widened as intervals are."""
     law = read_law(GOOD)
     rows = [row["counters"] for row in GOOD["times"] if row["kind"] == "aspect"]
     base, spent = design_of([rows[-1], rows[0]])
     rng, covered = np.random.default_rng(0), 0
     truth = 1 - spent @ law.signed_costs / (base @ law.signed_costs)
-    for costs in rng.multivariate_normal(law.signed_costs, law.covariance, 400):
+    covariance = DEVIATION_FACTOR**2 * law.covariance
+    for costs in rng.multivariate_normal(law.signed_costs, covariance, 400):
         simulated = replace(law, signed_costs=costs, costs=costs)
         low, high = simulated.saved_interval(spent, base, costs)
         covered += low <= truth <= high
