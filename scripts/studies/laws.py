@@ -5,10 +5,10 @@
     PYTHONPATH=. python scripts/studies/laws.py OUT.csv --residuals PROFILE.json...
 
 The time of a draw on a device is the sum of costs times the exact counters of the design, or with
---misfit for three quarters of the devices the maximum of stages; about half of the terms cost nothing.
-The clock has a resolution of 0.1 ms, samples have noise, each
-drawing is slightly faster or slower in each process, and the speed of the machine drifts. Rounds
-are those of `harness.measuring.timing`; `harness.profile` fits the law.
+--misfit for three quarters of the devices the maximum of stages; about half of the terms cost
+nothing. The clock has a resolution of 0.1 ms, samples have noise, each drawing is slightly faster
+or slower in each process, and the speed of the machine drifts. Rounds are those of
+`harness.measuring.timing`; `harness.profile` fits the law.
 
 With --misfit, draws deviate from the law as much as those of the published profiles, with the same
 share of variance between groups (`MISFIT`, `SHARED`), and without noise, which is ten times
