@@ -335,8 +335,8 @@ class CacheLookup:
         self.notes: list[str] = []
         self._name = name
         self._parameters = dict(parameters)
-        name = processor()["name"].encode()
-        self._processor = hashlib.blake2b(name, digest_size=8).digest()
+        model = str(processor()["name"]).encode()
+        self._processor = hashlib.blake2b(model, digest_size=8).digest()
         self._database: ModelDatabase | None = None
         self._keys: list[bytes] = []
         if path is not None:
