@@ -52,6 +52,15 @@ def find_best_initial(outline: Boundary, cost: Cost) -> np.ndarray:
     )
 
 
+def find_any_triangulation(outline: Boundary) -> np.ndarray:
+    """Return some triangulation (m, 3) of a polygon, between sites."""
+    triangles: np.ndarray = outline.site[ear_clipping(outline)]
+    corner = triangles.reshape(-1)
+    if is_triangulation(outline.points, outline.ring_offsets, corner, link(corner)):
+        return triangles
+    return initial_triangulations(outline)[0]
+
+
 class Cycle(NamedTuple):
     """A simple polygon: `cycle` (n,) has the vertices counter-clockwise, as indices.
 

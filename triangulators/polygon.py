@@ -50,6 +50,12 @@ class Boundary(NamedTuple):
         return 2 * len(np.unique(self.edges)) - len(self.edges) - 2 * (1 - self.holes)
 
     @property
+    def has_plain_rings(self) -> bool:
+        """Whether no vertex is repeated, and no vertex lies on another ring."""
+        count = len(self.points)
+        return len(self.edges) == count and bool((self.site == np.arange(count)).all())
+
+    @property
     def simple(self) -> bool:
         """Whether the boundary is a single ring without repeated vertices."""
         return self.holes == 0 and len(self.edges) == len(self.points)

@@ -13,10 +13,14 @@ import numpy as np
 
 from triangulators.compute.kernels import njit
 from triangulators.compute.operations import copy_rows, grouped
+from triangulators.criteria.cost import Cost, cost_at
+from triangulators.criteria.features import weigh_triangles
 from triangulators.geometry.half_edges import find_twins
 from triangulators.geometry.predicates import orientation
 from triangulators.geometry.visibility import find_visible_sites
 from triangulators.polygon import Boundary
+
+_BLOCK = 256  # triangles that are weighed at a time
 
 
 class Candidates(NamedTuple):
@@ -129,6 +133,36 @@ def _list_triangles(
         for p in range(first[a], first[a + 1]):
             edge_to[edges[p, 1]] = -1
     return triples, rows[:count]
+
+
+@njit(nogil=True)
+def weigh_candidates(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.ndarray:
+    """Return the cost (t,) of each triangle (t, 3), in blocks for `weigh_triangles`."""
+    result = np.empty(len(triangles))
+    if cost.custom:
+        for t in range(len(triangles)):
+            result[t] = cost_at(points, triangles[t, 0], triangles[t, 1], triangles[t, 2], cost)
+        return result
+    corners = (
+        np.zeros(_BLOCK),
+        np.zeros(_BLOCK),
+        np.zeros(_BLOCK),
+        np.zeros(_BLOCK),
+        np.zeros(_BLOCK),
+        np.zeros(_BLOCK),
+    )
+    ax, ay, bx, by, cx, cy = corners
+    costs = np.empty(_BLOCK)
+    for first in range(0, len(triangles), _BLOCK):
+        count = min(_BLOCK, len(triangles) - first)
+        for k in range(count):
+            a, b, c = triangles[first + k, 0], triangles[first + k, 1], triangles[first + k, 2]
+            ax[k], ay[k], bx[k] = points[a, 0], points[a, 1], points[b, 0]
+            by[k], cx[k], cy[k] = points[b, 1], points[c, 0], points[c, 1]
+        weigh_triangles(cost.weights, corners, count, costs)
+        for k in range(count):
+            result[first + k] = costs[k]
+    return result
 
 
 @njit(nogil=True)

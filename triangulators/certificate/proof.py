@@ -5,9 +5,11 @@ dynamic program solves the rest (`skeleton`), otherwise the linear program (`lin
 """
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
+from triangulators.certificate.bridges import solve_by_bridges
 from triangulators.certificate.candidates import Candidates, find_candidates
 from triangulators.certificate.linear_program import Program
 from triangulators.certificate.local_minimality import exclude, extend
@@ -15,7 +17,9 @@ from triangulators.certificate.skeleton import solve_skeleton
 from triangulators.checking.evidence import Evidence
 from triangulators.checking.units import Units, compute_weights, exact_total, find_units, is_proof
 from triangulators.criteria.cost import Cost
+from triangulators.initial import find_any_triangulation, find_best_initial
 from triangulators.optimum.best_way import search_cuts
+from triangulators.optimum.visible_lists import NOTHING
 from triangulators.polygon import Boundary
 
 # Limits that are not times, so that the same is proven on any machine, end in a few seconds.
@@ -152,6 +156,34 @@ def prove(
     triangles only; 0: solve none. Return None if more than eight million triples of vertices see
     each other (1.5 million if seconds is 0 or infinite).
     """
+    reduced = _exclude_edges(outline, triangles, cost, seconds)
+    return None if reduced is None else _prove_reduced(outline, triangles, cost, seconds, *reduced)
+
+
+def minimise(outline: Boundary, cost: Cost, seconds: float) -> tuple[np.ndarray, float] | None:
+    """Return an optimum (m, 3) and its gap as `prove` does, where possible without potentials."""
+    reduced = _exclude_edges(outline, find_any_triangulation(outline), cost, seconds)
+    if reduced is None:
+        return None
+    candidates, weights, units, _, alive = reduced
+    if outline.has_plain_rings:
+        selection = solve_by_bridges(candidates, outline.ring_offsets, alive, weights, NOTHING)
+        if len(selection) > 0:
+            triangles = candidates.triangles[selection]
+            total: int = sum(weights[selection].tolist())
+            return triangles, _find_gap(outline, triangles, cost, units, total, total)
+    proof = _prove_reduced(outline, find_best_initial(outline, cost), cost, seconds, *reduced)
+    return proof.triangles, proof.gap
+
+
+_Reduced: TypeAlias = tuple[Candidates, np.ndarray, Units, np.ndarray, np.ndarray]
+"""Candidates, their weights, the units, the excluded edges, and the triangles that are alive."""
+
+
+def _exclude_edges(
+    outline: Boundary, triangles: np.ndarray, cost: Cost, seconds: float
+) -> _Reduced | None:
+    """Return a polygon's candidates after exclusion, or None; see `prove` for limits."""
     units = find_units(outline, triangles, cost)
     max_triples = MAX_TRIPLES if 0.0 < seconds < np.inf else _MAX_UNTIMED_TRIPLES
     candidates = find_candidates(outline, triangles, max_triples)
@@ -159,16 +191,37 @@ def prove(
         return None
     weights = compute_weights(outline.points, candidates.triangles, cost, units)
     excluded, alive = exclude(candidates, weights, cost, units)
+    return candidates, weights, units, excluded, alive
+
+
+def _prove_reduced(
+    outline: Boundary,
+    triangles: np.ndarray,
+    cost: Cost,
+    seconds: float,
+    candidates: Candidates,
+    weights: np.ndarray,
+    units: Units,
+    excluded: np.ndarray,
+    alive: np.ndarray,
+) -> Proof:
     search = _Search(candidates, weights, units)
     search.update_incumbent(_candidate_indices(candidates, triangles))
     potentials, lift = search.solve(alive, cost, seconds)
-    total, factor, bound = int(search.min_weight), units.factor, search.bound(potentials, lift)
+    total, bound = int(search.min_weight), search.bound(potentials, lift)
     triangles = candidates.triangles[search.incumbent]
-    proven = is_proof(
-        exact_total(outline, triangles, cost, units), bound // factor, len(triangles), units
-    )
-    gap = 0.0 if proven else max(total - bound, factor) / max(abs(total), 1)
+    gap = _find_gap(outline, triangles, cost, units, total, bound)
     return Proof(triangles, gap, candidates, weights, units, excluded, potentials, lift)
+
+
+def _find_gap(
+    outline: Boundary, triangles: np.ndarray, cost: Cost, units: Units, total: int, bound: int
+) -> float:
+    """Return the relative gap of triangles (m, 3) of weight `total` to a bound on weights."""
+    exact, factor = exact_total(outline, triangles, cost, units), units.factor
+    if is_proof(exact, bound // factor, len(triangles), units):
+        return 0.0
+    return max(total - bound, factor) / max(abs(total), 1)
 
 
 def _candidate_indices(candidates: Candidates, triangles: np.ndarray) -> np.ndarray:

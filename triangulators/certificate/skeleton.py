@@ -38,7 +38,10 @@ def solve_skeleton(
     cut = np.zeros(len(c.edges), dtype=np.bool_)
     if _connect_rings(c.points, c.edges, c.side, remaining, cut) > 1:
         return None
-    ring, inner = _make_ring(c, cut), remaining & ~cut & (c.side == 0)
+    ring, inner = (
+        make_ring(c, cut, int(np.flatnonzero(c.side)[0])),
+        remaining & ~cut & (c.side == 0),
+    )
     first, last = _find_positions(c, inner, ring)
     if (first < 0).any() or (last < 0).any():
         return None
@@ -142,12 +145,12 @@ def _is_in_angle(points: np.ndarray, before: int, vertex: int, after: int, other
 
 
 @njit(nogil=True)
-def _make_ring(candidates: Candidates, cut: np.ndarray) -> np.ndarray:
-    """Return the ring of sites of the cut polygon, counter-clockwise, with repetitions.
+def make_ring(candidates: Candidates, cut: np.ndarray, root: int) -> np.ndarray:
+    """Return a ring of sites of the cut polygon, counter-clockwise, with repetitions.
 
-    The last site leads to the first along the first side of the boundary. The ring follows the
-    boundary's directed sides, and each cut in both directions. The side after u-v is the first that
-    leaves v, clockwise from u: no part of the polygon lies between these sides.
+    The last site leads to the first along edge `root`, a side of the boundary. The ring follows the
+    boundary's directed sides, and each cut in both directions. The side after u-v is the first
+    that leaves v, clockwise from u: no part of the polygon lies between these sides.
     """
     points, edges, side = candidates.points, candidates.edges, candidates.side
     count = 2 * cut.sum() + (side != 0).sum()
@@ -161,22 +164,44 @@ def _make_ring(candidates: Candidates, cut: np.ndarray) -> np.ndarray:
             leaving[n, 0], leaving[n, 1] = edges[e, 1], edges[e, 0]
             n += 1
     start, items = grouped(leaving[:, 0].copy(), len(points))
-    root = 0
-    while side[root] == 0:
-        root += 1
-    u, v = edges[root, 0], edges[root, 1]
+    first, second = edges[root, 0], edges[root, 1]
     if side[root] < 0:
-        u, v = v, u
+        first, second = second, first
+    u, v = first, second
     ring = np.empty(count, dtype=np.int32)
-    for position in range(count):
-        ring[position] = v
+    size = 0
+    while size < count and (size == 0 or u != first or v != second):
+        ring[size] = v
+        size += 1
         next_site = -1
         for item in range(start[v], start[v + 1]):
             w = leaving[items[item], 1]
             if w != u and (next_site < 0 or _is_in_angle(points, u, v, next_site, w)):
                 next_site = w
         u, v = v, next_site
-    return ring
+    return ring[:size]
+
+
+@njit(nogil=True)
+def find_position(
+    points: np.ndarray,
+    ring: np.ndarray,
+    start: np.ndarray,
+    items: np.ndarray,
+    site: int,
+    other: int,
+) -> int:
+    """Return the position in the ring at which `site` sees `other`, or -1.
+
+    start, items: `grouped` sites of the ring.
+    """
+    n = len(ring)
+    for item in range(start[site], start[site + 1]):
+        position: int = items[item]
+        before, after = ring[position - 1], ring[position + 1 if position + 1 < n else 0]
+        if _is_in_angle(points, before, site, after, other):
+            return position
+    return -1
 
 
 @njit(nogil=True)
@@ -187,18 +212,14 @@ def _find_positions(
 
     -1 if an end is not in the ring.
     """
-    points, edges, n = candidates.points, candidates.edges, len(ring)
+    points, edges = candidates.points, candidates.edges
     start, items = grouped(ring, len(points))
-    positions = np.full((selected.sum(), 2), -1, dtype=np.int64)
+    positions = np.empty((selected.sum(), 2), dtype=np.int64)
     row = 0
     for e in range(len(edges)):
         if selected[e]:
             for end in range(2):
                 site, other = edges[e, end], edges[e, 1 - end]
-                for item in range(start[site], start[site + 1]):
-                    position = items[item]
-                    before, after = ring[position - 1], ring[(position + 1) % n]
-                    if _is_in_angle(points, before, site, after, other):
-                        positions[row, end] = position
+                positions[row, end] = find_position(points, ring, start, items, site, other)
             row += 1
     return positions[:, 0], positions[:, 1]

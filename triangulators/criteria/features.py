@@ -9,6 +9,7 @@ position on the pixel grid.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -67,14 +68,20 @@ def beauty(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> 
     return area(ax, ay, bx, by, cx, cy) / around if around > 0.0 else 0.0
 
 
-@njit
+@njit(forceinline=True, error_model="numpy")
 def _common_share(lost: float, doubled_area: float) -> float:
     """Fraction of a triangle's area in common with shifted copies; lost: L in `_mean_blocks`."""
     side = 1.0 - lost / doubled_area
     return side * side if side > 0.0 else 0.0
 
 
-@njit
+@njit(forceinline=True)
+def _triple(p: float, q: float, u: float, v: float, x: float, y: float) -> float:
+    """Return L of a triple in `_mean_blocks`: the sum of max(0, -first, -second) over edges."""
+    return -(min(0.0, p, q) + min(0.0, u, v)) - min(0.0, x, y)
+
+
+@njit(forceinline=True, error_model="numpy")
 def _mean_blocks(
     size: float, ax: float, ay: float, bx: float, by: float, cx: float, cy: float
 ) -> float:
@@ -107,38 +114,38 @@ def _mean_blocks(
 
     For b = 2 these are all terms, and the result is exact. For larger b an 8-connected group of
     centres counts once, so only slivers with gaps inside a block are overestimated.
+
+    There are no branches, so that `weigh_triangles` evaluates eight triangles at a time. A triangle
+    without area has the value 0: L / 0 is infinite or NaN, so that nothing is in common.
     """
     ux, uy, vx, vy, wx, wy = bx - ax, by - ay, cx - bx, cy - by, ax - cx, ay - cy
     cross = ux * vy - uy * vx  # 2 S
-    if cross == 0.0:
-        return 0.0
-    if cross < 0.0:
-        ux, uy, vx, vy, wx, wy = -ux, -uy, -vx, -vy, -wx, -wy
-        cross = -cross
+    sign = 1.0 if cross >= 0.0 else -1.0
+    cross = abs(cross)  # and never -0.0, by which L / S would be -inf
+    ux, uy, vx, vy, wx, wy = sign * ux, sign * uy, sign * vx, sign * vy, sign * wx, sign * wy
     width = max(ax, bx, cx) - min(ax, bx, cx)
     height = max(ay, by, cy) - min(ay, by, cy)
     falling = max(ax - ay, bx - by, cx - cy) - min(ax - ay, bx - by, cx - cy)
     rising = max(ax + ay, bx + by, cx + cy) - min(ax + ay, bx + by, cx + cy)
     pairs = _common_share(width, cross) + _common_share(height, cross)
     diagonals = _common_share(falling, cross) + _common_share(rising, cross)
-    triples = 0.0
-    for r in (-1.0, 1.0):
-        for u in (-1.0, 1.0):  # min for max: the loops visit all signs
-            lost = min(0.0, r * uy, u * ux) + min(0.0, r * vy, u * vx)
-            triples += _common_share(-lost - min(0.0, r * wy, u * wx), cross)
+    triples = _common_share(_triple(-uy, -ux, -vy, -vx, -wy, -wx), cross)
+    triples += _common_share(_triple(-uy, ux, -vy, vx, -wy, wx), cross)
+    triples += _common_share(_triple(uy, -ux, vy, -vx, wy, -wx), cross)
+    triples += _common_share(_triple(uy, ux, vy, vx, wy, wx), cross)
     inner = size - 1.0
     squares = triples - diagonals - _common_share(width + height, cross)
     share = size * size - size * inner * pairs + inner * inner * squares
     return 0.5 * cross * share / (size * size)
 
 
-@njit
+@njit(forceinline=True, error_model="numpy")
 def expected_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """2x2 pixel quads with a covered pixel centre (Q), averaged over positions on the grid."""
     return _mean_blocks(2.0, ax, ay, bx, by, cx, cy)
 
 
-@njit
+@njit(forceinline=True, error_model="numpy")
 def expected_blocks(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """4x4 pixel blocks with a covered pixel centre (P), averaged over positions on the grid."""
     return _mean_blocks(4.0, ax, ay, bx, by, cx, cy)
@@ -182,6 +189,47 @@ def weighted(
     if weights[9] != 0.0:
         total += weights[9] * expected_setups(ax, ay, bx, by, cx, cy)
     return total
+
+
+@njit(nogil=True, inline="always")
+def _add_feature(
+    feature: Any,
+    weight: float,
+    corners: tuple[np.ndarray, ...],
+    count: int,
+    totals: np.ndarray,
+) -> None:
+    """Add a weighted feature of `count` triangles to `totals`."""
+    ax, ay, bx, by, cx, cy = corners
+    if weight != 0.0:
+        for k in range(np.uint64(count)):
+            totals[k] += weight * feature(ax[k], ay[k], bx[k], by[k], cx[k], cy[k])
+
+
+@njit(nogil=True, error_model="numpy")
+def weigh_triangles(
+    weights: np.ndarray, corners: tuple[np.ndarray, ...], count: int, totals: np.ndarray
+) -> None:
+    """Write `weighted` of many triangles to `totals`, bit by bit the same.
+
+    corners: ax, ay, bx, by, cx, cy; count: number of triangles. The arrays have at least the next
+    multiple of 8 elements; those of `totals` beyond the count are undefined.
+
+    One loop per feature, without branches in it: LLVM evaluates all features but `shape` and
+    `beauty` in SIMD registers. Expected quads take 4 ns a triangle in place of 25 (AVX-512).
+    """
+    lanes = (count + 7) & ~7
+    for k in range(lanes):
+        totals[k] = weights[0]
+    _add_feature(area, weights[1], corners, lanes, totals)
+    _add_feature(half_perimeter, weights[2], corners, lanes, totals)
+    _add_feature(bbox_area, weights[3], corners, lanes, totals)
+    _add_feature(edge_length, weights[4], corners, lanes, totals)
+    _add_feature(shape, weights[5], corners, count, totals)
+    _add_feature(beauty, weights[6], corners, count, totals)
+    _add_feature(expected_quads, weights[7], corners, lanes, totals)
+    _add_feature(expected_blocks, weights[8], corners, lanes, totals)
+    _add_feature(expected_setups, weights[9], corners, lanes, totals)
 
 
 @njit

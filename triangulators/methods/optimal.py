@@ -14,11 +14,15 @@ import numpy as np
 
 from triangulators import criteria
 from triangulators.checking.units import EXACT, find_exact_scale
-from triangulators.criteria.cost import make_cost, replace_fields, total_cost
+from triangulators.criteria.cost import Cost, make_cost, replace_fields, total_cost
 from triangulators.errors import SkippedError
 from triangulators.geometry.order import walk
 from triangulators.geometry.predicates import bounding_box, grid_unit
-from triangulators.initial import find_best_initial, find_ring_triangulation
+from triangulators.initial import (
+    find_any_triangulation,
+    find_best_initial,
+    find_ring_triangulation,
+)
 from triangulators.optimum.best_way import (
     PIECE,
     optimum,
@@ -26,6 +30,7 @@ from triangulators.optimum.best_way import (
     solve_small,
     sweep_windows,
 )
+from triangulators.optimum.visible_lists import FLOAT
 from triangulators.polygon import Boundary, boundary_area
 
 LIMIT = 2000  # vertices up to which a polygon is optimised in one piece
@@ -38,6 +43,13 @@ MAX_PROGRAM_VERTICES = 500
 With more it can take minutes; `certify` uses it for polygons of any size. The maximum is never
 proven, because local minimality excludes almost no edge there.
 """
+
+
+MAX_BRIDGED_HOLES = 2
+"""Holes up to which a polygon is optimised before edges are excluded, see `bridges`."""
+
+MAX_TRIPLES = 1_500_000
+"""Visible triples of a polygon that is optimised so."""
 
 
 class SearchOptions(NamedTuple):
@@ -160,13 +172,33 @@ def _search(
     if len(outline.edges) > limit:
         start = find_best_initial(outline, cost)
         return _Result(sweep_windows(points, start, cost, min(PIECE, limit), seed), math.inf)
-    proof = None
+    optimal = _solve_few_holes(outline, cost)
+    if optimal is not None:
+        return _Result(optimal, 0.0, criterion)
     if sign > 0.0:
         # No finite time limit, so that the result is the same on any machine.
         seconds = math.inf if len(points) <= MAX_PROGRAM_VERTICES else 0.0
-        from triangulators.certificate.proof import prove  # most polygons have no holes
+        from triangulators.certificate.proof import minimise  # most polygons have no holes
 
-        proof = prove(outline, find_best_initial(outline, cost), cost, seconds)
-    if proof is None:
-        return _Result(search_cuts(points, find_best_initial(outline, cost), cost, seed), math.inf)
-    return _Result(proof.triangles, proof.gap)
+        result = minimise(outline, cost, seconds)
+        if result is not None:
+            return _Result(*result)
+    return _Result(search_cuts(points, find_best_initial(outline, cost), cost, seed), math.inf)
+
+
+def _solve_few_holes(outline: Boundary, cost: Cost) -> np.ndarray | None:
+    """Return the optimum (m, 3) of a polygon with few holes, or None if it is unsupported."""
+    # Imported only for polygons with holes.
+    from triangulators.certificate.bridges import solve_by_bridges
+    from triangulators.certificate.candidates import find_candidates, weigh_candidates
+
+    if cost["is_box"] or outline.holes > MAX_BRIDGED_HOLES or not outline.has_plain_rings:
+        return None
+    triangles = find_any_triangulation(outline)
+    candidates = find_candidates(outline, triangles, MAX_TRIPLES)
+    if candidates is None:
+        return None
+    weights = weigh_candidates(candidates.points, candidates.triangles, cost)
+    alive = np.ones(len(weights), dtype=np.bool_)
+    selection = solve_by_bridges(candidates, outline.ring_offsets, alive, weights, FLOAT)
+    return candidates.triangles[selection] if len(selection) else None

@@ -56,6 +56,7 @@ from triangulators.criteria.cost import (
     replace_fields,
     triangle_cost,
 )
+from triangulators.criteria.features import weigh_triangles
 from triangulators.geometry.predicates import bounding_box, grid_unit
 
 INT32_LIMIT = 1 << 30  # n (w + h), in units of the grid, below which sums fit int32
@@ -219,16 +220,31 @@ def _least_of_any(
     between: tuple[np.uint64, np.uint64],
     pair: tuple[int, int, int],
     none: float,
-    context: tuple[np.ndarray, Cost],
+    context: tuple[np.ndarray, Cost, np.ndarray],
 ) -> float:
-    (first, end), (i, j, _), (points, cost) = between, pair, context
+    (first, end), (i, j, _), (points, cost, space) = between, pair, context
     xi, yi, xj, yj = points[i, 0], points[i, 1], points[j, 0], points[j, 1]
     best = none
+    if cost.custom:
+        for r in range(first, end):
+            left = row[apex[r]]
+            if left < none:
+                triangle = triangle_cost(cost, xi, yi, lists[1, r], lists[2, r], xj, yj)
+                best = min(best, left + lists[0, r] + triangle)
+        return best
+    # Collect the apexes that both vertices see, so that their triangles are weighed in SIMD lanes.
+    ax, ay, bx, by, cx, cy = space[0], space[1], space[2], space[3], space[4], space[5]
+    below, totals = space[6], space[7]
+    count = 0
     for r in range(first, end):
-        below = row[apex[r]]
-        if below < none:
-            triangle = triangle_cost(cost, xi, yi, lists[1, r], lists[2, r], xj, yj)
-            best = min(best, below + lists[0, r] + triangle)
+        left = row[apex[r]]
+        below[count], bx[count], by[count] = left + lists[0, r], lists[1, r], lists[2, r]
+        count += left < none
+    for k in range(np.uint64((count + 7) & ~7)):
+        ax[k], ay[k], cx[k], cy[k] = xi, yi, xj, yj
+    weigh_triangles(cost.weights, (ax, ay, bx, by, cx, cy), count, totals)
+    for k in range(count):
+        best = min(best, below[k] + totals[k])
     return best
 
 
@@ -288,9 +304,11 @@ def _by_boxes(
 
 @njit(nogil=True)
 def _by_any(start: np.ndarray, target: np.ndarray, points: np.ndarray, cost: Cost) -> np.ndarray:
-    context = (points, cost)
+    # Corners, costs below and costs of up to n triangles, in lanes of `weigh_triangles`.
+    space = np.zeros((8, len(points) + 8))
+    context = (points, cost, space)
     filled = _fill(start, target, points.T.copy(), FLOAT, _least_of_any, context)
-    return _trace(start, target, filled, FLOAT, _cost_in, context)
+    return _trace(start, target, filled, FLOAT, _cost_in, (points, cost))
 
 
 @njit(nogil=True)

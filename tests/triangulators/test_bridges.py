@@ -1,0 +1,126 @@
+"""Optima of polygons with holes by walks of bridges, against brute force and certificates."""
+
+import numpy as np
+import pytest
+import shapely
+
+from tests.endurance.brute_force import SmallPolygon
+from tests.triangulators.cases import glyphs, shared, with_holes
+from tests.triangulators.test_skeleton import annulus
+from triangulators import certify, criteria, triangulate, vertices
+from triangulators.calling import triangulate_with_gap
+from triangulators.certificate import bridges, proof
+from triangulators.certificate.bridges import solve_by_bridges
+from triangulators.certificate.candidates import find_candidates, weigh_candidates
+from triangulators.certificate.proof import minimise
+from triangulators.checking.units import compute_costs
+from triangulators.criteria.cost import make_cost, total_cost
+from triangulators.initial import find_any_triangulation
+from triangulators.optimum.visible_lists import FLOAT
+from triangulators.polygon import boundary, boundary_area
+from triangulators.verify import verify
+
+CRITERIA = ("expected-quads", "exact-quads", "half-perimeter", "shape")
+
+
+def solve(polygon, name, sign=1.0):
+    """Return the polygon, the cost and the triangles of `solve_by_bridges`."""
+    outline, criterion = boundary(polygon), criteria.find(name)
+    cost = make_cost(criterion, boundary_area(outline), outline.expected_triangles, sign)
+    candidates = find_candidates(outline, find_any_triangulation(outline), 10**6)
+    weights = weigh_candidates(outline.points, candidates.triangles, cost)
+    alive = np.ones(len(weights), dtype=np.bool_)
+    selection = solve_by_bridges(candidates, outline.ring_offsets, alive, weights, FLOAT)
+    return outline, cost, candidates.triangles[selection]
+
+
+def check_against_brute_force(polygon: shapely.Polygon, name: str) -> None:
+    """Compare both extremes; rings that touch are left to other programs, but must be right."""
+    rings = [list(ring.coords)[:-1] for ring in (polygon.exterior, *polygon.interiors)]
+    total, small = criteria.find(name).total, SmallPolygon(rings)
+    points = vertices(polygon)
+    for sign, triangulator in ((1.0, "optimal"), (-1.0, "worst")):
+
+        def cost(corners: list[tuple[float, float]], sign: float = sign) -> float:
+            return sign * total(np.array(corners), np.array([[0, 1, 2]]))
+
+        expected = sign * float(small.optimum(cost)[0])
+        outline = boundary(polygon)
+        if outline.holes and outline.has_plain_rings:
+            outline, record, triangles = solve(polygon, name, sign)
+            found = sign * total_cost(outline.points, triangles, record)
+            assert verify(polygon, triangles).conforming, polygon.wkt
+            assert found == pytest.approx(expected, rel=1e-9, abs=1e-9), polygon.wkt
+        if sign > 0.0:
+            best = triangulate(polygon, triangulator, criterion=name)
+            assert total(points, best) == pytest.approx(expected, rel=1e-9, abs=1e-9), polygon.wkt
+
+
+@pytest.mark.parametrize("number", range(len(CRITERIA)))
+def test_optimum_equals_brute_force(number):
+    rng = np.random.default_rng(number)
+    for _ in range(8):
+        polygon = with_holes(rng, int(rng.integers(4, 8)), int(rng.integers(1, 3)))
+        scale, shift = float(rng.choice([0.25, 1.0, 3.0])), float(rng.choice([0.0, 0.5]))
+        check_against_brute_force(
+            shapely.transform(polygon, lambda p, by=scale, to=shift: p * by + to), CRITERIA[number]
+        )
+
+
+def test_larger_optima_are_certified():
+    polygons = [polygon for _, polygon in glyphs("B8&g%") if polygon.interiors]
+    polygons += [annulus(12, 3), shapely.affinity.scale(annulus(9, 1), -1.0, 1.0)]
+    polygons += [with_holes(np.random.default_rng(1), 9, holes) for holes in (2, 3, 4)]
+    for polygon in polygons:
+        triangles, gap = triangulate_with_gap(polygon, "optimal:expected-quads")
+        assert gap == 0.0
+        assert certify(polygon, triangles, "expected-quads").proven, polygon.wkt
+
+
+def test_exclusion_leaves_few_ways_to_cut(monkeypatch):
+    """Real polygons with three holes and more need no linear program."""
+    outlines = [boundary(p) for _, p in shared("helsinki.json") if p.is_valid]
+    outlines = [o for o in outlines if o.holes > 2 and o.has_plain_rings]
+    assert len(outlines) > 4
+
+    def refuse(*_):
+        raise AssertionError("linear program")
+
+    monkeypatch.setattr(proof, "Program", refuse)
+    for outline in outlines:
+        cost = make_cost(criteria.find("half-perimeter"), 1.0, 1)
+        triangles, gap = minimise(outline, cost, np.inf)
+        assert gap == 0.0
+        assert len(triangles) == outline.expected_triangles
+
+
+def test_too_many_ways_to_cut_leave_the_program(monkeypatch):
+    polygon = with_holes(np.random.default_rng(2), 9, 2)
+    exact = solve(polygon, "expected-quads")
+    monkeypatch.setattr(bridges, "MAX_CUTS", 0)
+    solver = bridges.solve_by_bridges.py_func
+    outline, cost, triangles = exact
+    candidates = find_candidates(outline, triangles, 10**6)
+    weights = weigh_candidates(outline.points, candidates.triangles, cost)
+    alive = np.ones(len(weights), dtype=np.bool_)
+    assert len(solver(candidates, outline.ring_offsets, alive, weights, FLOAT)) == 0
+    alive[:] = False
+    assert len(solve_by_bridges(candidates, outline.ring_offsets, alive, weights, FLOAT)) == 0
+
+
+@pytest.mark.parametrize("name", ["expected-quads", "expected-blocks", "shape", "exact-quads"])
+def test_blocks_of_triangles_have_the_costs_of_single_ones(name):
+    rng = np.random.default_rng(3)
+    points = np.round(rng.uniform(0.0, 9.0, (60, 2)) * 256) / 256
+    points[:9, 1] = points[0, 1]  # triangles without area
+    triangles = rng.integers(0, 60, (700, 3)).astype(np.int32)
+    triangles[:30] = rng.integers(0, 9, (30, 3))
+    cost = make_cost(criteria.find(name), 1.0, 1)
+    costs = weigh_candidates(points, triangles, cost)
+    lowest_first = np.array(
+        [np.roll(triangle, -int(np.argmin(triangle))) for triangle in triangles], dtype=np.int32
+    )
+    assert (
+        weigh_candidates(points, lowest_first, cost) == compute_costs(points, triangles, cost)
+    ).all()
+    assert np.isfinite(costs).all()

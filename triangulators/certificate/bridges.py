@@ -1,0 +1,505 @@
+"""The optimum of a polygon with holes for any cost, by shortest closed walks of bridges.
+
+Every triangle is weighed once (see `candidates`); all that follows are additions.
+
+One hole. A *bridge* is an edge between the outer ring and the hole. Any other edge has both ends on
+one ring and cuts off a *pocket*, the side without the hole. A triangle with a bridge has two, and
+its third side is the end of a pocket:
+
+    pocket(e) = min over the triangles in the pocket, at e, of weight + the pockets of two sides,
+    walk(b) = min over the triangles a-b with the bridges a and b of walk(a) + weight + pocket.
+
+Around the hole, the bridges of a triangulation follow each other counter-clockwise: a closed walk,
+which moves along the outer ring or along the hole with each triangle. Pockets are the same for all
+walks. Walks begin at the bridges of an extreme vertex of the hole, in a direction: the polygon's
+angle there exceeds 180 degrees, a triangle's does not, so each triangulation has a bridge that
+leads further in that direction. The vertex with the fewest is taken.
+
+Order of a walk. Take the plane as seen from the hole's leftmost vertex: counter-clockwise, the
+outer ring has the positions 0..m - 1, the hole 0..q - 1 from that vertex on, and each turn adds m
+and q. A bridge from outer position `o` ends on the hole at a position in the same turn as `o`, or
+in the next or previous one if it crosses the ray to the left of the vertex. Two bridges cross if
+their positions are in opposite order on the two rings. So a walk from a bridge visits bridges of
+ascending sum of both positions, until m + q is added: an acyclic graph. Turns are counted by exact
+predicates.
+
+More holes. The same extreme vertex, of all holes, has an edge to the outer ring. Cut along one such
+edge after another, in all ways, until one hole is left; edges that cross a cut are not used.
+
+Cost: t additions per way to cut, for t triangles, and once more for each first bridge. On 113
+letters with holes all of this takes a tenth of the time of the linear programs that it replaces.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from triangulators.certificate.candidates import Candidates
+from triangulators.certificate.skeleton import find_position, make_ring
+from triangulators.compute.kernels import njit
+from triangulators.compute.operations import grouped
+from triangulators.geometry.predicates import cross, orientation
+
+MAX_CUTS = 250
+"""Ways to cut a polygon open that are tried."""
+
+_CUT, _UNUSED, _POCKET, _BRIDGE = range(4)  # kinds of edges; sides of rings are cuts
+
+
+@njit(nogil=True)
+def solve_by_bridges(
+    candidates: Candidates,
+    ring_offsets: np.ndarray,
+    alive: np.ndarray,
+    weights: np.ndarray,
+    none: Any,
+) -> np.ndarray:
+    """Return the indices (m,) of the triangles of minimum weight; none if there are too many cuts.
+
+    ring_offsets (h + 2,), h > 0: rings that do not touch, whose vertices are sites; alive, weights
+    (t,): usable triangles, and their weights; none: exceeds the weight of every triangulation, and
+    the sum of three does not overflow.
+    """
+    c = candidates
+    holes, size = len(ring_offsets) - 2, len(c.edges)
+    usable = np.zeros((holes, size), dtype=np.bool_)  # at each depth, edges that cross no cut
+    for t in range(len(alive)):
+        if alive[t]:
+            for e in c.sides[t]:
+                usable[0, e] = True
+    cut = np.zeros(size, dtype=np.bool_)
+    merged = np.zeros(holes + 1, dtype=np.bool_)
+    choices = np.empty((holes, size), dtype=np.int32)
+    count = np.full(holes, -1, dtype=np.int64)  # of choices at each depth; -1: not listed yet
+    taken, hole_at = np.zeros(holes, dtype=np.int64), np.zeros(holes, dtype=np.int64)
+    best, solution = none, np.empty(0, dtype=np.int64)
+    depth, cuts = 0, 0
+    while depth >= 0:
+        if count[depth] < 0:
+            count[depth], hole_at[depth] = _list_bridges(
+                c, ring_offsets, merged, usable[depth], choices[depth]
+            )
+            taken[depth] = 0
+        if depth == holes - 1 and count[depth] > 0:
+            cuts += 1
+            if cuts > MAX_CUTS:
+                return solution[:0]
+            starts = choices[depth, : count[depth]]
+            total, triangles = _solve_annulus(
+                c, ring_offsets, hole_at[depth], cut, usable[depth], alive, weights, starts, none
+            )
+            if total < best:
+                best, solution = total, triangles
+        if depth == holes - 1 or taken[depth] == count[depth]:
+            count[depth] = -1
+            depth -= 1
+            if depth >= 0:
+                cut[choices[depth, taken[depth] - 1]] = False
+                merged[hole_at[depth]] = False
+            continue
+        e = choices[depth, taken[depth]]
+        taken[depth] += 1
+        cut[e], merged[hole_at[depth]] = True, True
+        a, b = c.edges[e, 0], c.edges[e, 1]
+        for f in range(size):
+            usable[depth + 1, f] = usable[depth, f] and not cross(
+                c.points, a, b, c.edges[f, 0], c.edges[f, 1]
+            )
+        depth += 1
+    return solution
+
+
+@njit(nogil=True)
+def _list_bridges(
+    candidates: Candidates,
+    ring_offsets: np.ndarray,
+    merged: np.ndarray,
+    usable: np.ndarray,
+    bridges: np.ndarray,
+) -> tuple[int, int]:
+    """Write the bridges of an extreme vertex to `bridges`; return their number and its hole.
+
+    Of the unmerged holes, the vertex that is furthest left, right, down or up is taken that has the
+    fewest usable edges which lead further. One of them is in every triangulation.
+    """
+    points, edges = candidates.points, candidates.edges
+    fewest, chosen = len(edges) + 1, 0
+    places = np.empty(len(edges), dtype=np.int32)
+    for direction in range(4):
+        axis, sign = direction // 2, 1.0 if direction % 2 == 0 else -1.0
+        tip, tip_hole = -1, 0
+        for hole in range(1, len(ring_offsets) - 1):
+            if not merged[hole]:
+                for v in range(ring_offsets[hole], ring_offsets[hole + 1]):
+                    if tip < 0 or sign * points[v, axis] < sign * points[tip, axis]:
+                        tip, tip_hole = v, hole
+        limit, count = sign * points[tip, axis], 0
+        for e in range(len(edges)):
+            a, b = edges[e, 0], edges[e, 1]
+            if usable[e] and (a == tip or b == tip):
+                end = b if a == tip else a
+                if sign * points[end, axis] < limit:
+                    places[count] = e
+                    count += 1
+        if count < fewest:
+            fewest, chosen = count, tip_hole
+            for k in range(count):
+                bridges[k] = places[k]
+    return fewest, chosen
+
+
+@njit(nogil=True)
+def _crossings(points: np.ndarray, a: int, b: int, tip: int) -> int:
+    """Return 1 if a-b crosses the ray to the left of `tip` downwards, -1 if upwards, else 0."""
+    y = points[tip, 1]
+    above, other_above = points[a, 1] > y, points[b, 1] > y
+    if above == other_above:
+        return 0
+    side = orientation(points, a, b, tip)
+    return (1 if side > 0.0 else 0) if above else (-1 if side < 0.0 else 0)
+
+
+@njit(nogil=True)
+def _is_above(points: np.ndarray, v: int, tip: int, upper: int) -> bool:
+    """Whether v sees the leftmost vertex of a hole from above; upper: its neighbour further up."""
+    if points[v, 0] < points[tip, 0]:
+        return bool(points[v, 1] > points[tip, 1])
+    return bool(orientation(points, tip, upper, v) > 0.0)
+
+
+@njit(nogil=True)
+def _classify(
+    candidates: Candidates,
+    outer: np.ndarray,
+    inner: np.ndarray,
+    cut: np.ndarray,
+    usable: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the kind, the first and the second number of each edge, (e,) each.
+
+    outer (m,), inner (q,): rings of sites with the polygon on the left; inner[0] is leftmost. The
+    numbers of a bridge are its positions on the outer ring and on the hole, those of a pocket its
+    length, negative if it runs from the higher to the lower site, and 0.
+    """
+    points, edges, side = candidates.points, candidates.edges, candidates.side
+    m, q, tip, upper = len(outer), len(inner), inner[0], inner[1]
+    outer_start, outer_items = grouped(outer, len(points))
+    inner_start, inner_items = grouped(inner, len(points))
+    turn = np.zeros(m, dtype=np.int64)
+    for k in range(1, m):
+        turn[k] = turn[k - 1] + _crossings(points, outer[k - 1], outer[k], tip)
+    kind = np.full(len(edges), _UNUSED, dtype=np.int8)
+    first, second = np.zeros(len(edges), dtype=np.int64), np.zeros(len(edges), dtype=np.int64)
+    for e in range(len(edges)):
+        a, b = edges[e, 0], edges[e, 1]
+        if side[e] != 0 or cut[e]:
+            kind[e] = _CUT
+            continue
+        on_hole, to_hole = inner_start[a] < inner_start[a + 1], inner_start[b] < inner_start[b + 1]
+        if on_hole and not to_hole:
+            a, b = b, a
+        i = j = 0
+        if not on_hole or not to_hole:
+            i = find_position(points, outer, outer_start, outer_items, a, b)
+        if not on_hole and not to_hole:
+            j = find_position(points, outer, outer_start, outer_items, b, a)
+        if not usable[e] or i < 0 or j < 0:
+            continue
+        if on_hole != to_hole:
+            kind[e], first[e] = _BRIDGE, i
+            second[e] = q * turn[i] + _find_hole_position(
+                points, a, b, inner, inner_items[inner_start[b]]
+            )
+            continue
+        kind[e] = _POCKET
+        if on_hole:
+            i, j = inner_items[inner_start[a]], inner_items[inner_start[b]]
+            around, length = _count_turns(points, a, b, i, j, tip, upper), (j - i) % q
+            first[e] = length if around == 0 else length - q
+        else:
+            around = _crossings(points, b, a, tip) + turn[j] - turn[i] + (1 if i > j else 0)
+            length = (j - i) % m
+            first[e] = length if around == 0 else length - m
+    return kind, first, second
+
+
+@njit(nogil=True)
+def _find_hole_position(
+    points: np.ndarray, outer_end: int, end: int, inner: np.ndarray, index: int
+) -> int:
+    """Return the position of a bridge on the hole, relative to the turn of its outer end.
+
+    index: of the bridge's end in `inner`, which runs clockwise around the hole.
+    """
+    tip, q = inner[0], len(inner)
+    if index == 0:
+        return q if _is_above(points, outer_end, tip, inner[1]) else 0
+    return q * _crossings(points, outer_end, end, tip) + q - index
+
+
+@njit(nogil=True)
+def _count_turns(points: np.ndarray, a: int, b: int, i: int, j: int, tip: int, upper: int) -> int:
+    """Return the turns around a hole of its ring from i to j, and back along the edge b-a.
+
+    a, b: the sites at positions i and j. The hole's first vertex, on the ring, is passed upwards.
+    """
+    around = _crossings(points, b, a, tip)
+    if i == 0:
+        return around if _is_above(points, b, tip, upper) else around - 1
+    if j == 0:
+        return around - 1 if _is_above(points, a, tip, upper) else around
+    return around - 1 if i > j else around
+
+
+@njit(nogil=True)
+def _sort_triangles(
+    candidates: Candidates,
+    kind: np.ndarray,
+    length: np.ndarray,
+    alive: np.ndarray,
+    on_hole: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pocket (t,) that a triangle is in, e for none of them, and the steps (s, 4).
+
+    A step: the bridges before and after, its triangle, the triangle's third edge. A triangle is
+    outside the pocket of a side that runs from the lower to the higher site as the pocket does.
+    """
+    c = candidates
+    pocket_of = np.full(len(alive), len(c.edges), dtype=np.int64)
+    steps, count = np.empty((len(alive), 4), dtype=np.int32), 0
+    for t in range(len(alive)):
+        bridges, inside, pocket, base = 0, 0, 0, 0
+        for s in range(3):
+            e = c.sides[t, s]
+            if kind[e] == _UNUSED or not alive[t]:
+                bridges = 3
+            elif kind[e] == _BRIDGE:
+                bridges += 1
+            else:
+                base = s
+                forward = c.triangles[t, s] < c.triangles[t, s + 1 if s < 2 else 0]
+                if kind[e] == _POCKET and forward != (length[e] > 0):
+                    inside += 1
+                    pocket = e
+        if bridges == 0 and inside == 1:
+            pocket_of[t] = pocket
+        elif bridges == 2 and inside == 0:
+            # Along the third edge, counter-clockwise around the triangle, the outer ring ascends
+            # and the hole descends.
+            before, after = c.sides[t, (base + 2) % 3], c.sides[t, (base + 1) % 3]
+            if on_hole[c.triangles[t, base]]:
+                before, after = after, before
+            steps[count, 0], steps[count, 1] = before, after
+            steps[count, 2], steps[count, 3] = t, c.sides[t, base]
+            count += 1
+    return pocket_of, steps[:count]
+
+
+@njit(nogil=True)
+def _weigh_pockets(
+    candidates: Candidates,
+    kind: np.ndarray,
+    length: np.ndarray,
+    pocket_of: np.ndarray,
+    weights: np.ndarray,
+    none: Any,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the minimum weight (e,) of each pocket, and the triangle (e,) at its edge."""
+    sides, count = candidates.sides, len(kind)
+    pocket = np.full(count, none, dtype=weights.dtype)
+    apex = np.full(count, -1, dtype=np.int64)
+    start, items = grouped(pocket_of, count + 1)
+    lengths = np.zeros(count, dtype=np.int64)
+    for e in range(count):
+        if kind[e] == _CUT:
+            pocket[e] = 0
+        elif kind[e] == _POCKET:
+            lengths[e] = abs(length[e])
+    by_length, in_order = grouped(lengths, lengths.max() + 1)
+    for e in in_order[by_length[1] :]:
+        best, best_triangle = none, -1
+        for index in range(start[e], start[e + 1]):
+            t = items[index]
+            total = weights[t]
+            for s in range(3):
+                if sides[t, s] != e:
+                    total += pocket[sides[t, s]]
+            if total < best:
+                best, best_triangle = total, t
+        pocket[e], apex[e] = best, best_triangle
+    return pocket, apex
+
+
+@njit(nogil=True)
+def _solve_annulus(
+    candidates: Candidates,
+    ring_offsets: np.ndarray,
+    hole: int,
+    cut: np.ndarray,
+    usable: np.ndarray,
+    alive: np.ndarray,
+    weights: np.ndarray,
+    starts: np.ndarray,
+    none: Any,
+) -> tuple[Any, np.ndarray]:
+    """Return the minimum weight with one unmerged hole, and the indices (m,) of its triangles.
+
+    starts: bridges of which each triangulation has one. The weight is `none` without a solution.
+    """
+    c, (outer, inner) = candidates, _find_rings(candidates, ring_offsets, hole, cut)
+    m, q = len(outer), len(inner)
+    on_hole = np.zeros(len(c.points), dtype=np.bool_)
+    on_hole[inner] = True
+    kind, first, second = _classify(c, outer, inner, cut, usable)
+    pocket_of, steps = _sort_triangles(c, kind, first, alive, on_hole)
+    pocket, apex = _weigh_pockets(c, kind, first, pocket_of, weights, none)
+    # Move each bridge by whole turns to a sum of positions in 0..period - 1.
+    period = m + q
+    sums = np.full(len(kind), period, dtype=np.int64)
+    for e in range(len(kind)):
+        if kind[e] == _BRIDGE:
+            turns = (first[e] + second[e]) // period
+            first[e] -= turns * m
+            second[e] -= turns * q
+            sums[e] = first[e] + second[e]
+    by_sum, order = grouped(sums, period + 1)
+    order = order[: by_sum[period]]
+    rank = np.zeros(len(kind), dtype=np.int64)
+    for k in range(len(order)):
+        rank[order[k]] = k
+    # Steps by their bridge after. Those around the wrong side of the hole change its turn.
+    after = np.full(len(steps), len(kind), dtype=np.int64)
+    sizes, costs = np.empty(len(steps), dtype=np.int64), np.empty(len(steps), weights.dtype)
+    for k in range(len(steps)):
+        a, b, t, base = steps[k]
+        size = max(1, abs(first[base]))
+        sizes[k], costs[k] = size, weights[t] + pocket[base]
+        turn = (sums[a] + size - sums[b]) // period
+        o, h = first[b] + turn * m - first[a], second[b] + turn * q - second[a]
+        along = (o == 0 and h == size) if on_hole[c.edges[base, 0]] else (o == size and h == 0)
+        if along and costs[k] < none:
+            after[k] = b
+    by_target = grouped(after, len(kind) + 1)
+    best, solution = none, np.empty(0, dtype=np.int64)
+    walk, via = np.empty(len(kind), dtype=weights.dtype), np.empty(len(kind), dtype=np.int64)
+    for s in starts:
+        if kind[s] == _BRIDGE:
+            at = rank[s]
+            ahead = np.concatenate((order[at:], order[: at + 1]))
+            total = _walk(
+                s,
+                ahead,
+                len(order) - at,
+                (m, q),
+                first,
+                second,
+                steps,
+                sizes,
+                costs,
+                by_target,
+                none,
+                walk,
+                via,
+            )
+            if total < best:
+                best, solution = total, _trace(c, kind, apex, steps, via, s)
+    return best, solution
+
+
+@njit(nogil=True)
+def _walk(
+    start: int,
+    ahead: np.ndarray,
+    wrap: int,
+    turn: tuple[int, int],
+    first: np.ndarray,
+    second: np.ndarray,
+    steps: np.ndarray,
+    sizes: np.ndarray,
+    costs: np.ndarray,
+    by_target: tuple[np.ndarray, np.ndarray],
+    none: Any,
+    walk: np.ndarray,
+    via: np.ndarray,
+) -> Any:
+    """Return the minimum weight of a closed walk from a bridge; write the last steps to `via`.
+
+    ahead: bridges in order of their sums, from `start` on and back to it; those from index `wrap`
+    on are a turn ahead. walk (e,): workspace for the weights of walks.
+    """
+    begin, items = by_target
+    m, q = turn
+    walk[:] = none
+    walk[start] = 0
+    total = none
+    for number in range(1, len(ahead)):
+        b = ahead[number]
+        o, h = first[b] - first[start], second[b] - second[start]
+        if number >= wrap:
+            o, h = o + m, h + q
+        if not (0 <= o <= m and 0 <= h <= q):
+            continue  # it crosses the first bridge
+        total = none
+        for index in range(begin[b], begin[b + 1]):
+            k = items[index]
+            value = walk[steps[k, 0]] + costs[k]
+            if o + h >= sizes[k] and value < total:
+                total, via[b] = value, k
+        if b != start:
+            walk[b] = total
+    return total
+
+
+@njit(nogil=True)
+def _find_rings(
+    candidates: Candidates, ring_offsets: np.ndarray, hole: int, cut: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the outer ring of the cut polygon, and a hole from its leftmost site on."""
+    points, edges, side = candidates.points, candidates.edges, candidates.side
+    first, last = ring_offsets[hole], ring_offsets[hole + 1]
+    root = inner_root = -1
+    for e in range(len(edges) - 1, -1, -1):
+        if side[e] != 0:
+            root = e  # the last one is of the first site, on the exterior
+            if first <= edges[e, 0] < last:
+                inner_root = e
+    outer, inner = make_ring(candidates, cut, root), make_ring(candidates, cut, inner_root)
+    leftmost = 0
+    for k in range(len(inner)):
+        if points[inner[k], 0] < points[inner[leftmost], 0]:
+            leftmost = k
+    return outer, np.roll(inner, -leftmost)
+
+
+@njit(nogil=True)
+def _trace(
+    candidates: Candidates,
+    kind: np.ndarray,
+    apex: np.ndarray,
+    steps: np.ndarray,
+    via: np.ndarray,
+    start: int,
+) -> np.ndarray:
+    """Return the triangles (m,) of a closed walk and of its pockets; via: last step to a bridge."""
+    triangles = np.empty(len(apex), dtype=np.int64)
+    stack = np.empty(len(apex), dtype=np.int64)
+    size, height, b = 0, 0, start
+    while size == 0 or b != start:
+        step = steps[via[b]]
+        b = step[0]
+        triangles[size] = step[2]
+        size += 1
+        stack[height] = step[3]
+        height += 1
+    while height > 0:
+        height -= 1
+        e = stack[height]
+        if kind[e] == _POCKET:
+            t = apex[e]
+            triangles[size] = t
+            size += 1
+            for other in candidates.sides[t]:
+                if other != e:
+                    stack[height] = other
+                    height += 1
+    return triangles[:size]
