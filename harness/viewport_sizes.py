@@ -92,6 +92,7 @@ REMEDIES = {
     "triangles": "fewer covering triangles",
     "pixels": "fewer quads",
     "triangles and pixels": "fewer covering triangles and quads",
+    "arithmetic": "fewer quads",
 }
 """What shortens a stage that depends on the triangulation; that of vertices depends on the order
 of triangles."""

@@ -214,7 +214,7 @@ def load(
     parameters = {**parsed_parameters, **parameters}
     seed = convert_value("seed", parameters.pop("seed", seed), int)
     limit = parameters.pop("limit", None)
-    if is_path(name):
+    if _is_file(name):
         function = _choose_reader(parameters)
         arguments = {"attributes": attributes} | convert_arguments(name, function, parameters)
         if limit is not None:
@@ -236,6 +236,11 @@ def load(
     return scene if limit is None else scene.head(convert_value("limit", limit, int))
 
 
+def _is_file(name: str) -> bool:
+    """Whether a name is a path; a folder named like a built-in scene, such as `paper`, is not."""
+    return is_path(name) and not (name in ENTRIES and Path(name).is_dir())
+
+
 def split_parameters(text: str) -> tuple[str, dict[str, Any], bool]:
     """Split "name:key=value" into name, parameters of `load`, and whether the name is a file.
 
@@ -245,7 +250,7 @@ def split_parameters(text: str) -> tuple[str, dict[str, Any], bool]:
     ('town.gpkg', {'layer': 'parks', 'limit': 9}, True)
     """
     name, parsed_parameters = parse_name(text)
-    if not is_path(name):
+    if not _is_file(name):
         return name, parsed_parameters, False
     return name, convert_arguments(name, _choose_reader(parsed_parameters), parsed_parameters), True
 
@@ -257,7 +262,7 @@ def is_tiled(text: str) -> bool:
     (False, False, True)
     """
     name, parsed_parameters = parse_name(text)
-    if is_path(name):
+    if _is_file(name):
         return not TILE_OPTIONS.isdisjoint(parsed_parameters)
     return name in ENTRIES and ENTRIES[name].tiled
 

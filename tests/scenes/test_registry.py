@@ -53,6 +53,13 @@ def test_wrong_parameters_are_refused(spec, message):
         load(spec)
 
 
+def test_a_folder_named_like_a_scene_does_not_hide_it(monkeypatch, tmp_path):
+    (tmp_path / "paper").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert len(load("paper").polygons) == 1
+    assert registry.split_parameters("paper")[2] is False
+
+
 def test_a_file_named_like_a_scene_needs_its_suffix(geojson, monkeypatch, tmp_path):
     geojson(feature([SQUARE]), name="town.geojson")
     monkeypatch.chdir(tmp_path)
