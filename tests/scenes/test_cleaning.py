@@ -145,34 +145,49 @@ class TestFillRules:
         (area,) = fill_contours(rings, rule)
         assert (shapely.contains_xy(area, *points.T) == expected).all()
 
-    def test_self_crossing_glyph_covers_the_area_that_freetype_draws(self, tmp_path):
+    def test_letters_cover_the_area_that_freetype_draws(self, tmp_path):
+        """A heptagram; stars that cross another contour; strokes that overlap, as of an A."""
         import freetype
         from fontTools.fontBuilder import FontBuilder
         from fontTools.pens.ttGlyphPen import TTGlyphPen
 
-        pen = TTGlyphPen(None)
-        for ring in (5 * STAR, 5 * STAR[::-1] + (450, 0), np.array([(0, 0), (900, 0), (0, 99)])):
-            pen.moveTo(tuple(ring[0].tolist()))
-            for vertex in ring[1:].tolist():
-                pen.lineTo(tuple(vertex))
-            pen.closePath()
-        empty, path = TTGlyphPen(None).glyph(), str(tmp_path / "star.ttf")
+        angles = 2 * np.pi * 3 * np.arange(7) / 7
+        strokes = [(0, 0), (100, 0), (350, 700), (280, 700)], [(600, 0), (700, 0), (350, 700)]
+        letters = {
+            "A": [np.rint(400 + 400 * np.stack([np.sin(angles), np.cos(angles)], 1)).astype(int)],
+            "B": [5 * STAR, 5 * STAR[::-1] + (450, 0), np.array([(0, 0), (900, 0), (0, 99)])],
+            "C": [
+                *map(np.array, strokes),
+                np.array([(90, 200), (610, 200), (610, 280), (90, 280)]),
+            ],
+        }
+        glyphs = {".notdef": TTGlyphPen(None).glyph()}
+        for name, rings in letters.items():
+            pen = TTGlyphPen(None)
+            for ring in rings:
+                pen.moveTo(tuple(ring[0].tolist()))
+                for vertex in ring[1:].tolist():
+                    pen.lineTo(tuple(vertex))
+                pen.closePath()
+            glyphs[name] = pen.glyph()
+        path = str(tmp_path / "stars.ttf")
         font = FontBuilder(1000, isTTF=True)
-        font.setupGlyphOrder([".notdef", "A"])
-        font.setupCharacterMap({65: "A"})
-        font.setupGlyf({".notdef": empty, "A": pen.glyph()})
-        font.setupHorizontalMetrics({".notdef": (2000, 0), "A": (2000, 0)})
+        font.setupGlyphOrder([*glyphs])
+        font.setupCharacterMap({ord(name): name for name in letters})
+        font.setupGlyf(glyphs)
+        font.setupHorizontalMetrics(dict.fromkeys(glyphs, (2000, 0)))
         font.setupHorizontalHeader(ascent=1000, descent=-200)
-        font.setupNameTable({"familyName": "Star", "styleName": "Regular"})
+        font.setupNameTable({"familyName": "Stars", "styleName": "Regular"})
         font.setupOS2()
         font.setupPost()
         font.save(path)
         face = freetype.Face(path)
         face.set_pixel_sizes(0, 500)
-        face.load_char("A", freetype.FT_LOAD_RENDER | freetype.FT_LOAD_NO_HINTING)
-        drawn = 4 * sum(face.glyph.bitmap.buffer) / 255
-        filled = sum(p.area for p in load("glyphs", font=path, text="A").polygons)
-        assert filled == pytest.approx(drawn, rel=0.003)
+        for name in letters:
+            face.load_char(name, freetype.FT_LOAD_RENDER | freetype.FT_LOAD_NO_HINTING)
+            drawn = 4 * sum(face.glyph.bitmap.buffer) / 255
+            filled = sum(p.area for p in load("glyphs", font=path, text=name).polygons)
+            assert filled == pytest.approx(drawn, rel=0.003), name
 
     @pytest.mark.parametrize(("rule", "area"), [("nonzero", 10319.4), ("evenodd", 7138.7)])
     def test_area_of_a_star(self, rule, area):
