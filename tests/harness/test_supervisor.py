@@ -43,17 +43,25 @@ time.sleep(600)
 """
 
 
+STARTED: list[subprocess.Popen[str]] = []
+"""Programs of the present test, which would run forever if it fails."""
+
+
 @pytest.fixture
 def shared():
     """A folder for temporary files, of a short name, as paths of sockets are limited."""
     folder = Path(tempfile.mkdtemp(prefix="rh-"))
     yield folder
+    while STARTED:
+        if (process := STARTED.pop()).poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
     shutil.rmtree(folder)
 
 
 def start(shared: Path, hook: Path, *command: str) -> subprocess.Popen[str]:
     paths = os.pathsep.join([str(hook), str(ROOT)])
-    return subprocess.Popen(
+    process = subprocess.Popen(
         [sys.executable, *command],
         env={**os.environ, "PYTHONPATH": paths, "TMPDIR": str(shared)},
         stdout=subprocess.PIPE,
@@ -61,6 +69,8 @@ def start(shared: Path, hook: Path, *command: str) -> subprocess.Popen[str]:
         text=True,
         start_new_session=True,
     )
+    STARTED.append(process)
+    return process
 
 
 def start_stuck(shared: Path, folder: Path) -> tuple[subprocess.Popen[str], list[int], Path]:
