@@ -82,7 +82,7 @@ class GltfFile:
         if data[:4] != MAGIC:
             return data
         version, length = struct.unpack_from("<II", data, 4)
-        if version != 2 or length != len(data):
+        if version != 2 or length > len(data):  # bytes after the model are ignored
             raise ValueError(f"version {version}, {len(data):,} of {length:,} bytes")
         start = 12
         while start < length:

@@ -263,7 +263,7 @@ def _check_stl(path: Path) -> str | None:
     stated = 84 + 50 * struct.unpack_from("<I", head, 80)[0] if len(head) >= 84 else 0
     if path.stat().st_size == stated:
         return None
-    if head.lstrip().lower().startswith(b"solid") and b"facet" in head:
+    if head.lstrip().lower().startswith(b"solid") and b"facet" in head.lower():
         return None if b"endsolid" in tail.lower() else "no endsolid at the end"
     return _compare_length(path, stated)
 

@@ -158,7 +158,7 @@ def _read_binary_stl(path: Path) -> NDArray[np.float64] | None:
     """
     data = path.read_bytes()
     stated = int.from_bytes(data[80:84], "little")
-    is_text = data.lstrip().lower().startswith(b"solid") and b"facet" in data
+    is_text = data[:100].lstrip().lower().startswith(b"solid") and b"facet" in data.lower()
     excess = len(data) - (84 + 50 * stated)
     if excess < 0 or (is_text and excess):
         return None
@@ -226,7 +226,7 @@ def parse_obj(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]
     vertices: list[list[float]] = []
     faces: list[NDArray[np.int64]] = []
     for number, line in _join_continued_lines(path):
-        fields = line.split()
+        fields = line.partition("#")[0].split()
         try:
             if fields[:1] == ["v"]:
                 x, y, z = map(float, fields[1:4])

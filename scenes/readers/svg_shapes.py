@@ -158,6 +158,9 @@ def format_outline(element: ElementTree.Element, style: dict[str, str], viewport
         return element.get("d", "")
     if kind in ("polygon", "polyline"):
         points = element.get("points", "").strip()
+        numbers = [match.start() for match in re.finditer(_NUMBER, points)]
+        if len(numbers) % 2:
+            points = points[: numbers[-1]]  # an x without y is ignored
         return f"M {points} Z" if points else ""
 
     def length(key: str, axis: int | None) -> float | None:

@@ -49,6 +49,9 @@ _CSV_OPTIONS = {
     "AUTODETECT_SIZE_LIMIT": "0",
 }
 
+_NO_WKT = "has no WKT (in a column named geometry also hexadecimal WKB), or it begins with SRID"
+"""Reason for dropping a row of CSV that GDAL reads without geometry."""
+
 _DATA_SETS = (".shp", ".gpkg", ".geojson", ".json", ".fgb", ".gml", ".kml", ".csv", ".gdb", ".dxf")
 """Suffixes by which a data set is recognised in an archive."""
 
@@ -93,7 +96,7 @@ def read(source: Source, size: int) -> Iterator[Raw]:
                 )
             if raw is None:
                 break
-            raw = _close_lines(source, raw)
+            raw = _close_lines(source, _explain_missing(source, raw))
             crs = geojson.find_crs(source.path, raw.crs)
             yield replace(raw, crs=crs, notes=notes + raw.notes)
     if is_sequence:
@@ -272,6 +275,15 @@ def _parse(fids: list[int], wkb: NDArray[Any], table: pd.DataFrame | None, crs: 
     labels = [f"feature {fid}" for fid in fids]
     geometries, dropped, repaired = parse_wkb(wkb, labels)
     return Raw(geometries, labels, table, crs, "units", dropped, repaired).without_dropped()
+
+
+def _explain_missing(source: Source, raw: Raw) -> Raw:
+    """Return a chunk of a table without rows that GDAL gives no geometry; name these in notes."""
+    if not _open_options(source.path):
+        return raw
+    missing = shapely.is_missing(raw.geometries)
+    absent = [(label, _NO_WKT) for label, none in zip(raw.labels, missing, strict=True) if none]
+    return replace(raw, dropped=[*raw.dropped, *absent]).without_dropped()
 
 
 def _close_lines(source: Source, raw: Raw) -> Raw:

@@ -170,6 +170,15 @@ class TestCsv:
         assert [p.area for p in scene.polygons] == [100]
         assert scene.attributes.iloc[0].to_dict() == {"id": 1, "zip": "00700", "h": 9}
 
+    @pytest.mark.parametrize("text", ["", "abc", "SRID=3067;POLYGON ((0 0,9 0,9 9,0 0))"])
+    def test_rows_without_wkt_are_named_with_the_reason(self, tmp_path, text):
+        (tmp_path / "a.csv").write_text(f'id,WKT\n1,"{text}"\n2,"{POLYGONS[0].wkt}"\n')
+        scene = load(tmp_path / "a.csv")
+        assert list(scene.attributes["id"]) == [2]
+        ((label, reason),) = scene.dropped
+        assert label == "feature 1"
+        assert reason.startswith("has no WKT")
+
     def test_table_without_geometries_is_refused_with_a_remedy(self, tmp_path):
         (tmp_path / "a.csv").write_text("id,h\n1,2\n")
         with pytest.raises(SceneError, match="name the column of WKT geometries WKT or geometry"):

@@ -264,7 +264,7 @@ class TestModels:
         assert (right - left, high - low) == pytest.approx((6, 5))
 
     def test_references_of_obj(self, tmp_path):
-        text = GABLE + "f 1/1/1 2/2/2 6//3 -6/4\nf 1 2 99\nf 1 2\nf 1 1 1\n"
+        text = GABLE + "f 1/1/1 2/2/2 6//3 -6/4 # a wall\nf 1 2 99\nf 1 2\nf 1 1 1\n"
         scene = load(write(tmp_path / "a.obj", text))
         assert [p.area for p in scene.polygons] == [30]
         assert [name for name, _ in scene.dropped] == ["face 1", "face 2", "face 3"]
@@ -288,6 +288,15 @@ class TestModels:
         assert_valid_polygons(scene.polygons)
         assert sorted(round(p.area, 3) for p in scene.polygons) == [6] * 4 + [30] * 4 + [96] * 2
         assert sum(len(p.interiors) for p in scene.polygons) == 2
+
+    @pytest.mark.parametrize("change", [str.upper, str.title, str.lower])
+    def test_keywords_of_stl_have_any_case(self, tmp_path, change):
+        facets = "".join(
+            f"facet normal 0 0 1\nouter loop\nvertex 0 0 0\n{corners}endloop\nendfacet\n"
+            for corners in ("vertex 4 0 0\nvertex 4 4 0\n", "vertex 4 4 0\nvertex 0 4 0\n")
+        )
+        path = write(tmp_path / "a.stl", change(f"solid a\n{facets}endsolid a\n"))
+        assert [p.area for p in load(path).polygons] == [16]
 
     @pytest.mark.parametrize("suffix", [".obj", ".ply"])
     def test_triangles_are_joined_as_in_other_formats(self, tmp_path, suffix):
@@ -349,6 +358,11 @@ class TestGltf:
         builder.primitive(self.CORNERS[:2], None, mode=1)
         assert self.area(builder, tmp_path / "a.glb") == pytest.approx(1)
         assert "1 primitive(s) of points or lines skipped" in load(tmp_path / "a.glb").notes
+
+    def test_bytes_after_the_model_are_ignored(self, tmp_path):
+        path = Builder(self.CORNERS, self.PAIR).write(tmp_path / "a.glb")
+        path.write_bytes(path.read_bytes() + b"rest")
+        assert [p.area for p in load(path).polygons] == [1]
 
     @pytest.mark.parametrize("kind", ["u1", "i1", "u2", "i2"])
     @pytest.mark.parametrize("normalized", [True, False])

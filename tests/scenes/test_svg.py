@@ -44,6 +44,7 @@ def read(folder: Path, body: str, size: str = 'width="100" height="100"'):
         '<ellipse cx="50" cy="50" rx="20"/><ellipse cx="20" cy="20" rx="9" ry="15"/>',
         '<polygon points="50,5 20,90 95,35 5,35 80,90"/>',
         '<polygon points="50,5 70,91 15,22 94,60 6,60 85,22 30,91"/>',
+        '<polygon points="10-9.5.5,80 70 80 70,.5 7"/>',
         '<polygon fill-rule="evenodd" points="50,5 20,90 95,35 5,35 80,90"/>',
         '<path d="M0 0H90V90H0Z M10 10H80V80H10Z M30 30V70H70V30Z"/>',
         '<path style="fill-rule: evenodd" d="M0 0h80v80h-80z m40 40h80v80h-80z"/>',
