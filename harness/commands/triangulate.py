@@ -93,6 +93,14 @@ def triangulate(
             "EXT_mesh_polygon; a polygon whose triangulation has T-junctions fails.",
         ),
     ] = False,
+    collection: Annotated[
+        bool,
+        typer.Option(
+            "--collection",
+            help="For .geojson and .parquet: write a GeometryCollection per polygon, which PostGIS "
+            "and shapely accept as valid, in place of a MultiPolygon.",
+        ),
+    ] = False,
     check: Annotated[
         bool,
         typer.Option("--check", help="For a 3D model: only print the changes; write no file."),
@@ -117,6 +125,7 @@ def triangulate(
         "--device": device,
         "--evidence": evidence,
         "--polygons": polygons,
+        "--collection": collection,
     }
     if _is_model_output(source, out, check):
         polygon_options: dict[str, object] = {
@@ -170,6 +179,7 @@ def triangulate(
             device=device or CPU,
             order=order or ORDER,
             polygons=polygons,
+            collection=collection,
         )
     if report.notes:
         reporter.say(f"{file}: {'; '.join(report.notes)}")

@@ -175,6 +175,7 @@ def export_file(
     chunk: int = CHUNK_POLYGONS,
     order: str = ORDER,
     polygons: bool = False,
+    collection: bool = False,
     **parameters: Any,
 ) -> Report:
     """Triangulate a scene or a file of polygons and write the triangles to `out`.
@@ -205,6 +206,9 @@ def export_file(
     polygons : bool
         Write the rings of the polygons to glTF as well, in the draft extension EXT_mesh_polygon. A
         polygon whose triangulation has T-junctions fails.
+    collection : bool
+        Write each polygon's triangles as a GeometryCollection, which is valid, in place of a
+        MultiPolygon, which is not if parts share edges; for GeoJSON and GeoParquet.
     **parameters
         Keyword arguments of the triangulator.
 
@@ -221,7 +225,7 @@ def export_file(
     """
     start = time.perf_counter()
     target = Path(out)
-    make = _find_writer(target, polygons)
+    make = _find_writer(target, polygons=polygons, collection=collection)
     name = resolve_triangulator_name(triangulator)
     report = Report(certified=Certified.create(name) if certify else None)
     evidence = certify if isinstance(certify, Path) else None
@@ -339,7 +343,7 @@ def add_chunks(
 
 
 def _find_writer(
-    target: Path, polygons: bool = False
+    target: Path, *, polygons: bool, collection: bool
 ) -> Callable[[Output, ExportMetadata], Writer]:
     make = FORMATS.get(target.suffix.lower())
     if make is None:
@@ -347,6 +351,10 @@ def _find_writer(
         raise UsageError(f"{target}: unknown suffix (choose from {formats})")
     if target.is_dir():
         raise UsageError(f"{target}: is a folder; give the name of a file")
+    if collection and make not in (GeoJsonWriter, GeoParquetWriter):
+        raise UsageError(f"{target}: --collection is for maps; give a .geojson or .parquet file")
+    if collection:
+        return partial(make, collection=True)
     if not polygons:
         return make
     if target.suffix.lower() not in GLTF_SUFFIXES:

@@ -2,7 +2,7 @@
 
 Coordinates are the source's. Triangles share edges, which the simple-features standard does not
 allow for parts of a multi-polygon; programs read and draw them nevertheless, and no other type is
-supported as widely.
+supported as widely. A geometry collection (`collection`) is valid.
 """
 
 import json
@@ -27,8 +27,8 @@ class GeoJsonWriter:
     `crs` is a member of GeoJSON 2008, which GDAL and QGIS read; RFC 7946 allows degrees only.
     """
 
-    def __init__(self, output: Output, about: ExportMetadata) -> None:
-        self._about = about
+    def __init__(self, output: Output, about: ExportMetadata, *, collection: bool = False) -> None:
+        self._about, self._collection = about, collection
         self._stream = output.file(mode="w")
         self._stream.write('{"type":"FeatureCollection",')
         # EPSG:4326 is the default.
@@ -48,10 +48,14 @@ class GeoJsonWriter:
         rows = mesh.attributes.itertuples(index=False, name=None)
         for start, end, row in zip(starts[:-1], starts[1:], rows, strict=True):
             triangles = closed[start:end, None].tolist()
+            geometry: dict[str, Any] = {"type": "MultiPolygon", "coordinates": triangles}
+            if self._collection:
+                parts = [{"type": "Polygon", "coordinates": rings} for rings in triangles]
+                geometry = {"type": "GeometryCollection", "geometries": parts}
             feature = {
                 "type": "Feature",
                 "properties": {k: to_json_value(v) for k, v in zip(columns, row, strict=True)},
-                "geometry": {"type": "MultiPolygon", "coordinates": triangles},
+                "geometry": geometry,
             }
             self._stream.write("\n" if self._first else ",\n")
             self._stream.write(json.dumps(feature, separators=(",", ":")))
@@ -79,10 +83,10 @@ class GeoParquetWriter:
     The coordinate reference system is the source's, as PROJJSON, or null if PROJ does not know it.
     """
 
-    def __init__(self, output: Output, about: ExportMetadata) -> None:
+    def __init__(self, output: Output, about: ExportMetadata, *, collection: bool = False) -> None:
         self._parquet = import_parquet()
         self._path = output.path()
-        self._about = about
+        self._about, self._collection = about, collection
         self._writer: Any = None
 
     def add(self, mesh: ExportMesh) -> None:
@@ -97,7 +101,7 @@ class GeoParquetWriter:
             if pa.types.is_null(kind):  # all values of this batch are missing
                 text = table.column(number).cast(pa.string())
                 table = table.set_column(number, table.column_names[number], text)
-        geometry = pa.array(_encode_wkb(mesh, self._about), pa.binary())
+        geometry = pa.array(_encode_wkb(mesh, self._about, self._collection), pa.binary())
         if table.num_columns == 0:
             table = pa.table({"geometry": geometry})
         else:
@@ -133,7 +137,8 @@ class GeoParquetWriter:
         return json.dumps({"crs": crs, "triangulator": about.triangulator, "credit": about.credit})
 
     def _geo_metadata(self) -> str:
-        column: dict[str, Any] = {"encoding": "WKB", "geometry_types": ["MultiPolygon"]}
+        kind = "GeometryCollection" if self._collection else "MultiPolygon"
+        column: dict[str, Any] = {"encoding": "WKB", "geometry_types": [kind]}
         if self._about.crs not in ("EPSG:4326", "OGC:CRS84"):  # the default
             system = find_system(self._about.crs)
             column["crs"] = None if system is None else system.to_json_dict()
@@ -142,7 +147,7 @@ class GeoParquetWriter:
         )
 
 
-_POLYGON, _MULTI_POLYGON = 3, 6  # types in WKB
+_POLYGON, _MULTI_POLYGON, _COLLECTION = 3, 6, 7  # types in WKB
 
 
 def _close_rings(mesh: ExportMesh, about: ExportMetadata) -> NDArray[np.float64]:
@@ -151,8 +156,8 @@ def _close_rings(mesh: ExportMesh, about: ExportMetadata) -> NDArray[np.float64]
     return np.concatenate([corners, corners[:, :1]], axis=1)
 
 
-def _encode_wkb(mesh: ExportMesh, about: ExportMetadata) -> list[bytes]:
-    """Return each polygon's triangles as a little-endian WKB multi-polygon.
+def _encode_wkb(mesh: ExportMesh, about: ExportMetadata, collection: bool) -> list[bytes]:
+    """Return each polygon's triangles as a little-endian WKB multi-polygon or collection.
 
     NumPy records are written, as shapely's objects, one per triangle, take five times as long: a
     third of an export.
@@ -163,7 +168,8 @@ def _encode_wkb(mesh: ExportMesh, about: ExportMetadata) -> list[bytes]:
     triangles["order"], triangles["type"] = 1, _POLYGON
     triangles["rings"], triangles["points"], triangles["ring"] = 1, 4, rings
     data, size = triangles.view(np.uint8).data, triangles.itemsize
+    kind = _COLLECTION if collection else _MULTI_POLYGON
     return [
-        struct.pack("<BII", 1, _MULTI_POLYGON, end - start) + data[start * size : end * size]
+        struct.pack("<BII", 1, kind, end - start) + data[start * size : end * size]
         for start, end in pairwise(mesh.triangle_offsets.tolist())
     ]

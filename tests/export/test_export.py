@@ -16,7 +16,7 @@ from harness.export import check_evidence
 from harness.export.export import FORMATS, export_file
 from scenes import SceneError, load
 from scenes.tiles.read import FILE
-from tests.conftest import make_geojson, require_ok
+from tests.conftest import assert_refused, make_geojson, require_ok
 from triangulators import triangulate_many
 
 CITY = "city:buildings=60"
@@ -121,6 +121,25 @@ def test_maps_keep_position_and_attributes(tmp_path, houses, suffix):
     assert list(names)[:2] == ["a", "b ü"]
     assert pd.isna(names[2])
     assert list(tall)[:2] == [3.5, 12.0]
+
+
+@pytest.mark.parametrize("suffix", [".geojson", ".parquet"])
+def test_collections_of_triangles_are_valid(harness, tmp_path, houses, suffix):
+    out = tmp_path / f"triangles{suffix}"
+    require_ok(harness("triangulate", str(houses), "-o", str(out), "--collection"))
+    if suffix == ".geojson":
+        geometries = shapely.from_wkb(pyogrio.raw.read(out)[2])
+    else:
+        about = json.loads(parquet.read_schema(out).metadata[b"geo"])["columns"]["geometry"]
+        assert about["geometry_types"] == ["GeometryCollection"]
+        geometries = shapely.from_wkb(list(pd.read_parquet(out)["geometry"]))
+    assert {g.geom_type for g in geometries} == {"GeometryCollection"}
+    assert shapely.is_valid(geometries).all()
+    assert shapely.area(geometries) == pytest.approx(HOUSE_AREAS, rel=1e-9)
+    assert [len(g.geoms) for g in geometries] == [2, 8, 1]
+    assert len(load(out).polygons) == 11
+    result = harness("triangulate", str(houses), "-o", str(tmp_path / "a.glb"), "--collection")
+    assert_refused(result, "a.glb", "--collection is for maps", ".geojson")
 
 
 @pytest.mark.parametrize("suffix", [".geojson", ".parquet"])
