@@ -351,10 +351,11 @@ def _find_writer(
         raise UsageError(f"{target}: unknown suffix (choose from {formats})")
     if target.is_dir():
         raise UsageError(f"{target}: is a folder; give the name of a file")
-    if collection and make not in (GeoJsonWriter, GeoParquetWriter):
-        raise UsageError(f"{target}: --collection is for maps; give a .geojson or .parquet file")
     if collection:
-        return partial(make, collection=True)
+        for writer in (GeoJsonWriter, GeoParquetWriter):
+            if make is writer:
+                return partial(writer, collection=True)
+        raise UsageError(f"{target}: --collection is for maps; give a .geojson or .parquet file")
     if not polygons:
         return make
     if target.suffix.lower() not in GLTF_SUFFIXES:
