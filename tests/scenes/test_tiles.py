@@ -635,7 +635,7 @@ def test_error_without_the_extra_has_the_install_command(monkeypatch, tmp_path):
         raise ImportError(name)
 
     monkeypatch.setattr(archives, "import_module", absent)
-    message = r'need the package pmtiles: \S+ -m pip install .*\[tiles\]"$'
+    message = r'pmtiles is not installed; \S+ -m pip install .*\[tiles\]"$'
     with pytest.raises(SceneError, match=message):
         load(f"{FILE}:zoom=14")
 
