@@ -630,16 +630,6 @@ def test_missing_tiles_of_a_box_are_not_counted(tmp_path):
         assert scene.notes[0] == "2 of 2 tiles of zoom 3, 2 with polygons"
 
 
-def test_error_without_the_extra_has_the_install_command(monkeypatch, tmp_path):
-    def absent(name: str) -> Any:
-        raise ImportError(name)
-
-    monkeypatch.setattr(archives, "import_module", absent)
-    message = r'pmtiles is not installed; \S+ -m pip install .*\[tiles\]"$'
-    with pytest.raises(SceneError, match=message):
-        load(f"{FILE}:zoom=14")
-
-
 def test_archive_without_tile_options_is_read_as_a_map():
     heap = load(str(FILE))
     assert heap.tiling is None
