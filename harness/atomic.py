@@ -37,7 +37,7 @@ def write(path: Path, content: bytes, *, forced: bool = False) -> None:
         with file:
             file.write(content)
             file.flush()
-            temporary.chmod(0o666 & ~system.umask())
+            temporary.chmod(0o666 & ~system.read_umask())
             if os.name != "nt":  # while it is locked
                 move(temporary, path, forced=forced)
         if os.name == "nt":

@@ -120,7 +120,7 @@ def main() -> None:
             with contextlib.suppress(OSError):
                 stream.reconfigure(errors="backslashreplace")
     # A signal that was ignored at the start stays ignored.
-    with system.signals_handled_by(_stop, lambda before: before != signal.SIG_IGN):
+    with system.handle_signals(_stop, lambda before: before != signal.SIG_IGN):
         try:
             _received.clear()
             code = app(standalone_mode=False, prog_name=PROGRAM)

@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from harness.compare.times import low_quantile
+from harness.compare.times import compute_low_quantile
 from harness.errors import InputError, UsageError, unknown_name_error
 from harness.machine.git import get_commit
 from harness.metrics.processors import mark_processors
@@ -163,7 +163,7 @@ def _build_series(case: CaseId, metric: str, records: Sequence[Record | None]) -
         records = [None if record and record.polygons_cached else record for record in records]
     figures = [find_metric(metric)(record) if record else None for record in records]
     values = np.array([np.nan if value is None else value for value in figures], np.float64)
-    return Series(case, metric, find_metric(metric).exact, values, _contents(records))
+    return Series(case, metric, find_metric(metric).exact, values, _list_contents(records))
 
 
 def _build_time_series(cases: dict[CaseId, list[Record | None]]) -> list[Series]:
@@ -183,22 +183,22 @@ def _build_time_series(cases: dict[CaseId, list[Record | None]]) -> list[Series]
         if len(timed) > 1:
             together = logs.median(axis=1)
             group_case = replace(names[0], triangulator=GROUP_NAME, number=None, upright=False)
-            contents = _contents(cases[timed[0]])
+            contents = _list_contents(cases[timed[0]])
             series.append(Series(group_case, TIME, False, np.exp(together.to_numpy()), contents))
             logs = logs.sub(together, axis=0)
         series += [
-            Series(name, TIME, False, np.exp(logs[name].to_numpy()), _contents(cases[name]))
+            Series(name, TIME, False, np.exp(logs[name].to_numpy()), _list_contents(cases[name]))
             for name in timed
         ]
     return series
 
 
 def _log_time(record: Record | None) -> float:
-    seconds = low_quantile(record.time.samples_s) if record and record.time else None
+    seconds = compute_low_quantile(record.time.samples_s) if record and record.time else None
     return np.nan if seconds is None else float(np.log(seconds))
 
 
-def _contents(records: Sequence[Record | None]) -> tuple[str, ...]:
+def _list_contents(records: Sequence[Record | None]) -> tuple[str, ...]:
     return tuple(record.id.scene_hash if record else "" for record in records)
 
 

@@ -52,7 +52,7 @@ class Entry:
     size: tuple[int, int, int] | None = None
     tiled: bool = False
 
-    def available(self) -> str | None:
+    def find_install_command(self) -> str | None:
         """Return the command that installs missing data, or None if the scene can be loaded."""
         if self.package is None or find_spec(self.package) is not None:
             return None
@@ -275,7 +275,7 @@ def _choose_reader(parameters: dict[str, Any]) -> Callable[..., Scene]:
 
 
 def _import_builder(scene: Entry) -> Callable[..., Any]:
-    command = scene.available()
+    command = scene.find_install_command()
     if command:
         raise SceneError(f"scene {scene.name}: {scene.package} is not installed; {command}")
     full_name = scene.name if scene.name == scene.builder else f"{scene.name} ({scene.builder})"

@@ -95,7 +95,7 @@ def _cut_parquet(source: Source, where: str | None) -> Slices:
         stream.seek(max(0, file.stat().st_size - 8))
         tail = stream.read()
         if tail[-4:] != b"PAR1":
-            raise guard.truncation_error(file, "no PAR1 at the end")
+            raise guard.make_truncation_error(file, "no PAR1 at the end")
         footer = int.from_bytes(tail[:4], "little")
         stream.seek(-8 - footer, 2)
         identity = compute_identity(file, stream.read())

@@ -18,7 +18,7 @@ from harness.rasterisers.reference import count_outline_quads
 from triangulators import triangulate_many
 from triangulators.compute.storing import NotCompiledError, forbid_compiling
 
-system.stolen_s = system.other_processes_s = lambda: 0.0  # as in `tests.conftest`
+system.read_steal_time_s = system.read_other_processes_s = lambda: 0.0  # as in `tests.conftest`
 
 with suppress(NotCompiledError), forbid_compiling():
     frame = make_frame([box(0, 0, 4, 4), box(0, 0, 8, 8) - box(2, 2, 4, 4)], View(16))

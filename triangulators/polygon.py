@@ -132,7 +132,7 @@ def _boundary_of_simple_ring(polygon: shapely.Polygon) -> Boundary | None:
     if orientation == UNSURE:
         return None
     n = len(coordinates) - 1
-    site, edges = _simple_ring_edges(n, orientation == COUNTERCLOCKWISE)
+    site, edges = _make_simple_ring_edges(n, orientation == COUNTERCLOCKWISE)
     return Boundary(coordinates[:n], np.array((0, n)), site.copy(), edges.copy(), 0)
 
 
@@ -188,16 +188,16 @@ def _meets_no_later_edge(coordinates: np.ndarray, a: int, n: int) -> bool:
             continue
         if max(cy, dy) < low_y or min(cy, dy) > high_y:
             continue
-        if _certain_side(ax, ay, bx, by, cx, cy) * _certain_side(ax, ay, bx, by, dx, dy) == 1:
+        if _find_side(ax, ay, bx, by, cx, cy) * _find_side(ax, ay, bx, by, dx, dy) == 1:
             continue
-        if _certain_side(cx, cy, dx, dy, ax, ay) * _certain_side(cx, cy, dx, dy, bx, by) == 1:
+        if _find_side(cx, cy, dx, dy, ax, ay) * _find_side(cx, cy, dx, dy, bx, by) == 1:
             continue
         return False
     return True
 
 
 @njit(nogil=True)
-def _certain_side(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> int:
+def _find_side(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> int:
     """Return the side of a-b that c is on, 1 or -1; 0 if c is on a-b or the side is uncertain."""
     positive, negative = (ax - cx) * (by - cy), (ay - cy) * (bx - cx)
     determinant = positive - negative
@@ -207,7 +207,7 @@ def _certain_side(ax: float, ay: float, bx: float, by: float, cx: float, cy: flo
 
 
 @lru_cache(maxsize=256)
-def _simple_ring_edges(n: int, is_counterclockwise: bool) -> tuple[np.ndarray, np.ndarray]:
+def _make_simple_ring_edges(n: int, is_counterclockwise: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return the sites and the boundary edges of a simple ring of n vertices."""
     site = np.arange(n, dtype=np.int32)
     ring = site if is_counterclockwise else site[::-1]

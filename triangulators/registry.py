@@ -71,8 +71,8 @@ class Entry:
 
         return is_walk(self.order if order is None else order)
 
-    def available(self) -> str | None:
-        """Return None if the triangulator is usable here, otherwise the command to install it."""
+    def find_install_command(self) -> str | None:
+        """Return the command that installs a missing package, or None if usable here."""
         if self.needs is None:
             return None
         if ":" in self.needs:
@@ -86,7 +86,7 @@ class Entry:
         Raises `UnavailableError` with the install command, and `UnknownNameError` if a third-party
         module has no such function or cannot be imported.
         """
-        missing = self.available()
+        missing = self.find_install_command()
         if missing:
             raise UnavailableError(
                 f"triangulator {self.name!r} is not available; install: {missing}"
@@ -102,7 +102,7 @@ class Entry:
         return function
 
 
-def _method(
+def _make_method_entry(
     name: str, description: str, reference: str = "", *, holes: bool = True, **fields: Any
 ) -> Entry:
     """Return an entry of `methods`; reference: "module:function" or "" for "NAME:triangulate"."""
@@ -110,7 +110,7 @@ def _method(
     return Entry(name, description, function, handles_holes=holes, **fields)
 
 
-def _library(name: str, description: str, **fields: Any) -> Entry:
+def _make_library_entry(name: str, description: str, **fields: Any) -> Entry:
     function = f"triangulators.libraries:{name.replace('-', '_')}"
     return Entry(name, description, function, **fields)
 
@@ -118,63 +118,65 @@ def _library(name: str, description: str, **fields: Any) -> Entry:
 BUILTIN = {
     entry.name: entry
     for entry in (
-        _method(
+        _make_method_entry(
             "fan", "a fan from a vertex that sees the whole polygon", "simple:fan", holes=False
         ),
-        _method(
+        _make_method_entry(
             "strip",
             "a zigzag of diagonals, if one is inside the polygon",
             "simple:strip",
             holes=False,
         ),
-        _library("ear-clipping", "mapbox_earcut"),
-        _library("delaunay", "constrained Delaunay triangulation (GEOS, through shapely)"),
-        _library(
+        _make_library_entry("ear-clipping", "mapbox_earcut"),
+        _make_library_entry(
+            "delaunay", "constrained Delaunay triangulation (GEOS, through shapely)"
+        ),
+        _make_library_entry(
             "sweep",
             "sweep line into monotone pieces (GLU tessellator, through PyOpenGL)",
             needs="triangulators.libraries:is_sweep_installed",
             install="apt-get install libglu1-mesa; pip install PyOpenGL",
         ),
-        _library(
+        _make_library_entry(
             "manifold",
             "manifold3d's ear clipping",
             needs="manifold3d",
             install="pip install manifold3d",
         ),
-        _method(
+        _make_method_entry(
             "max-area", "largest triangle first (Persson 2009)", "simple:largest_first", holes=False
         ),
-        _method("greedy", "shortest diagonals first", "simple:greedy"),
-        _method(
+        _make_method_entry("greedy", "shortest diagonals first", "simple:greedy"),
+        _make_method_entry(
             "random",
             "uniform over all triangulations, by counting; seed=",
             "counting:draw",
             holes=False,
         ),
-        _method(
+        _make_method_entry(
             "pareto",
             "point k of the Pareto front of A and D, by ascending A; k=",
             holes=False,
         ),
-        _method(
+        _make_method_entry(
             "listed",
             "triangulation k of the paper's list, by ascending A; k=",
             "exhaustive:triangulate_listed",
             holes=False,
         ),
-        _method(
+        _make_method_entry(
             "exhaustive",
             "the best of all triangulations, by listing them (the paper's method)",
             holes=False,
             criteria=True,
         ),
-        _method(
+        _make_method_entry(
             "earcut-refine",
             "ear clipping, then the Delaunay flips of refine() in npm's earcut 3.2.4",
             "flips:triangulate_as_earcut",
             order="walk",
         ),
-        _method(
+        _make_method_entry(
             "flips",
             "ear clipping, then flips: by l1, euclidean, delaunay or a criterion; l1 by default",
             criteria=True,
@@ -182,21 +184,21 @@ BUILTIN = {
             tests=FLIP_TESTS,
             order="walk",
         ),
-        _method(
+        _make_method_entry(
             "refined",
             "the better of flips from ear clipping and from Delaunay, half-perimeter by default",
             "flips:triangulate_refined",
             criteria=True,
             default_criterion="half-perimeter",
         ),
-        _method(
+        _make_method_entry(
             "optimal",
             "the minimum of a criterion: exact up to 2,000 vertices, with holes almost always;"
             " otherwise by local search",
             criteria=True,
             with_gap="triangulators.methods.optimal:triangulate_with_gap",
         ),
-        _method(
+        _make_method_entry(
             "worst",
             "the maximum of a criterion: exact up to 2,000 vertices without holes; otherwise by"
             " local search",
@@ -231,7 +233,7 @@ def load(reference: str) -> Function:
 
 
 @cache
-def _third_party() -> dict[str, EntryPoint]:
+def _find_third_party() -> dict[str, EntryPoint]:
     return {point.name: point for point in entry_points(group=ENTRY_POINTS)}
 
 
@@ -253,9 +255,9 @@ def names(*, available_only: bool = False) -> list[str]:
     >>> names()[:3]
     ['fan', 'strip', 'ear-clipping']
     """
-    registered = [*BUILTIN, *(name for name in _third_party() if name not in BUILTIN)]
+    registered = [*BUILTIN, *(name for name in _find_third_party() if name not in BUILTIN)]
     if available_only:
-        return [name for name in registered if find(name).available() is None]
+        return [name for name in registered if find(name).find_install_command() is None]
     return registered
 
 
@@ -285,8 +287,8 @@ def find(name: str) -> Entry:
     name = ALIASES.get(name, name)
     if name in BUILTIN:
         return BUILTIN[name]
-    if name in _third_party():
-        point = _third_party()[name]
+    if name in _find_third_party():
+        point = _find_third_party()[name]
         return Entry(name, f"from {point.value}", point.value, builtin=False)
     if ":" in name:
         return Entry(name, f"user's function {name}", name, builtin=False)

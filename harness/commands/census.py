@@ -162,7 +162,7 @@ def _count_dataset(
         written = census_report.write(out, totals, census)
     for name, reason in totals.damaged[:MAX_DAMAGED_NAMED]:
         reporter.warn(f"tile {name} {reason}")
-    Screen(highlight=False).print(census_report.table(totals, census))
+    Screen(highlight=False).print(census_report.make_table(totals, census))
     typer.echo(
         f"{os.path.relpath(out)}: {counted:,} {census.noun} in {summary.seconds:.1f} s: "
         f"{', '.join(written)}"

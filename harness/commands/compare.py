@@ -71,7 +71,7 @@ def compare(
 
     Exit codes: 0 no regression, 1 regression, 2 bad usage, 4 nothing comparable, 5 inconclusive.
     """
-    from harness.compare.comparison import compare_runs, no_baseline
+    from harness.compare.comparison import compare_runs, compare_without_baseline
     from harness.compare.model import parse_gates, parse_threshold, read_project_settings
     from harness.results.run_folder import read_run
 
@@ -89,7 +89,7 @@ def compare(
     before = _read_baseline(base, allow_missing=allow_missing_baseline)
     grown: list[Grown] = []
     if before is None:
-        comparison = no_baseline(str(base), after, settings)
+        comparison = compare_without_baseline(str(base), after, settings)
     else:
         comparison = compare_runs(before, after, settings)
         if comparison.regressed():

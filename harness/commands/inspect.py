@@ -238,13 +238,13 @@ def _list_every(
     """List every triangulation of a polygon with its criteria."""
     from harness import atomic
     from harness.commands.outcome import choose_folder
-    from harness.study.pareto import triangulation_table
+    from harness.study.pareto import make_triangulation_table
     from harness.style import make_plain_table
     from triangulators import TriangulationError
 
     folder = choose_folder(scene.name, out, before="every-")
     try:
-        table = triangulation_table(scene.polygons[polygon], mode)
+        table = make_triangulation_table(scene.polygons[polygon], mode)
     except TriangulationError as reason:
         raise InputError(f"polygon {polygon} of {scene.name}: {reason}") from reason
     with atomic.create_folder(folder, merge=True) as output:

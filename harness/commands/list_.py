@@ -20,7 +20,7 @@ def _list_scenes() -> Iterator[Row]:
 
     for name in registry.names():
         entry = registry.find_entry(name)
-        missing = entry.available()
+        missing = entry.find_install_command()
         polygons, vertices, holes = (None if missing else entry.size) or (None, None, None)
         yield {
             "scene": name,
@@ -37,7 +37,7 @@ def _list_triangulators() -> Iterator[Row]:
 
     for name in registry.names():
         entry = registry.find(name)
-        description = entry.available() or entry.description
+        description = entry.find_install_command() or entry.description
         yield {"triangulator": name, "holes": entry.handles_holes, "description": description}
 
 

@@ -239,9 +239,9 @@ def choose_rasterisers(names: tuple[str, ...] | None, *with_opengl: str) -> tupl
     """
     if names:
         return tuple(names)
-    from harness.rasterisers import default_rasteriser
+    from harness.rasterisers import choose_default_rasteriser
 
-    first = default_rasteriser()
+    first = choose_default_rasteriser()
     if first != "opengl":
         typer.echo(
             f"warning: opengl: no device works here; measuring with {first} instead (see: "

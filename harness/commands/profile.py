@@ -43,7 +43,7 @@ def profile(
     optimal:calibrated minimises (run --profile FILE); a chart is written next to the file.
     """
     from harness import rasterisers
-    from harness.machine.environment import processor
+    from harness.machine.environment import describe_processor
     from harness.measuring.pool import Backend, MeasuringPool
     from harness.profile import design, measured
     from harness.profile import profile as profiles
@@ -67,7 +67,7 @@ def profile(
             "rasteriser": name,
             "name": backend.device.name,
             "software": backend.device.software,
-            "cpu": processor()["label"],
+            "cpu": describe_processor()["label"],
             "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
             **pool.describe()[backend.label],
         }

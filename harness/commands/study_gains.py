@@ -76,18 +76,18 @@ def write_gains(runs: Sequence[Run], bases: Sequence[str], out: Path) -> Gains:
     from harness.metrics.processors import mark_processors
     from harness.results.record import CaseId
     from harness.stats.run_quality import get_run_state
-    from harness.study.gains import by_order, gain_table, plot_gains
+    from harness.study.gains import make_gain_table, plot_gains, split_by_order
 
     def mark(case: CaseId, processor: str) -> CaseId:
         return replace(case, device=f"{case.device_name} ({processor})", host="")
 
-    table = gain_table(mark_processors(runs, mark), bases)
+    table = make_gain_table(mark_processors(runs, mark), bases)
     disturbances = [line for run in runs for line in get_run_state(run).warnings]
     if table.empty:
         if disturbances:
             raise InconclusiveError(disturbances[0])
         raise NothingMeasuredError("no two triangulators were timed together on the same polygons")
-    orders = [rows.assign(base=name) for name in bases if len(rows := by_order(table, name))]
+    orders = [rows.assign(base=name) for name in bases if len(rows := split_by_order(table, name))]
     with atomic.create_folder(out, merge=True) as folder:
         files = plot_gains(table, folder / "plots")
         table.to_csv(folder / "gains.csv", index=False, float_format="%.5g")

@@ -69,7 +69,7 @@ def study_pareto(
 
     target = choose_folder(scene, out, resume, before="pareto-")
     run = measure_study(plan, split_scene, target, reporter, resume=resume is not None, force=force)
-    table = pareto.pareto_table(run, fronts)
+    table = pareto.make_pareto_table(run, fronts)
     with reporter.stage("writing", 1):
         with atomic.create_folder(run.path, merge=True) as folder:
             points = pd.concat([pd.DataFrame(columns=pareto.FRONTS), *fronts.values()])

@@ -86,13 +86,13 @@ def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comp
         cases=tuple(cases),
         totals=compute_totals([case.counters for case in cases if case.status == "compared"]),
         drifts=tuple(drifts),
-        notes=tuple(_notes(base, head, differ)),
+        notes=tuple(_list_notes(base, head, differ)),
         changes=tuple(list_changes(base, head)),
     )
     return replace(comparison, verdict=_decide(comparison))
 
 
-def no_baseline(path: str, head: Run, settings: Settings) -> Comparison:
+def compare_without_baseline(path: str, head: Run, settings: Settings) -> Comparison:
     """Return the comparison of a first run, before a baseline is stored at `path`."""
     head = select_latest(head)
     matches = match_cases(Run(head.path, {}, []), head, across_devices=settings.across_devices)
@@ -117,7 +117,7 @@ def _compare_counters(match: Match, run: Run, settings: Settings) -> CaseChange:
     run : HEAD, with the plan
     """
     base, head = match.base, match.head
-    status, reason = _status(match, run)
+    status, reason = _find_status(match, run)
     if base is None or head is None or status != "compared":
         return CaseChange(match.id, status, reason)
     before, after = read_exact_metrics(base), read_exact_metrics(head)
@@ -128,7 +128,7 @@ def _compare_counters(match: Match, run: Run, settings: Settings) -> CaseChange:
     return CaseChange(match.id, status, reason, tuple(changes), tuple(gated))
 
 
-def _status(match: Match, run: Run) -> tuple[Status, str]:
+def _find_status(match: Match, run: Run) -> tuple[Status, str]:
     """Return whether the records of a case can be compared, and if not, the reason."""
     base, head = match.base, match.head
     if base is None or head is None:
@@ -137,26 +137,26 @@ def _status(match: Match, run: Run) -> tuple[Status, str]:
         missing = explain_missing(run, match.id) if head is None else None
         if missing and record.is_ok:
             return "not-done", missing
-        reason = "" if record.is_ok else f"{record.status}: {_reason(record)}"
+        reason = "" if record.is_ok else f"{record.status}: {_explain_failure(record)}"
         return ("only-head" if base is None else "only-base"), reason
     good = base.is_ok, head.is_ok
     if good == (True, False):
-        return ("now-failing" if head.status == "failed" else "now-skipped"), _reason(head)
+        return ("now-failing" if head.status == "failed" else "now-skipped"), _explain_failure(head)
     if good == (False, True):
-        return "now-measured", f"BASE: {_reason(base)}"
+        return "now-measured", f"BASE: {_explain_failure(base)}"
     if good == (False, False):
-        return "not-measured", _reason(head)
+        return "not-measured", _explain_failure(head)
     hashes = base.id.scene_hash, head.id.scene_hash
     if all(hashes) and hashes[0] != hashes[1]:
         return "content-changed", f"{hashes[0]} then, {hashes[1]} now"
     before, after = base.polygons, head.polygons
     if before and after and before != after:  # the oldest runs have no numbers of polygons
         status: Status = "fewer-polygons" if after < before else "more-polygons"
-        return status, f"{before} then, {after} now; {_reason(head)}".rstrip("; ")
+        return status, f"{before} then, {after} now; {_explain_failure(head)}".rstrip("; ")
     return "compared", ""
 
 
-def _reason(record: Record) -> str:
+def _explain_failure(record: Record) -> str:
     return printable(record.reason or "")
 
 
@@ -205,7 +205,7 @@ def _read_origin(run: Run) -> RunOrigin:
     )
 
 
-def _notes(base: Run, head: Run, differ: bool) -> list[str]:
+def _list_notes(base: Run, head: Run, differ: bool) -> list[str]:
     notes = []
     for name, run in (("BASE", base), ("HEAD", head)):
         lines = [*run.problems, *(run.facts.get("warnings") or [])]

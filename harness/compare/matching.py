@@ -54,7 +54,7 @@ def match_cases(base: Run, head: Run, *, across_devices: bool) -> list[Match]:
     return [Match(case, before.get(case), after.get(case)) for case in cases]
 
 
-def _devices(records: Sequence[Record]) -> dict[str, set[str]]:
+def _list_devices(records: Sequence[Record]) -> dict[str, set[str]]:
     devices = defaultdict(set)
     for record in records:
         devices[record.id.rasteriser].add(record.id.device_name)
@@ -63,7 +63,7 @@ def _devices(records: Sequence[Record]) -> dict[str, set[str]]:
 
 def _pair_devices(base: Run, head: Run, *, across_devices: bool) -> dict[tuple[str, str], str]:
     """Return (rasteriser, device in BASE) -> device in HEAD of the devices to pair."""
-    before, after = _devices(base.records), _devices(head.records)
+    before, after = _list_devices(base.records), _list_devices(head.records)
     common = {name: (before[name], after[name]) for name in before.keys() & after.keys()}
     if across_devices:
         changed = {name: devices for name, devices in common.items() if devices[0] != devices[1]}
@@ -94,7 +94,7 @@ def find_changed_hardware(base: Run, head: Run) -> dict[str, tuple[str, str]]:
 
     The driver's version, in brackets in a renderer's name, may change.
     """
-    before, after = _renderers(base), _renderers(head)
+    before, after = _map_renderers(base), _map_renderers(head)
     common = {
         label: (before[label], after[label]) for label in sorted(before.keys() & after.keys())
     }
@@ -105,7 +105,7 @@ def find_changed_hardware(base: Run, head: Run) -> dict[str, tuple[str, str]]:
     }
 
 
-def _renderers(run: Run) -> dict[str, str]:
+def _map_renderers(run: Run) -> dict[str, str]:
     """Return label -> renderer of the devices of a run, as named by the driver."""
     devices = run.facts.get("devices") or {}
     names = {

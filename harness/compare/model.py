@@ -358,12 +358,12 @@ def read_project_settings(folder: Path) -> Settings:
         return Settings()
     try:
         table = tomllib.loads(file.read_text(encoding="utf-8")).get("tool", {}).get(TABLE, {})
-        return Settings(**dict(_setting(key, value) for key, value in table.items()))
+        return Settings(**dict(_parse_setting(key, value) for key, value in table.items()))
     except (OSError, ValueError, UsageError) as error:
         raise UsageError(f"{file}, [tool.{TABLE}]: {error}") from error
 
 
-def _setting(key: str, value: Any) -> tuple[str, Any]:
+def _parse_setting(key: str, value: Any) -> tuple[str, Any]:
     """Return the field of `Settings` and the value for an entry of the table."""
     match key, value:
         case "gate", str() | list():

@@ -112,7 +112,7 @@ def read_pair(
     elif min(len(first), len(second)) < MIN_ROUNDS:
         reason = f"too few samples ({len(first)} and {len(second)}, minimum {MIN_ROUNDS})"
     if reason:
-        return _inconclusive(first, second, reason)
+        return _make_inconclusive(first, second, reason)
     pair = Pair(first, second, None, same_work, polygons=head.polygons)
     references = (select_positive(before.reference_s), select_positive(after.reference_s))
     if not all(map(len, references)):
@@ -151,7 +151,7 @@ def compare_group(
     """
     if all(pair.same_rounds for pair in pairs):
         changes = [
-            _same_drawing(pair)
+            _make_unchanged(pair)
             if pair.same_drawing
             else compare_rounds(pair.base, pair.head, settings, pair.parts, pair.quiet)
             for pair in pairs
@@ -164,18 +164,20 @@ def compare_group(
         if quiet is not None and quiet.sum() < MIN_QUIET_ROUNDS:
             quiet = None
         samples = [(pair.base, pair.head) for pair in timed]
-        return changes, drift_of_rounds(group, samples, settings, timed[0].parts, quiet)
-    errors = np.array([margins(pair.base, pair.head, settings.confidence) for pair in pairs])
+        return changes, measure_round_drift(group, samples, settings, timed[0].parts, quiet)
+    errors = np.array(
+        [compute_margins(pair.base, pair.head, settings.confidence) for pair in pairs]
+    )
     changes = []
     for number, pair in enumerate(pairs):
         peers = [*pairs[:number], *pairs[number + 1 :]]
         shift = pair.obstacle or _estimate_shift(pair, peers, settings, machines_differ)
         changes.append(
-            _inconclusive(pair.base, pair.head, shift)
+            _make_inconclusive(pair.base, pair.head, shift)
             if isinstance(shift, str)
             else _compare_with_shift(pair, errors[number], shift, settings)
         )
-    return changes, _drift_of_runs(group, pairs, errors, settings, machines_differ)
+    return changes, _measure_run_drift(group, pairs, errors, settings, machines_differ)
 
 
 def _estimate_shift(
@@ -241,10 +243,10 @@ def _compare_with_shift(
     high = highest + math.hypot(error[1], margin)
     threshold = settings.time_threshold_of(paired=False)
     outcome, reason = classify(lowest, highest, low, high, threshold)
-    faster = _faster_half(pair.base), _faster_half(pair.head * math.exp(middle - raw))
+    faster = _select_faster_half(pair.base), _select_faster_half(pair.head * math.exp(middle - raw))
     p_value = float(stats.mannwhitneyu(*faster, alternative="two-sided").pvalue)
     # A change needs both the test and the interval, so the weaker of the two is corrected.
-    interval_p = _p_of_interval(lowest, highest, low, high, settings.confidence, shift.degrees)
+    interval_p = _compute_p_value(lowest, highest, low, high, settings.confidence, shift.degrees)
     return TimeChange(
         outcome,
         reason,
@@ -257,12 +259,12 @@ def _compare_with_shift(
     )
 
 
-def _faster_half(samples: Samples) -> Samples:
+def _select_faster_half(samples: Samples) -> Samples:
     """Return the samples up to their median: the slower half contains other programs."""
     return np.sort(samples)[: (len(samples) + 1) // 2]
 
 
-def _drift_of_runs(
+def _measure_run_drift(
     group: CaseGroup,
     pairs: Sequence[Pair],
     errors: Samples,
@@ -280,7 +282,7 @@ def _drift_of_runs(
     reference, reference_error = None, 0.0
     if references:
         reference = log_ratio(*references[0])
-        reference_error = float(margins(*references[0], settings.confidence).max())
+        reference_error = float(compute_margins(*references[0], settings.confidence).max())
     # A median of k normal values has pi / 2k of their variance.
     sampling = float(np.median(errors)) * math.sqrt(math.pi / (2 * len(pairs)))
     margin = math.hypot(
@@ -297,7 +299,7 @@ def _drift_of_runs(
     return Drift(group, len(pairs), outcome, reason, *ends, reference=ratio, gated=False)
 
 
-def _p_of_interval(
+def _compute_p_value(
     lowest: float, highest: float, low: float, high: float, confidence: float, degrees: float
 ) -> float:
     """Return the two-sided p-value of no change that belongs to a Student interval."""
@@ -309,11 +311,11 @@ def _p_of_interval(
     return 2 * float(stats.t.sf(two_sided_quantile(confidence, degrees) * nearest / reach, degrees))
 
 
-def _inconclusive(base: Samples, head: Samples, reason: str) -> TimeChange:
+def _make_inconclusive(base: Samples, head: Samples, reason: str) -> TimeChange:
     return TimeChange("inconclusive", reason, **summarise(base, head))
 
 
-def _same_drawing(pair: Pair) -> TimeChange:
+def _make_unchanged(pair: Pair) -> TimeChange:
     """Return the change, without a test, of a case with equal triangles in both versions."""
     return TimeChange("unchanged", "", against="same-triangles", **summarise(pair.base, pair.head))
 
@@ -373,7 +375,7 @@ def summarise(base: Samples, head: Samples) -> dict[str, Any]:
     return medians | {f"{name}_rounds": len(values) for name, values in samples.items()}
 
 
-def drift_of_rounds(
+def measure_round_drift(
     group: CaseGroup,
     pairs: Sequence[tuple[Samples, Samples]],
     settings: Settings,
@@ -404,7 +406,7 @@ def select_positive(values: Sequence[Any]) -> Samples:
     return numbers[np.isfinite(numbers) & (numbers > 0)]
 
 
-def low_quantile(samples_s: Sequence[Any]) -> float | None:
+def compute_low_quantile(samples_s: Sequence[Any]) -> float | None:
     """Return the low quantile of a record's samples in seconds, or None if there are none."""
     samples = select_positive(samples_s)
     return float(np.quantile(samples, QUANTILE)) if len(samples) else None
@@ -415,7 +417,7 @@ def log_ratio(base: Samples, head: Samples) -> float:
     return float(np.log(np.quantile(head, QUANTILE) / np.quantile(base, QUANTILE)))
 
 
-def margins(base: Samples, head: Samples, confidence: float) -> Samples:
+def compute_margins(base: Samples, head: Samples, confidence: float) -> Samples:
     """Return the (2,) reach of `log_ratio`'s percentile bootstrap interval below and above it."""
     rng = np.random.default_rng(zlib.crc32(base.tobytes() + head.tobytes()))
     ratios = np.log(_resample(head, rng) / _resample(base, rng))

@@ -55,7 +55,7 @@ def format_headline(comparison: Comparison) -> str:
 
 def _describe_regression(comparison: Comparison) -> str:
     """Describe the largest regression, or the common drift if no case regressed."""
-    regressed = sorted(comparison.regressed(), key=_severity, reverse=True)
+    regressed = sorted(comparison.regressed(), key=_rank_severity, reverse=True)
     if not regressed:
         drift = max(comparison.drifted(), key=lambda drift: drift.ratio)
         return f"Regression: {drift.group}: {format_drift(comparison, drift)}"
@@ -74,7 +74,7 @@ def _describe_regression(comparison: Comparison) -> str:
     return f"Regression: {worst.id}: {' and '.join(parts)}{suffix}"
 
 
-def _severity(case: CaseChange) -> tuple[bool, float]:
+def _rank_severity(case: CaseChange) -> tuple[bool, float]:
     growth = [math.inf if c.change is None else abs(c.change) for c in case.regressions()]
     if case.time is not None and case.time.outcome == "regressed":
         growth.append((case.time.ratio or 1.0) - 1)

@@ -21,7 +21,7 @@ import psutil
 
 from harness import __version__
 from harness.machine import system
-from harness.machine.git import describe_project, git_state
+from harness.machine.git import describe_project, read_git_state
 from triangulators.compute import compiled_files
 
 ROOT = compiled_files.SOURCES
@@ -59,25 +59,25 @@ def collect(seed: int, triangulators: Sequence[str] = ()) -> dict[str, Any]:
 
     triangulators : names, whose modules' folders identify the measured repository
     """
-    memory = system.ask(psutil.virtual_memory)
+    memory = system.query_psutil(psutil.virtual_memory)
     return {
         "harness": __version__,
-        "code": code_version(),
-        "git": git_state(ROOT) if (ROOT / ".git").exists() else None,
+        "code": hash_code(),
+        "git": read_git_state(ROOT) if (ROOT / ".git").exists() else None,
         "project": describe_project(triangulators),
         "command": ["harness", *sys.argv[1:]],
         "seed": seed,
         "python": platform.python_version(),
-        "packages": {name: _version(name) for name in PACKAGES},
+        "packages": {name: _get_version(name) for name in PACKAGES},
         "kernel": f"{platform.system()} {platform.release()}",
-        "cpu": processor()["name"],
-        "cores": system.ask(lambda: psutil.cpu_count(logical=False)),
+        "cpu": describe_processor()["name"],
+        "cores": system.query_psutil(lambda: psutil.cpu_count(logical=False)),
         "threads": os.cpu_count(),
         "governor": _read(GOVERNOR).strip() or None,
-        "load": list(system.ask(psutil.getloadavg) or []) or None,
+        "load": list(system.query_psutil(psutil.getloadavg) or []) or None,
         "memory_gib": round(memory.total / 2**30, 1) if memory else None,
         "memory_free_gib": round(memory.available / 2**30, 1) if memory else None,
-        "gpus": _nvidia(),
+        "gpus": _query_nvidia(),
         "variables": {name: os.environ[name] for name in VARIABLES if name in os.environ},
     }
 
@@ -99,12 +99,12 @@ def list_warnings(facts: dict[str, Any]) -> list[str]:
     return warnings
 
 
-def code_version() -> str:
+def hash_code() -> str:
     """Return a hash, 16 hexadecimal digits, of the source files of the three packages."""
-    return source_hash(*(ROOT / package for package in sorted(compiled_files.PACKAGES)))
+    return hash_sources(*(ROOT / package for package in sorted(compiled_files.PACKAGES)))
 
 
-def source_hash(*packages: Path) -> str:
+def hash_sources(*packages: Path) -> str:
     """Return a hash, 16 hexadecimal digits, of the source files in the packages' folders."""
     digest = hashlib.sha256()
     for folder in packages:
@@ -115,7 +115,7 @@ def source_hash(*packages: Path) -> str:
     return digest.hexdigest()[:16]
 
 
-def _nvidia() -> list[dict[str, str]] | None:
+def _query_nvidia() -> list[dict[str, str]] | None:
     fields = ("name", "driver_version", "clocks.sm", "clocks.max.sm", "clocks.mem")
     text = _run("nvidia-smi", f"--query-gpu={','.join(fields)}", "--format=csv,noheader")
     if text is None:
@@ -136,7 +136,7 @@ def _run(*command: str) -> str | None:
     return done.stdout.strip()
 
 
-def _version(package: str) -> str | None:
+def _get_version(package: str) -> str | None:
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
@@ -161,19 +161,19 @@ VECTORS = (("avx512f", 512), ("avx2", 256), ("avx", 256), ("sse2", 128), ("asimd
 
 
 @cache
-def processor() -> dict[str, Any]:
+def describe_processor() -> dict[str, Any]:
     """Return facts about this machine's processor, JSON-ready; unknown facts are None.
 
     vendor, name, family, model, stepping : as reported by the system
     caches : bytes by level and type, e.g. "L2"; vector_bits : width of the widest vectors
     label : short description, e.g. AMD EPYC 25/17, 512-bit
     """
-    facts = _of_cpuinfo(_read(CPUINFO)) | {"caches": dict(_caches(CACHES))}
+    facts = _parse_cpuinfo(_read(CPUINFO)) | {"caches": dict(_read_caches(CACHES))}
     facts["name"] = facts["name"] or platform.processor() or None
     return {**facts, "label": _label(facts)}
 
 
-def _of_cpuinfo(text: str) -> dict[str, Any]:
+def _parse_cpuinfo(text: str) -> dict[str, Any]:
     first = text.split("\n\n", 1)[0]
     pairs = (line.partition(":") for line in first.splitlines())
     fields = {name.strip(): value.strip() for name, _, value in pairs}
@@ -186,7 +186,7 @@ def _of_cpuinfo(text: str) -> dict[str, Any]:
     return facts
 
 
-def _caches(folder: Path) -> Iterator[tuple[str, int]]:
+def _read_caches(folder: Path) -> Iterator[tuple[str, int]]:
     for index in sorted(folder.glob("index*")):
         level, kind, size = (_read(index / name).strip() for name in ("level", "type", "size"))
         letter = {"Data": "d", "Instruction": "i"}.get(kind, "")

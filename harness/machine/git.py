@@ -105,7 +105,7 @@ def _ask_git(folder: Path, *arguments: str) -> str | None:
         return None
 
 
-def git_state(folder: Path) -> dict[str, Any] | None:
+def read_git_state(folder: Path) -> dict[str, Any] | None:
     """Return the commit of the repository at `folder` and whether it has local changes.
 
     None outside git.
@@ -124,7 +124,7 @@ def find_commit(folder: Path, reference: str) -> str | None:
 
 
 @contextmanager
-def checked_out(top: Path, commit: str) -> Iterator[Path]:
+def check_out(top: Path, commit: str) -> Iterator[Path]:
     """Check `commit` out into a temporary work tree, which is removed afterwards.
 
     Raises
@@ -157,7 +157,7 @@ def project_folder(triangulators: Sequence[str]) -> Path | None:
     It is the one that holds the current folder, else the first that holds a triangulator named as
     `module:function`.
     """
-    for folder in (Path.cwd(), *_module_folders(triangulators)):
+    for folder in (Path.cwd(), *_list_module_folders(triangulators)):
         top = _ask_git(folder, "rev-parse", "--show-toplevel")
         if top:
             return Path(top)
@@ -171,13 +171,13 @@ def describe_project(triangulators: Sequence[str]) -> dict[str, Any] | None:
     of continuous integration sets, if any.
     """
     folder = project_folder(triangulators)
-    state = None if folder is None else git_state(folder)
+    state = None if folder is None else read_git_state(folder)
     if state is not None and folder is not None:
-        return {"name": _printable(folder.name), **state}
+        return {"name": _make_printable(folder.name), **state}
     commit = next((os.environ[name] for name in COMMITS if os.environ.get(name)), None)
     if commit is None:
         return None
-    return {"name": _printable(Path.cwd().name), "commit": commit, "dirty": False}
+    return {"name": _make_printable(Path.cwd().name), "commit": commit, "dirty": False}
 
 
 def get_commit(facts: Mapping[str, Any], repository: str = "project") -> str:
@@ -192,12 +192,12 @@ def get_commit(facts: Mapping[str, Any], repository: str = "project") -> str:
     return f"{commit} with local changes" if commit and state.get("dirty") else commit
 
 
-def _printable(name: str) -> str:
+def _make_printable(name: str) -> str:
     """Return a file's name as valid Unicode for JSON."""
     return os.fsencode(name).decode(errors="replace")
 
 
-def _module_folders(triangulators: Sequence[str]) -> Iterator[Path]:
+def _list_module_folders(triangulators: Sequence[str]) -> Iterator[Path]:
     """Yield the folders of the modules of `module:function` names; only parents are imported."""
     for name in triangulators:
         module, colon, _ = name.partition(":")

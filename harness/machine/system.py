@@ -53,7 +53,7 @@ def cache_file(name: str) -> Path:
 
 
 @contextlib.contextmanager
-def signals_handled_by(
+def handle_signals(
     handler: Callable[[int, Any], None], replaces: Callable[[Any], bool]
 ) -> Iterator[None]:
     """Install `handler` for the `STOPPING` signals with the present handler `replaces`."""
@@ -70,13 +70,13 @@ def signals_handled_by(
 
 
 @contextlib.contextmanager
-def signals_delayed() -> Iterator[None]:
+def delay_signals() -> Iterator[None]:
     """Delay `STOPPING` signals to the end of the block, then raise KeyboardInterrupt."""
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread handles signals
         return
     received: list[int] = []
-    with signals_handled_by(
+    with handle_signals(
         lambda number, _: received.append(number), lambda handler: handler != signal.SIG_IGN
     ):
         yield
@@ -169,7 +169,7 @@ class RunQueueClock:
         self._files.clear()
 
 
-def ask(function: Callable[[], T]) -> T | None:
+def query_psutil(function: Callable[[], T]) -> T | None:
     """Return what a function of psutil returns, or None if the system has no answer.
 
     A container or a sandbox may have no /proc.
@@ -180,14 +180,17 @@ def ask(function: Callable[[], T]) -> T | None:
         return None
 
 
-def stolen_s() -> float:
+def read_steal_time_s() -> float:
     """Return the steal time of all cores, in seconds; 0 if the system does not report it."""
-    return float(getattr(ask(psutil.cpu_times), "steal", 0.0))
+    return float(getattr(query_psutil(psutil.cpu_times), "steal", 0.0))
 
 
-def other_processes_s() -> float:
+def read_other_processes_s() -> float:
     """Return the CPU seconds of all other processes since the system started; 0 if unknown."""
-    total, process = ask(psutil.cpu_times), ask(lambda: psutil.Process().cpu_times())
+    total, process = (
+        query_psutil(psutil.cpu_times),
+        query_psutil(lambda: psutil.Process().cpu_times()),
+    )
     if total is None or process is None:
         return 0.0
     states = ("user", "nice", "system", "irq", "softirq")
@@ -251,7 +254,7 @@ def kill_orphans(parent: int) -> None:
                         process.kill()
 
 
-def umask() -> int:
+def read_umask() -> int:
     """Return the permissions that new files do not get."""
     mask = os.umask(0o077)
     os.umask(mask)

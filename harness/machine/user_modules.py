@@ -21,7 +21,7 @@ FUNCTION = re.compile(r"[^\W\d][\w.]*:[^\W\d][\w.]*(?=:|$)")
 
 
 @contextmanager
-def hidden_working_folder() -> Iterator[None]:
+def hide_working_folder() -> Iterator[None]:
     """Prevent Python processes started in the block from importing from the current folder.
 
     `python -c`, by which multiprocessing starts helpers, searches that folder first.

@@ -26,8 +26,8 @@ import shapely
 from shapely import Polygon
 
 from harness.errors import UsageError
-from harness.machine.environment import source_hash
-from harness.machine.git import checked_out, find_commit, project_folder
+from harness.machine.environment import hash_sources
+from harness.machine.git import check_out, find_commit, project_folder
 from harness.triangulating.recipes import Recipe
 from harness.triangulating.result import FrameTriangulation, check_triangles
 from harness.triangulating.triangulate import make_small_polygons
@@ -67,8 +67,8 @@ class OtherVersion:
         if self.python != sys.executable:
             return False
         file = _run_script(self, {"triangulator": None})["file"]
-        head_hash = source_hash(Path(sys.modules["triangulators"].__path__[0]))
-        return file is not None and source_hash(Path(file).parent) == head_hash
+        head_hash = hash_sources(Path(sys.modules["triangulators"].__path__[0]))
+        return file is not None and hash_sources(Path(file).parent) == head_hash
 
 
 def make_base_facts(facts: Mapping[str, Any]) -> dict[str, Any]:
@@ -92,7 +92,7 @@ def open_version(reference: str, triangulators: Sequence[str]) -> Iterator[Other
     top = project_folder(triangulators)
     commit = None if top is None else find_commit(top, reference)
     if top is not None and commit is not None:
-        with checked_out(top, commit) as folder:
+        with check_out(top, commit) as folder:
             yield _make_version(reference, commit, folder, top)
         return
     folder = Path(reference)

@@ -282,7 +282,7 @@ class MeasuringPool(WorkerPool):
                 groups |= times
                 failures |= failed
             return groups, failures
-        group = {name: Times.of_processes([part[name] for part in parts]) for name in parts[0]}
+        group = {name: Times.concatenate([part[name] for part in parts]) for name in parts[0]}
         return dict.fromkeys(candidates, group), {}
 
     def describe(self) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from harness import atomic
 from harness.machine import system
-from harness.machine.environment import processor
+from harness.machine.environment import describe_processor
 from harness.results.record import Record
 
 FILE = "reference-draws.json"
@@ -73,7 +73,7 @@ def _update(draws: Mapping[DrawId, float], path: Path) -> dict[DrawId, tuple[flo
     An unreadable file is replaced, and an unwritable file is ignored, as results do not depend on
     it.
     """
-    machine = f"{processor()['label']}, {os.cpu_count()} threads"
+    machine = f"{describe_processor()['label']}, {os.cpu_count()} threads"
     names = {draw: json.dumps([machine, *draw]) for draw in draws}
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

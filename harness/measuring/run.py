@@ -22,7 +22,7 @@ from harness.errors import (
 )
 from harness.frame import ITS_OWN_VIEW, OWN_VIEWS, View, view_of
 from harness.machine import environment, system
-from harness.machine.environment import processor
+from harness.machine.environment import describe_processor
 from harness.measuring.loading import find_backends, find_broken, load_scene
 from harness.measuring.other_version import FOLDER as BASE_FOLDER
 from harness.measuring.other_version import OtherVersion
@@ -292,7 +292,7 @@ def _handle_signals(pool: MeasuringPool, reporter: Reporter) -> Iterator[None]:
         reporter.say("stopping after the case in flight; press Ctrl-C again to stop at once")
 
     # Ignored signals stay ignored, as under nohup.
-    with system.signals_handled_by(stop, lambda before: before != signal.SIG_IGN):
+    with system.handle_signals(stop, lambda before: before != signal.SIG_IGN):
         yield
 
 
@@ -378,7 +378,7 @@ def _make_facts(plan: Plan, scene: Scene) -> RunFacts:
             **{name: getattr(scene, name) for name in SCENE_FIELDS},
         },
         "environment": machine,
-        "cpu": processor(),
+        "cpu": describe_processor(),
         "warnings": environment.list_warnings(machine),
         "frames": [],
         "devices": {},

@@ -92,7 +92,7 @@ class SceneRun:
     def measure(self) -> None:
         """Measure the cases until all are done, or `pool.stopping` is set."""
         for view in self.plan.views:
-            groups = [group for group in self._groups(view) if group.cases]
+            groups = [group for group in self._make_groups(view) if group.cases]
             if not groups or self.pool.stopping:
                 continue
             current = _View(frame_of(self.scene, view))
@@ -107,7 +107,7 @@ class SceneRun:
                 if cases and not self.pool.stopping:
                     self._measure(current, replace(group, cases=cases))
 
-    def _groups(self, view: View) -> Iterator[Group]:
+    def _make_groups(self, view: View) -> Iterator[Group]:
         for backend, supported in self.usable:
             for options in supported:
                 cases = {

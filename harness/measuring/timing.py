@@ -111,7 +111,7 @@ class Times:
                 self.waited_s.append(sample.waited / self.repeats)
 
     @classmethod
-    def of_processes(cls, parts: Sequence["Times"]) -> "Times":
+    def concatenate(cls, parts: Sequence["Times"]) -> "Times":
         """Concatenate the times of one drawing in several processes."""
         return cls(
             repeats=parts[0].repeats,
@@ -207,7 +207,7 @@ def time_together(
     budget is spent, or when `settings.budget_s` times the number of drawings has passed. `renew`
     gives at least `settings.epochs` epochs within `settings.limit_s`.
     """
-    start, stolen_s, others_s = clock(), system.stolen_s(), system.other_processes_s()
+    start, stolen_s, others_s = clock(), system.read_steal_time_s(), system.read_other_processes_s()
     batch = max(settings.min_batch_s, 100 * test.resolution_s)
     times: dict[str, Times] = {}
     draw_s: dict[str, float] = {}
@@ -260,8 +260,8 @@ def time_together(
             ):
                 for entry in times.values():
                     entry.epochs = list(epochs.rounds)
-                    entry.stolen_s = system.stolen_s() - stolen_s
-                    entry.others_s = max(0.0, system.other_processes_s() - others_s)
+                    entry.stolen_s = system.read_steal_time_s() - stolen_s
+                    entry.others_s = max(0.0, system.read_other_processes_s() - others_s)
                     entry.timing_s = clock() - start
                 return times
 

@@ -44,8 +44,8 @@ class BreakEven:
         if self.low is None or self.high is None:
             return f"{self.kind} about {draws} (triangulated once)"
         if count <= 0 and self.kind == "after":
-            return f"at once ({self._interval(' to ')} draws)"
-        return f"{self.kind} {draws} ({self._interval(' to ')})"
+            return f"at once ({self._format_interval(' to ')} draws)"
+        return f"{self.kind} {draws} ({self._format_interval(' to ')})"
 
     @property
     def short_text(self) -> str:
@@ -53,14 +53,14 @@ class BreakEven:
         if self.draws is None:
             return "n.s." if self.kind == "not significant" else self.kind
         prefix = "up to " if self.kind == "up to" else ""
-        interval = "?" if self.low is None else self._interval("-")
+        interval = "?" if self.low is None else self._format_interval("-")
         return f"{prefix}{self._round(self.draws):,} ({interval})"
 
     def _round(self, draws: float) -> int:
         """Round to the first draw at which the total time is lower, or to the last one."""
         return math.floor(draws) if self.kind == "up to" else math.ceil(draws)
 
-    def _interval(self, separator: str) -> str:
+    def _format_interval(self, separator: str) -> str:
         """Format the interval, rounded outwards, so that a narrow one still has two ends."""
         low, high = self.low or 0.0, self.high or 0.0
         start = f"{max(0, math.ceil(low) - 1):,}"

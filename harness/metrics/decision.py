@@ -181,12 +181,12 @@ def _choose(
     if counts:
         choice = counts[0][1]
         other = base if base in rivals and base is not choice else counts[-1][1]
-        if _saved_share(choice.record, other.record, measure) >= MIN_SAVED_SHARE:
+        if _compute_saved_share(choice.record, other.record, measure) >= MIN_SAVED_SHARE:
             return "counter", choice, None
     return "undecided", base if base in rivals else candidates[0], None
 
 
-def _saved_share(record: Record, base: Record, measure: str | None) -> float:
+def _compute_saved_share(record: Record, base: Record, measure: str | None) -> float:
     """Return the saved share of the base's quads (four shaded lanes each), or main counter."""
     names = ["quads", *([measure] if measure else [])]
     count, base_count = (first_value(r, names) or 0.0 for r in (record, base))
@@ -223,8 +223,10 @@ _SAVES_ENOUGH = f"saves {100 * MIN_SAVED_SHARE:g} % by exact count"
 def _format_choice(decision: Decision) -> str:
     choice, base, ratio = decision.choice, decision.base, decision.saving
     if ratio is not None:
-        text = f"{choice.name} saves {_percent(1 - ratio.value)} % of {base.name}'s draw time "
-        text += f"(95 % CI {_percent(1 - ratio.high)}-{_percent(1 - ratio.low)} %)"
+        text = (
+            f"{choice.name} saves {_format_percent(1 - ratio.value)} % of {base.name}'s draw time "
+        )
+        text += f"(95 % CI {_format_percent(1 - ratio.high)}-{_format_percent(1 - ratio.low)} %)"
         if choice.break_even is not None and choice.break_even.kind in ("at once", "after"):
             text += f", break-even {choice.break_even.text}"
         if decision.not_slower:
@@ -258,10 +260,10 @@ def _format_count(decision: Decision) -> str:
     text = f"{count:,} {find_metric(measure).label}"
     if base is choice or not base_count or choice.record.polygons != base.record.polygons:
         return text
-    return f"{text}, {_percent(1 - count / base_count)} % fewer than {base.name}"
+    return f"{text}, {_format_percent(1 - count / base_count)} % fewer than {base.name}"
 
 
-def _percent(share: float) -> str:
+def _format_percent(share: float) -> str:
     return f"{100 * share:.1f}"
 
 

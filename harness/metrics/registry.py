@@ -115,7 +115,7 @@ def _read_prediction(column: str) -> Read:
     return lambda record: record.predicted.get(column)
 
 
-def _median_s(record: Record) -> float | None:
+def _get_median_s(record: Record) -> float | None:
     return None if record.time is None else record.time.median_s
 
 
@@ -202,14 +202,14 @@ def bbox_overdraw(record: Record) -> float | None:
 @_metric("draw time", "ms", "time", best_case=0.0, heading="draw ms", form="{:.3f}")
 def draw_ms(record: Record) -> float | None:
     """Median time of one draw."""
-    return _divide(_median_s(record), 1, 1e3)
+    return _divide(_get_median_s(record), 1, 1e3)
 
 
 @_metric("draw time relative to the reference", "x", "time", best_case=0.0)
 def draw_of_reference(record: Record) -> float | None:
     """Median draw time over that of the reference triangle of the same run."""
     reference = record.time.reference_s if record.time else ()
-    return _divide(_median_s(record), statistics.median(reference) if reference else None)
+    return _divide(_get_median_s(record), statistics.median(reference) if reference else None)
 
 
 @_metric("time to triangulate", "ms", "time", best_case=0.0)
@@ -243,7 +243,7 @@ def t_junctions(record: Record) -> float | None:
 
 
 @cache
-def _of_counter(counter: counters.Counter) -> Metric:
+def _make_counter_metric(counter: counters.Counter) -> Metric:
     return Metric(
         counter.name,
         counter.label,
@@ -259,7 +259,7 @@ def _of_counter(counter: counters.Counter) -> Metric:
 
 
 @cache
-def _of_criterion(criterion: criteria.Criterion) -> Metric:
+def _make_criterion_metric(criterion: criteria.Criterion) -> Metric:
     return Metric(
         criterion.column,
         criterion.label or criterion.name,
@@ -272,16 +272,16 @@ def _of_criterion(criterion: criteria.Criterion) -> Metric:
 
 
 @cache
-def _of_estimate(name: str) -> Metric:
+def _make_estimate_metric(name: str) -> Metric:
     estimate = ESTIMATES[name]
-    counter = _of_counter(counters.describe(estimate.measure))
+    counter = _make_counter_metric(counters.describe(estimate.measure))
     read = _read_prediction(name)
     label = f"{counter.label} by {estimate.formula}"
     return replace(counter, name=name, label=label, kind="prediction", function=read, heading="")
 
 
 @cache
-def _of_feature(column: str) -> Metric:
+def _make_feature_metric(column: str) -> Metric:
     """Return a prediction that is not a criterion: a term of fits, or of a removed criterion."""
     read = _read_prediction(column)
     label = column.replace("_", " ")
@@ -291,7 +291,7 @@ def _of_feature(column: str) -> Metric:
 def list_predictions() -> dict[str, Metric]:
     """Return the metric of each criterion by its column, in the order of display."""
     predicted = criteria.list_predicted()
-    return {criterion.column: _of_criterion(criterion) for criterion in predicted}
+    return {criterion.column: _make_criterion_metric(criterion) for criterion in predicted}
 
 
 def find_metric(name: str) -> Metric:
@@ -304,17 +304,17 @@ def find_metric(name: str) -> Metric:
         return METRICS[name]
     column = name.removeprefix(PREDICTED).replace("-", "_")
     if column in ESTIMATES:
-        return _of_estimate(column)
+        return _make_estimate_metric(column)
     if (metric := list_predictions().get(column)) is not None:
         return metric
     if name.startswith(PREDICTED):
-        return _of_feature(column)
-    return _of_counter(counters.describe(name))
+        return _make_feature_metric(column)
+    return _make_counter_metric(counters.describe(name))
 
 
 def list_metrics() -> dict[str, Metric]:
     """Return all metrics of built-in rasterisers and criteria, by name."""
-    builtin = {name: _of_counter(counter) for name, counter in counters.COUNTERS.items()}
+    builtin = {name: _make_counter_metric(counter) for name, counter in counters.COUNTERS.items()}
     return builtin | METRICS | list_predictions()
 
 
@@ -322,7 +322,7 @@ def find_metrics(records: Iterable[Record]) -> dict[str, Metric]:
     """Return the metrics that some record has: counters, derived metrics, predictions."""
     records = list(records)
     names = {name for record in records for name in record.counters}
-    counted = {name: _of_counter(counters.describe(name)) for name in sort_counters(names)}
+    counted = {name: _make_counter_metric(counters.describe(name)) for name in sort_counters(names)}
     return counted | {
         name: metric
         for name, metric in (METRICS | list_predictions()).items()

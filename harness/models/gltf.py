@@ -48,19 +48,21 @@ class GltfModel(GltfEditor):
                 key = _make_key(primitive)
                 primitives.setdefault(key, []).append(primitive)
                 placements[key] = placements.get(key, ()) + matrices
-                reasons[key] = reasons.get(key) or self._reason_unchanged(mesh, primitive)
+                reasons[key] = reasons.get(key) or self._explain_unchanged(mesh, primitive)
         for mesh in meshes:
             keys = dict.fromkeys(_make_key(primitive) for primitive in mesh["primitives"])
             new_keys = [key for key in keys if key not in seen]
             seen.update(new_keys)
-            parts = [self._part(primitives[key], placements[key], reasons[key]) for key in new_keys]
+            parts = [
+                self._make_part(primitives[key], placements[key], reasons[key]) for key in new_keys
+            ]
             yield [part for part in parts if part is not None]
 
     def replace(self, part: ModelPart, triangles: NDArray[np.int64]) -> None:
         """Replace the triangles of a part by (m, 3) `triangles`."""
         self.replace_indices(part.source, triangles.reshape(-1))
 
-    def _reason_unchanged(self, mesh: dict[str, Any], primitive: dict[str, Any]) -> str:
+    def _explain_unchanged(self, mesh: dict[str, Any], primitive: dict[str, Any]) -> str:
         """Return the reason why a primitive's triangles must not change, or ""."""
         extensions = primitive.get("extensions", {})
         for name in (*mesh.get("extensions", {}), *extensions):
@@ -75,7 +77,7 @@ class GltfModel(GltfEditor):
                 return "with a blended material the order of triangles is visible"
         return ""
 
-    def _part(
+    def _make_part(
         self,
         primitives: list[dict[str, Any]],
         placements: tuple[NDArray[np.float64], ...],
@@ -89,7 +91,7 @@ class GltfModel(GltfEditor):
         positions, placements = self.positions(primitive, placements)
         triangles = self.triangles(primitive, len(positions))
         used_vertices = np.unique(triangles)
-        attributes = self._vertex_attributes(primitive, len(positions), used_vertices)
+        attributes = self._read_attributes(primitive, len(positions), used_vertices)
         exact = positions.astype(np.float64)
         used = exact[used_vertices]
         if positions.dtype.kind == "f" or len(used) == 0:
@@ -99,7 +101,7 @@ class GltfModel(GltfEditor):
         mesh = ModelMesh(exact, triangles, *attributes, tolerance)
         return ModelPart(mesh, primitives, reason_unchanged, placements)
 
-    def _vertex_attributes(
+    def _read_attributes(
         self, primitive: dict[str, Any], count: int, used: NDArray[np.int64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the affine and the fixed attributes of `ModelMesh` for `count` vertices.

@@ -89,7 +89,7 @@ class ObjModel:
     def _read_face(self, tokens: list[bytes], text: bytes, offset: int) -> None:
         """Read a face; text : the line at byte `offset`, or b"" if the face has several lines."""
         part = self._parts[-1]
-        triples = [self._triple(word) for word in tokens]
+        triples = [self._parse_triple(word) for word in tokens]
         if part.smooth:
             self._smooth += [position for position, _, normal in triples if not normal]
         if len(tokens) == 3 and text:
@@ -99,7 +99,7 @@ class ObjModel:
         else:
             self.unchanged["faces that are not triangles, or on several lines"] += 1
 
-    def _triple(self, word: bytes) -> Triple:
+    def _parse_triple(self, word: bytes) -> Triple:
         """Return 1-based indices of position, texture coordinate and normal, or 0 for none."""
         result = [0, 0, 0]
         for column, (part, lines) in enumerate(
@@ -117,7 +117,7 @@ class ObjModel:
 
     def groups(self) -> Iterator[list[ModelPart]]:
         """Yield all parts as one group."""
-        values = {kind: self._values(kind, lines) for kind, lines in self._lines.items()}
+        values = {kind: self._parse_values(kind, lines) for kind, lines in self._lines.items()}
         xyz = values[b"v"][0][:, :3]
         step = _find_step(word for line in self._lines[b"v"] for word in line[:3])
         uses = np.bincount(self._smooth, minlength=len(xyz) + 1)
@@ -143,7 +143,9 @@ class ObjModel:
             parts.append(ModelPart(mesh, (np.array(part.spans, dtype=np.int64), tokens)))
         yield parts
 
-    def _values(self, kind: bytes, lines: list[list[bytes]]) -> tuple[NDArray[np.float64], float]:
+    def _parse_values(
+        self, kind: bytes, lines: list[list[bytes]]
+    ) -> tuple[NDArray[np.float64], float]:
         """Return the numbers of lines (n, width), and the tolerance of these numbers."""
         width = max((len(line) for line in lines), default=0)
         try:

@@ -178,7 +178,7 @@ def read(
     vertices = 0
     for direction in list_directions()[:views]:
         end = piece_offsets[-1]
-        for pieces in _pieces_of_view(
+        for pieces in _list_pieces(
             placed_parts, sphere, direction, distance, pixels, len(polygons)
         ):
             end += len(pieces.outlines)
@@ -299,7 +299,7 @@ class _ViewPieces(NamedTuple):
     other_triangles: list[Rows]
 
 
-def _pieces_of_view(
+def _list_pieces(
     placed_parts: list[_PlacedPart],
     sphere: BoundingSphere,
     direction: Floats,

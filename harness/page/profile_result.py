@@ -108,7 +108,7 @@ def import_profile(file: Path, result: Result, name: str) -> tuple[dict[str, Any
     }
     measurement = measured.normalise_times(times, names)
     _check_law(file, result, draws, exact, measurement)
-    content = profile(draws, exact, measurement, _facts(result, name), page.seed)
+    content = profile(draws, exact, measurement, _make_facts(result, name), page.seed)
     try:
         if not content["refused"]:
             check_profile(content)
@@ -156,7 +156,7 @@ def _check_law(
         raise InputError(f"{file}: the law does not follow from the times")
 
 
-def _facts(result: Result, name: str) -> dict[str, Any]:
+def _make_facts(result: Result, name: str) -> dict[str, Any]:
     device = result.device
     assert result.timer is not None
     return {

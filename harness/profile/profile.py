@@ -13,7 +13,7 @@ import numpy as np
 
 from harness import __version__, atomic, rasterisers
 from harness.errors import InputError
-from harness.machine.environment import processor
+from harness.machine.environment import describe_processor
 from harness.profile import law as laws
 from harness.profile import stage_draws
 from harness.profile.advice import compare_aspects
@@ -219,7 +219,7 @@ def origin_of(device: Mapping[str, Any]) -> str:
 def is_of_this_machine(device: Mapping[str, Any]) -> bool:
     """Return whether this machine has a profile's processor (software) or GPU."""
     if device.get("software"):
-        return bool(device.get("cpu") == processor()["label"])
+        return bool(device.get("cpu") == describe_processor()["label"])
     name, details = device.get("rasteriser"), device.get("details", {})
     present = rasterisers.get(name).devices() if name in rasterisers.BUILT_IN else ()
     models = {one.details.get(key) for one in present for key in ("renderer", "device")} - {None}

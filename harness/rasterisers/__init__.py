@@ -48,7 +48,7 @@ BUILT_IN = {
 
 
 @cache
-def _plugins() -> dict[str, EntryPoint]:
+def _find_plugins() -> dict[str, EntryPoint]:
     return {point.name: point for point in entry_points(group=GROUP)}
 
 
@@ -60,7 +60,7 @@ def load(reference: str) -> Any:
 
 def names() -> list[str]:
     """Return the names of all rasterisers, including third-party ones."""
-    return [*BUILT_IN, *sorted(set(_plugins()) - set(BUILT_IN))]
+    return [*BUILT_IN, *sorted(set(_find_plugins()) - set(BUILT_IN))]
 
 
 def get(name: str) -> type[Rasteriser]:
@@ -73,11 +73,11 @@ def get(name: str) -> type[Rasteriser]:
     """
     if name in BUILT_IN:
         rasteriser = load(BUILT_IN[name])
-    elif name in _plugins() or ":" in name:
-        if name not in _plugins():
+    elif name in _find_plugins() or ":" in name:
+        if name not in _find_plugins():
             allow_user_module(name)
         try:
-            rasteriser = _plugins()[name].load() if name in _plugins() else load(name)
+            rasteriser = _find_plugins()[name].load() if name in _find_plugins() else load(name)
         except Exception as error:
             raise UsageError(f"rasteriser '{name}': import failed ({error})") from error
     else:
@@ -88,7 +88,7 @@ def get(name: str) -> type[Rasteriser]:
     return rasteriser
 
 
-def default_rasteriser() -> str:
+def choose_default_rasteriser() -> str:
     """Return the default rasteriser: opengl, or webgpu if EGL is missing."""
     if not get("opengl").devices() and get("webgpu").devices():
         return "webgpu"

@@ -73,7 +73,7 @@ def setup(
 
 
 @njit(error_model="numpy", inline="always")
-def span(edges: Edges, y: int, min_x: int, max_x: int) -> tuple[int, int]:
+def find_span(edges: Edges, y: int, min_x: int, max_x: int) -> tuple[int, int]:
     """First and last covered pixel of row `y`; empty if first > last."""
     for k in range(3):
         value = edges[k, 0] + edges[k, 1] * y
@@ -109,7 +109,7 @@ def count_triangles(points: Points, triangles: Triangles, window: Window) -> NDA
                 y = 4 * block + j
                 spans[j, 0], spans[j, 1] = 0, -1
                 if first <= y <= last:
-                    spans[j, 0], spans[j, 1] = span(edges, y, min_x, max_x)
+                    spans[j, 0], spans[j, 1] = find_span(edges, y, min_x, max_x)
                 counts[t, FRAGMENTS] += max(0, spans[j, 1] - spans[j, 0] + 1)
             for rows in (spans[:2], spans[2:]):
                 full = count_full_quads(rows)
@@ -149,7 +149,7 @@ def outline_quads(
             if not solid:
                 continue
             for line in range(bottom, top + 1):
-                low, high = span(edges, line, west, east)
+                low, high = find_span(edges, line, west, east)
                 if low <= high:
                     begin, end = (low >> 1) - column, (high >> 1) - column + 1
                     touched[(line >> 1) - row, begin:end] = True
@@ -198,7 +198,7 @@ def fill(
             continue
         min_x, max_x = max(min_x, 0), min(max_x, width - 1)
         for y in range(max(first, 0), min(last, height - 1) + 1):
-            low, high = span(edges, y, min_x, max_x)
+            low, high = find_span(edges, y, min_x, max_x)
             if low <= high:
                 picture[y, low : high + 1] = colours[t]
 
@@ -225,7 +225,7 @@ def shade(
             for k in range(2):
                 rows[k, 0], rows[k, 1] = 0, -1
                 if first <= bottom + k <= last:
-                    rows[k, 0], rows[k, 1] = span(edges, bottom + k, min_x, max_x)
+                    rows[k, 0], rows[k, 1] = find_span(edges, bottom + k, min_x, max_x)
             for column in range(min_x & ~1, max_x + 1, 2):
                 lanes = 0
                 for lane in range(4):
@@ -285,13 +285,13 @@ def count_visible(
             min_x, max_x = max(min_x, 0), min(max_x, width - 1)
             if not solid or min_x > max_x:
                 continue
-            x0, y0, z0, across, up = _plane(points, depths, triangles[t])
+            x0, y0, z0, across, up = _fit_plane(points, depths, triangles[t])
             # Single-precision rounding error at a pixel's centre, in steps of the depth buffer.
             loose = STEPS + SHARE * 256.0 * (abs(across) * width + abs(up) * height)
             for bottom in range(max(first, 0) & ~1, min(last, height - 1) + 1, 2):
                 low, high = max_x + 1, min_x - 1
                 for k in range(2):
-                    rows[k, 0], rows[k, 1] = span(edges, bottom + k, min_x, max_x)
+                    rows[k, 0], rows[k, 1] = find_span(edges, bottom + k, min_x, max_x)
                     if not first <= bottom + k <= last or rows[k, 0] > rows[k, 1]:
                         rows[k, 0], rows[k, 1] = max_x + 1, min_x - 1
                     low, high = min(low, rows[k, 0]), max(high, rows[k, 1])
@@ -316,7 +316,7 @@ def count_visible(
 
 
 @njit(error_model="numpy")
-def _plane(
+def _fit_plane(
     points: Points, depths: NDArray[np.int32], triangle: NDArray[np.int32]
 ) -> tuple[float, float, float, float, float]:
     """Return x, y and depth of a vertex, and the change of depth over 1/256 px in x and y."""

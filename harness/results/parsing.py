@@ -55,7 +55,7 @@ def parse_json(content: bytes) -> Any:
         if it is invalid, or nested too deeply
     """
     try:
-        value = json.loads(content, parse_float=_finite, parse_constant=lambda _: None)
+        value = json.loads(content, parse_float=_parse_finite, parse_constant=lambda _: None)
         # Only unpaired surrogates, written as escapes or as bytes from 0xED on, need a second pass.
         if b"\\u" not in content and b"\xed" not in content:
             return value
@@ -64,7 +64,7 @@ def parse_json(content: bytes) -> Any:
         raise ValueError("nested too deeply") from None
 
 
-def _finite(text: str) -> float | None:
+def _parse_finite(text: str) -> float | None:
     value = float(text)
     return value if abs(value) < math.inf else None
 

@@ -197,7 +197,7 @@ class _Counter:
         polygons = np.concatenate([part.polygons for part in batch])
         labels = [label for part in batch for label in part.labels]
         times = np.repeat([part.times for part in batch], sizes)
-        pieces, owners = on_pixels(polygons, units_per_pixel, margin)
+        pieces, owners = scale_to_pixels(polygons, units_per_pixel, margin)
         arrays = PolygonArray.from_shapely(pieces)
         drawn = np.isin(np.arange(len(polygons)), owners)
         skipped = [("dropped", k, THIN) for k in np.flatnonzero(~drawn).tolist()]
@@ -241,7 +241,7 @@ class _Counter:
         return done
 
 
-def on_pixels(
+def scale_to_pixels(
     polygons: NDArray[Any], units_per_pixel: float, margin: int | None = None
 ) -> tuple[NDArray[Any], NDArray[np.int64]]:
     """Scale polygons to pixels, move each near the origin, and snap it to 1/256 px.
@@ -278,14 +278,14 @@ def _sum_up(
         dropped=dropped,
     )
     columns = table[:, :, [MEASURES.index(name) for name in GAINED]]
-    gained = gains(columns[0], columns)
+    gained = compute_gains(columns[0], columns)
     places = np.clip(np.floor((gained + 1.0) * BINS / 2), 0, BINS - 1).astype(int)
     which = np.arange(len(table))[:, None, None], np.arange(len(GAINED))
     np.add.at(sums.bins, (*which, places), times[:, None])
     return sums._replace(totals=(table * times[:, None]).sum(axis=1))
 
 
-def gains(base: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+def compute_gains(base: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the relative saving of `other` compared with `base`; 0 if both are 0."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(base == other, 0.0, 1.0 - other / base)

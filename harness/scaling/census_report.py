@@ -33,7 +33,7 @@ MAX_CELLS = 4000
 """Upper bound of the cells along a side of the map; a larger map is drawn coarser."""
 
 
-def rows(sums: Sums, triangulators: Sequence[str]) -> pd.DataFrame:
+def make_rows(sums: Sums, triangulators: Sequence[str]) -> pd.DataFrame:
     """Return a row for each triangulator and measure: totals, total gain, distribution of gains.
 
     Shares and quantiles are exact to the width of a bin, 0.5 %: a quantile is the lower bound of
@@ -67,7 +67,7 @@ def write(folder: Path, counted: Counted, census: Census | TileCensus) -> list[s
     Footprints also get cells.csv and a map, damaged tiles damaged.csv.
     """
     names = census.triangulators
-    written = {"census.csv": _lines(counted, census)}
+    written = {"census.csv": _make_lines(counted, census)}
     if counted.damaged:
         written["damaged.csv"] = pd.DataFrame(counted.damaged, columns=["tile", "reason"])
     if isinstance(census, Census):
@@ -84,11 +84,11 @@ def write(folder: Path, counted: Counted, census: Census | TileCensus) -> list[s
     return [*written, "plots/"]
 
 
-def _lines(counted: Counted, census: Census | TileCensus) -> pd.DataFrame:
+def _make_lines(counted: Counted, census: Census | TileCensus) -> pd.DataFrame:
     """Return the rows of census.csv, of tiles by zoom and layer."""
     tables = []
-    for (zoom, layer), sums in _in_order(counted):
-        table = rows(sums, census.triangulators)
+    for (zoom, layer), sums in _sort_groups(counted):
+        table = make_rows(sums, census.triangulators)
         if isinstance(census, TileCensus):
             table = table.drop(columns="footprints")
             about = {"zoom": zoom, "layer": layer}
@@ -102,21 +102,21 @@ def _lines(counted: Counted, census: Census | TileCensus) -> pd.DataFrame:
     return pd.concat(tables)
 
 
-def _in_order(counted: Counted) -> list[tuple[Group, Sums]]:
+def _sort_groups(counted: Counted) -> list[tuple[Group, Sums]]:
     """Return the groups sorted by zoom, then by layer."""
     return sorted(counted.groups.items(), key=lambda item: (item[0][0] or 0, item[0][1]))
 
 
-def table(counted: Counted, census: Census | TileCensus) -> Table:
+def make_table(counted: Counted, census: Census | TileCensus) -> Table:
     """Return the table for the terminal: savings of helper lanes."""
     base, *names = census.triangulators
     if isinstance(census, TileCensus):
-        return _table_of_tiles(counted, base, names)
+        return _make_tile_table(counted, base, names)
     sums = counted.sum_groups()
     title = f"{sums.count('polygons'):,} footprints: helper lanes, compared with {base}"
     headings = (">in all", ">median", ">gain 10 %", ">gain 30 %", ">lose 1 %")
     table = make_plain_table(title, "triangulator", *headings)
-    every = rows(sums, census.triangulators).query("measure == 'helper_lanes'")
+    every = make_rows(sums, census.triangulators).query("measure == 'helper_lanes'")
     for row in every.iloc[1:].to_dict("records"):
         table.add_row(
             row["triangulator"],
@@ -127,7 +127,7 @@ def table(counted: Counted, census: Census | TileCensus) -> Table:
     return table
 
 
-def _table_of_tiles(counted: Counted, base: str, triangulators: Sequence[str]) -> Table:
+def _make_tile_table(counted: Counted, base: str, triangulators: Sequence[str]) -> Table:
     # Long names wrap after a colon or a hyphen.
     names = [name.replace(":", ":\n").replace("-", "-\n") for name in triangulators]
     table = make_plain_table(
@@ -135,8 +135,10 @@ def _table_of_tiles(counted: Counted, base: str, triangulators: Sequence[str]) -
         *("zoom", "layer", ">tiles", ">polygons", ">lost", ">helpers", *(f">{n}" for n in names)),
         padding=(0, 1, 0, 0),
     )
-    groups = [("" if zoom is None else str(zoom), *more) for (zoom, *more), _ in _in_order(counted)]
-    every = [sums for _, sums in _in_order(counted)]
+    groups = [
+        ("" if zoom is None else str(zoom), *more) for (zoom, *more), _ in _sort_groups(counted)
+    ]
+    every = [sums for _, sums in _sort_groups(counted)]
     if len(groups) > 1:
         groups, every = [*groups, ("", "(all)")], [*every, counted.sum_groups()]
     for group, sums in zip(groups, every, strict=True):

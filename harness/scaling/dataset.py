@@ -48,7 +48,7 @@ CHUNK_ROWS = 12_500
 SHAPEFILE_PARTS = {".shx", ".dbf", ".prj", ".cpg", ".qpj", ".sbn", ".sbx", ".qix"}
 """Suffixes of a Shapefile's files other than .shp."""
 
-_code_version = cache(environment.code_version)
+_code_version = cache(environment.hash_code)
 
 
 @dataclass(frozen=True)
@@ -244,7 +244,7 @@ class Dataset:
         self.done: dict[str, PartResult] = {}
         self._about = {
             "options": json.loads(json.dumps(asdict(work))),
-            "code": environment.code_version(),
+            "code": environment.hash_code(),
         }
         self._unreadable: dict[str, str] = {}
         self._pruned = 0
@@ -349,7 +349,7 @@ class Dataset:
                             reporter.say_once(note)
                         stage.complete(amount)
         finally:
-            summary = self._summary(len(self.done) - before, set_aside, begun)
+            summary = self._summarise(len(self.done) - before, set_aside, begun)
             try:
                 self._write_manifest(summary)
             except HarnessError as error:  # the parts are complete without it
@@ -357,7 +357,7 @@ class Dataset:
         self._tidy()
         return summary
 
-    def _summary(self, fresh: int, set_aside: dict[str, str], begun: float) -> Summary:
+    def _summarise(self, fresh: int, set_aside: dict[str, str], begun: float) -> Summary:
         done = [self.done[key] for key in self.keys_done]
         counts: Counter[tuple[str, str]] = Counter()
         for kind, reason, count in (entry for part in done for entry in part.counts):

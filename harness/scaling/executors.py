@@ -140,7 +140,7 @@ class DaskExecutor(Executor):
             self.close()
             raise
         except OSError as error:
-            raise self._unreachable() from error
+            raise self._make_unreachable_error() from error
         except ValueError as error:
             raise UsageError(f"--dask {address}: {error}") from error
 
@@ -150,11 +150,11 @@ class DaskExecutor(Executor):
         A cluster that is interrupted while it starts cannot be closed and complains at exit.
         """
         from harness.machine import system
-        from harness.machine.user_modules import hidden_working_folder
+        from harness.machine.user_modules import hide_working_folder
 
         if not 1 <= number <= 1024:
             raise UsageError(f"--dask {address}: give 1 to 1024 workers")
-        with hidden_working_folder(), system.signals_delayed(), warnings.catch_warnings():
+        with hide_working_folder(), system.delay_signals(), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the port of the dashboard may be taken
             self._cluster = self._distributed.LocalCluster(
                 n_workers=number,
@@ -183,7 +183,7 @@ class DaskExecutor(Executor):
         try:
             while waiting or running:
                 if self._client.status != "running":  # its futures are lost
-                    raise self._unreachable()
+                    raise self._make_unreachable_error()
                 room = (1 + QUEUED_TASKS) * max(1, self.threads)
                 while waiting and len(running) < room:
                     name = waiting.popleft()
@@ -193,7 +193,7 @@ class DaskExecutor(Executor):
                     ended.add(future)
                 future = next(ended)
                 name = running.pop(future.key)
-                result = self._result_of(future)
+                result = self._get_result(future)
                 failures[name] += bool(result.failed)
                 if result.failed:
                     _LOG.info("%s: attempt %d failed: %s", name, failures[name], result.failed)
@@ -202,9 +202,9 @@ class DaskExecutor(Executor):
                 else:
                     yield name, result
         except (OSError, RuntimeError, ValueError, self._distributed.CancelledError) as error:
-            raise self._unreachable() from error
+            raise self._make_unreachable_error() from error
 
-    def _result_of(self, future: Any) -> TaskResult:
+    def _get_result(self, future: Any) -> TaskResult:
         try:
             result: TaskResult = future.result(timeout=CONNECT_TIMEOUT_S)
         except self._distributed.scheduler.KilledWorker:
@@ -222,7 +222,7 @@ class DaskExecutor(Executor):
             with suppress(Exception):  # the scheduler may be unreachable, or was never reached
                 resource.close(timeout=5)
 
-    def _unreachable(self) -> SchedulerUnreachableError:
+    def _make_unreachable_error(self) -> SchedulerUnreachableError:
         return SchedulerUnreachableError(
             f"no scheduler answers at {self._address}: start one (dask scheduler), "
             "then run the same command again"

@@ -148,8 +148,10 @@ def _refuse_one_run_twice(runs: Sequence[Run]) -> None:
     for run in runs:
         host = next((record.id.host for record in run.records), "")
         facts = [run.facts.get(name) for name in ("created", "environment", "seconds")]
-        times = sorted(_text(record.time.samples_s) for record in run.records if record.time)
-        for content in [_text(facts), *([_text(times)] if times else [])]:
+        times = sorted(
+            _format_value(record.time.samples_s) for record in run.records if record.time
+        )
+        for content in [_format_value(facts), *([_format_value(times)] if times else [])]:
             first_host, other = first.setdefault(content, (host, run))
             if first_host != host:
                 raise IncompatibleRunsError(
@@ -160,7 +162,7 @@ def _refuse_one_run_twice(runs: Sequence[Run]) -> None:
 
 def _merge_facts(runs: Sequence[Run]) -> RunFacts:
     """Return the content of run.json, independent of the order of the runs."""
-    in_order = sorted((run.facts for run in runs), key=_text)
+    in_order = sorted((run.facts for run in runs), key=_format_value)
     in_order.sort(key=lambda facts: str(facts.get("created") or ""))
     first = in_order[0]
     plans = [facts.get("plan") or {} for facts in in_order]
@@ -169,7 +171,7 @@ def _merge_facts(runs: Sequence[Run]) -> RunFacts:
     plan = {
         **plans[0],
         "triangulators": names[0] if same else sorted(set().union(*names)),
-        **{which: _union(plan.get(which) for plan in plans) for which in _LISTS},
+        **{which: _unite(plan.get(which) for plan in plans) for which in _LISTS},
     }
     hosts = [
         {name: facts.get(name) for name in _HOST_FACTS}
@@ -183,7 +185,7 @@ def _merge_facts(runs: Sequence[Run]) -> RunFacts:
         **first,
         "plan": plan,
         "warnings": sorted({w for facts in in_order for w in facts.get("warnings") or []}),
-        "frames": _union(facts.get("frames") for facts in in_order),
+        "frames": _unite(facts.get("frames") for facts in in_order),
         "devices": dict(sorted(devices.items())),
         "interrupted": any(facts.get("interrupted") for facts in in_order),
         "merged": hosts,
@@ -194,12 +196,12 @@ _HOST_FACTS = ("created", "environment", "cpu", "state", "seconds", "warnings")
 _LISTS = ("rasterisers", "devices", "views", "options")
 
 
-def _union(lists: Iterable[Any]) -> list[Any]:
-    unique = {_text(entry): entry for entries in lists for entry in entries or []}
+def _unite(lists: Iterable[Any]) -> list[Any]:
+    unique = {_format_value(entry): entry for entries in lists for entry in entries or []}
     return [unique[text] for text in sorted(unique)]
 
 
-def _text(value: Any) -> str:
+def _format_value(value: Any) -> str:
     return json.dumps(value, sort_keys=True, default=str)
 
 

@@ -30,7 +30,7 @@ KEYS = (*AXES, "fit", "order")
 """Columns that identify a view, in addition to the scene and the device."""
 
 
-def gain_table(runs: Sequence[Run], bases: Sequence[str]) -> pd.DataFrame:
+def make_gain_table(runs: Sequence[Run], bases: Sequence[str]) -> pd.DataFrame:
     """Return one row per case and base: the paired ratio of times and of helper lanes.
 
     runs : of several runs with the same view the first is used, as times of different runs are not
@@ -47,7 +47,7 @@ def gain_table(runs: Sequence[Run], bases: Sequence[str]) -> pd.DataFrame:
                 continue
             by_name = {record.name: record for record in group.measured}
             pairs = (
-                _row(group, record, by_name.get(name), name)
+                _make_row(group, record, by_name.get(name), name)
                 for record in group.measured
                 for name in bases
             )
@@ -56,7 +56,7 @@ def gain_table(runs: Sequence[Run], bases: Sequence[str]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _row(
+def _make_row(
     group: RecordGroup, record: Record, base: Record | None, name: str
 ) -> dict[str, object] | None:
     ratio = group.compare(record, base)
@@ -94,7 +94,7 @@ def list_faster(table: pd.DataFrame, base: str) -> pd.DataFrame:
     return by_view.agg(lambda names: "; ".join(filter(None, names))).reset_index()
 
 
-def by_order(table: pd.DataFrame, base: str) -> pd.DataFrame:
+def split_by_order(table: pd.DataFrame, base: str) -> pd.DataFrame:
     """Separate the gain of the triangles' order from the gain of the diagonals.
 
     Returns a row for each view and triangulator drawn in its native and in other orders: column

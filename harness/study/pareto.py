@@ -3,7 +3,7 @@
 For a single polygon, the complete Pareto front is computed. For a scene, the weights of the mixture
 are swept. This gives exactly the vertices of the convex hull of the scene's front in the two
 measures that the mixture weighs: the means over polygons of A over the polygon's area, and of D per
-triangle. `triangulation_table` lists all triangulations of a small polygon.
+triangle. `make_triangulation_table` lists all triangulations of a small polygon.
 """
 
 from collections.abc import Mapping, Sequence
@@ -56,20 +56,20 @@ TOLERANCE = 1e-9
 """Relative difference up to which costs are equal."""
 
 
-def mixture(alpha: float, beta: float, gamma: float = 0.0) -> str:
+def name_mixture(alpha: float, beta: float, gamma: float = 0.0) -> str:
     """Return the full name of the optimum for these weights."""
     return f"optimal:{criteria.mixed(alpha, beta, gamma).name}"
 
 
-SWEEP = (mixture(1, 0), *(mixture(1, step) for step in STEPS), mixture(0, 1))
+SWEEP = (name_mixture(1, 0), *(name_mixture(1, step) for step in STEPS), name_mixture(0, 1))
 """The sweep, from A alone to D alone."""
 
-WITH_C = mixture(1, 1, 1)
+WITH_C = name_mixture(1, 1, 1)
 """The same triangulations as without C, whose weight has no effect."""
 
 
 CRITERIA = ("overdraw", "shape", "complexity", "half_perimeter", "edge_length", "triangles")
-"""Criteria of `triangulation_table`."""
+"""Criteria of `make_triangulation_table`."""
 
 FRONTS = ("polygon", "k", "overdraw", "shape", "measured")
 """Columns of fronts.csv: the points of a polygon's front, by ascending A."""
@@ -77,7 +77,9 @@ FRONTS = ("polygon", "k", "overdraw", "shape", "measured")
 
 def list_compared() -> tuple[str, ...]:
     """Return the installed triangulators of `COMPARED`."""
-    return tuple(name for name in COMPARED if registry.parse(name).entry.available() is None)
+    return tuple(
+        name for name in COMPARED if registry.parse(name).entry.find_install_command() is None
+    )
 
 
 def make_parts(
@@ -119,7 +121,7 @@ def make_parts(
     return parts, fronts
 
 
-def pareto_table(run: Run, fronts: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+def make_pareto_table(run: Run, fronts: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     """Return the contents of pareto.csv: one row per triangulation, rasteriser and device.
 
     Triangulators that skipped polygons are omitted, as the sums cover fewer polygons.
@@ -224,7 +226,9 @@ def print_table(table: pd.DataFrame, scene: str, console: Console) -> None:
     console.print(printed)
 
 
-def triangulation_table(polygon: Polygon, mode: Literal["conforming", "paper"]) -> pd.DataFrame:
+def make_triangulation_table(
+    polygon: Polygon, mode: Literal["conforming", "paper"]
+) -> pd.DataFrame:
     """Return one row per triangulation, by overdraw: `CRITERIA`, `conforming`, `diagonals`.
 
     diagonals : pairs of vertex numbers, "1-3 3-5"

@@ -89,7 +89,7 @@ def choose_triangulators(design: StudySize, polygon: Polygon) -> tuple[Recipe, .
     methods = [
         name
         for name, entry in registry.BUILTIN.items()
-        if name not in NOT_METHODS and entry.available() is None
+        if name not in NOT_METHODS and entry.find_install_command() is None
     ]
     optimised = [f"{end}:{name}" for name in OPTIMISED for end in ("optimal", "worst")]
     # Blender's flips, in addition to the default ones of `flips`.

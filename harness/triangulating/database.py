@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 import triangulators
 from harness.errors import StorageError
 from harness.machine import system
-from harness.machine.environment import processor, source_hash
+from harness.machine.environment import describe_processor, hash_sources
 from triangulators.compute.compiled_files import is_trusted, make_folder
 from triangulators.polygon_arrays import PolygonArray
 

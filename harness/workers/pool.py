@@ -27,7 +27,7 @@ POLL_S = 0.1
 
 def get_third_party_limits() -> Limits:
     """Return the limits of a process in which a third party's code triangulates."""
-    memory = system.ask(psutil.virtual_memory)
+    memory = system.query_psutil(psutil.virtual_memory)
     return Limits(int(MEMORY_SHARE * memory.available) if memory else None)
 
 

@@ -41,7 +41,7 @@ def fill_contours(contours: Sequence[NDArray[Any]], rule: Rule = "nonzero") -> l
     _check_crossings(outlines)
     area = _fill_nested(rings, rule) if shapely.is_valid(rings).all() else None
     if area is None:
-        faces, winding = winding_numbers(outlines)
+        faces, winding = compute_winding_numbers(outlines)
         inside = winding != 0 if rule == "nonzero" else winding % 2 == 1
         area = shapely.coverage_union_all(faces[inside])
     return [area]
@@ -118,7 +118,7 @@ def _insert_holes(
     return area if area.is_valid else None
 
 
-def winding_numbers(
+def compute_winding_numbers(
     rings: NDArray[Any], noded: Any | None = None
 ) -> tuple[NDArray[Any], NDArray[np.int64]]:
     """Return the faces into which rings divide the plane, and the winding number of each.
@@ -128,7 +128,7 @@ def winding_numbers(
 
     >>> square = shapely.box(0, 0, 2, 2).exterior
     >>> both = np.array([square, shapely.box(1, 0, 3, 2).exterior])
-    >>> faces, numbers = winding_numbers(both)
+    >>> faces, numbers = compute_winding_numbers(both)
     >>> sorted(zip(shapely.area(faces).tolist(), numbers.tolist()))
     [(2.0, 1), (2.0, 1), (2.0, 2)]
     """
@@ -158,7 +158,7 @@ def fill_even_odd(rings: NDArray[Any], noded: Any | None = None) -> Any:
     >>> fill_even_odd(np.array([shapely.LinearRing([(0, 0), (6, 8), (6, 0), (0, 8)])])).area
     24.0
     """
-    faces, numbers = winding_numbers(rings, noded)
+    faces, numbers = compute_winding_numbers(rings, noded)
     return shapely.coverage_union_all(faces[numbers % 2 == 1])
 
 

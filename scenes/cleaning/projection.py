@@ -110,7 +110,7 @@ class Projection:
         have edges longer than `MAX_EDGE_DEG`, such as a box from -180 to 180.
         """
         degrees = shapely.get_coordinates(geometries)
-        centre = mean_direction(degrees)
+        centre = compute_mean_direction(degrees)
         lon, lat = np.radians(degrees).T
         lon0, lat0 = np.radians(centre)
         cosine = np.sin(lat0) * np.sin(lat) + np.cos(lat0) * np.cos(lat) * np.cos(lon - lon0)
@@ -209,12 +209,12 @@ class Projection:
         return torn
 
 
-def mean_direction(degrees: NDArray[np.float64]) -> tuple[float, float]:
+def compute_mean_direction(degrees: NDArray[np.float64]) -> tuple[float, float]:
     """Return longitude and latitude of the mean of points as vectors on the globe.
 
     The mean of points on both sides of the 180th meridian is between them.
 
-    >>> mean_direction(np.array([[179.0, 10.0], [-179.0, 10.0]]))[0]
+    >>> compute_mean_direction(np.array([[179.0, 10.0], [-179.0, 10.0]]))[0]
     180.0
     """
     finite = degrees[np.isfinite(degrees).all(axis=1)]

@@ -122,7 +122,7 @@ def _repair(
     polygons: list[Any] = []
     owners: list[int] = []
     for part, index, is_valid in zip(parts, source, valid, strict=True):
-        pieces = [part] if is_valid else _repaired_pieces(part)
+        pieces = [part] if is_valid else _repair_part(part)
         if not is_valid:
             fault = _describe_fault(part, locate)
             if pieces:
@@ -134,7 +134,7 @@ def _repair(
     return np.array(polygons, dtype=object), np.array(owners, dtype=np.int64)
 
 
-def _repaired_pieces(part: shapely.Polygon) -> list[shapely.Polygon]:
+def _repair_part(part: shapely.Polygon) -> list[shapely.Polygon]:
     try:
         pieces = shapely.get_parts(shapely.get_parts(repair_polygon(part)))
     except shapely.GEOSException:

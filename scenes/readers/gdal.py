@@ -115,7 +115,7 @@ def linearize(geometry: bytes | str) -> bytes | None:
                 library.OGR_G_DestroyGeometry(parsed)
                 return None
         else:
-            wkb = _without_srid(geometry)
+            wkb = _remove_srid(geometry)
             failure = library.OGR_G_CreateFromWkb(wkb, None, ctypes.byref(parsed), len(wkb))
         if failure or not parsed:
             return None
@@ -130,7 +130,7 @@ def linearize(geometry: bytes | str) -> bytes | None:
     return None if failure else buffer.raw
 
 
-def _without_srid(wkb: bytes) -> bytes:
+def _remove_srid(wkb: bytes) -> bytes:
     """Return EWKB without its SRID, which GDAL does not expect."""
     order = "<" if wkb[:1] == b"\1" else ">"
     if len(wkb) < 9 or not (kind := struct.unpack_from(f"{order}I", wkb, 1)[0]) & _SRID:

@@ -11,7 +11,7 @@ from itertools import islice
 from pathlib import Path
 
 from scenes.cleaning.projection import find_system
-from scenes.readers.guard import MAX_LINE_CHARACTERS, numbered_lines, read_edges
+from scenes.readers.guard import MAX_LINE_CHARACTERS, number_lines, read_edges
 from scenes.readers.reader import Raw
 from scenes.scene import Note, SceneError
 
@@ -67,7 +67,7 @@ def find_skipped_lines(
     `count` features were read; GDAL reported `failures`, a lower bound; `is_complete` if all
     features were requested, so that numbers can be compared.
     """
-    lines = sum(1 for _, line in numbered_lines(path) if not line.isspace()) if is_complete else 0
+    lines = sum(1 for _, line in number_lines(path) if not line.isspace()) if is_complete else 0
     if not failures and count >= lines:
         return
     skipped = _find_invalid_lines(path)
@@ -82,7 +82,7 @@ def find_skipped_lines(
 
 
 def _find_invalid_lines(path: Path) -> Iterator[Note]:
-    for number, line in numbered_lines(path):
+    for number, line in number_lines(path):
         text = line.strip("\x1e\ufeff \t\r\n")
         try:
             if text and json.loads(text)["type"] not in _KINDS:

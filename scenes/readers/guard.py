@@ -147,7 +147,7 @@ def check_size(path: Path, in_memory: bool) -> None:
             )
 
 
-def numbered_lines(path: Path) -> Iterator[tuple[int, str]]:
+def number_lines(path: Path) -> Iterator[tuple[int, str]]:
     """Yield (number from 1, text) of each line; SceneError above `MAX_LINE_CHARACTERS`."""
     with path.open(encoding="utf-8-sig", errors="replace") as stream:
         number = 0
@@ -169,7 +169,7 @@ def read_edges(path: Path, size: int = 65_536) -> tuple[bytes, bytes]:
         return head, stream.read()
 
 
-def truncation_error(path: Path, evidence: str) -> SceneError:
+def make_truncation_error(path: Path, evidence: str) -> SceneError:
     """Return the error for a truncated file."""
     return SceneError(
         f"{path} is truncated ({evidence}): polygons are missing; export or copy it again"
@@ -185,7 +185,7 @@ def check_truncation(path: Path) -> None:
     check = _CHECKS.get(path.suffix.lower())
     evidence = check(path) if check is not None else None
     if evidence:
-        raise truncation_error(path, evidence)
+        raise make_truncation_error(path, evidence)
 
 
 def check_quotes(path: Path) -> None:
@@ -226,7 +226,7 @@ def check_last_line(path: Path, is_valid: Callable[[bytes], object]) -> None:
     except (ValueError, RecursionError):
         is_complete = False
     if not is_complete:
-        raise truncation_error(path, "the last line is incomplete")
+        raise make_truncation_error(path, "the last line is incomplete")
 
 
 def _check_drawing(path: Path) -> str | None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from scenes.cleaning.layout import arrange_in_rows
 from scenes.readers.gltf import GltfFile, read_polygons, read_triangles
-from scenes.readers.guard import MAX_LINE_CHARACTERS, numbered_lines
+from scenes.readers.guard import MAX_LINE_CHARACTERS, number_lines
 from scenes.readers.reader import Raw, Source
 from scenes.scene import Note, SceneError
 from scenes.spec import import_optional
@@ -245,7 +245,7 @@ def _join_continued_lines(path: Path) -> Iterator[tuple[int, str]]:
     """Yield lines joined at backslashes, with the number of the last one."""
     parts: list[str] = []
     number = length = 0
-    for number, line in numbered_lines(path):
+    for number, line in number_lines(path):
         text = line.rstrip("\r\n")
         length += len(text)
         if text.endswith("\\") and length < MAX_LINE_CHARACTERS:

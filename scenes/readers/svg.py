@@ -20,9 +20,9 @@ from scenes.readers.svg_shapes import (
     Viewport,
     flatten_outline,
     format_outline,
+    get_tag,
     parse_length,
     parse_transform,
-    tag_of,
     transform_about,
 )
 from scenes.scene import Note, SceneError
@@ -73,8 +73,8 @@ class _State:
 def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a drawing is one chunk
     """Yield every filled shape of the drawing, y up, in the drawing's user units."""
     root = ElementTree.parse(source.path).getroot()
-    if tag_of(root) != "svg":
-        raise SceneError(f"{source.path} is XML, but not SVG: its root is {tag_of(root)}")
+    if get_tag(root) != "svg":
+        raise SceneError(f"{source.path} is XML, but not SVG: its root is {get_tag(root)}")
     yield _Drawing(root).read()
 
 
@@ -96,7 +96,7 @@ class _Drawing:
         number = 0
         while stack:
             element, state = stack.pop()
-            kind = tag_of(element)
+            kind = get_tag(element)
             if not self._is_drawn(element):
                 continue
             label = f"{kind} {element.get('id') or number}"
@@ -119,7 +119,7 @@ class _Drawing:
                     labels.append(label)
                     identifiers.append(element.get("id") or "")
         table = pd.DataFrame({"id": identifiers}, dtype=object)
-        is_styled = any(tag_of(element) == "style" for element in self._root.iter())
+        is_styled = any(get_tag(element) == "style" for element in self._root.iter())
         notes = (_FLIPPED,) + (_STYLED,) * is_styled + (_MASKED,) * self._has_masks
         return Raw(geometries, labels, table, None, "px", self.dropped, notes=notes)
 
@@ -127,7 +127,7 @@ class _Drawing:
         """Whether an element is a drawn element of SVG, and its conditions are met."""
         namespace = str(element.tag).rpartition("}")[0].lstrip("{")
         is_svg = namespace == _NAMESPACE or (not namespace and "}" not in str(self._root.tag))
-        is_known = tag_of(element) in (*_CONTAINERS, *SHAPES, *_OMITTED)
+        is_known = get_tag(element) in (*_CONTAINERS, *SHAPES, *_OMITTED)
         return is_svg and is_known and _meets_conditions(element)
 
     def _enter(self, element: ElementTree.Element, parent: _State) -> tuple[_State, dict[str, str]]:
@@ -151,11 +151,11 @@ class _Drawing:
                     raise ValueError("transform-box is unsupported")
                 matrix = transform_about(matrix, local["transform-origin"], state.viewport)
             state = replace(state, matrix=state.matrix.transform(matrix))
-        if tag_of(element) == "svg":
+        if get_tag(element) == "svg":
             state = self._enter_viewport(element, state, local["overflow"])
         if (reference := re.search(r"url\(\s*['\"]?#([^'\")]+)", local["clip-path"])) is not None:
             clip = self._by_id.get(reference[1].strip())
-            if clip is not None and tag_of(clip) == "clipPath":
+            if clip is not None and get_tag(clip) == "clipPath":
                 state = _intersect_clip(state, self._clip_area(clip, element, state))
         elif local["clip-path"] not in ("inherit", "none"):
             raise ValueError(f"clip-path {local['clip-path']!r} is unsupported")
@@ -208,7 +208,7 @@ class _Drawing:
     ) -> Any:
         """Return the area of a `clipPath` for an element of this state."""
         if clip.get("clipPathUnits") == "objectBoundingBox":
-            if tag_of(element) not in SHAPES:
+            if get_tag(element) not in SHAPES:
                 raise ValueError("the clip path has the size of a group, which is unsupported")
             points = np.concatenate(
                 flatten_outline(format_outline(element, {}, state.viewport), Identity)
@@ -220,9 +220,9 @@ class _Drawing:
         )
         areas = []
         for child in clip:
-            if tag_of(child) in ("use", "text"):
-                raise ValueError(f"the clip path has a {tag_of(child)}, which is unsupported")
-            if tag_of(child) in SHAPES:
+            if get_tag(child) in ("use", "text"):
+                raise ValueError(f"the clip path has a {get_tag(child)}, which is unsupported")
+            if get_tag(child) in SHAPES:
                 child_state, style = self._enter(child, clip_state)
                 is_hidden = child_state.hidden == "is not displayed"
                 if not is_hidden and child_state.properties["visibility"] == "visible":

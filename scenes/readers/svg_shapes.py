@@ -31,7 +31,7 @@ Viewport = tuple[float, float] | None
 """Width and height to which percentages refer, or None if unknown."""
 
 
-def tag_of(element: ElementTree.Element) -> str:
+def get_tag(element: ElementTree.Element) -> str:
     """Return an element's name without its namespace."""
     return str(element.tag).rpartition("}")[2]
 
@@ -70,7 +70,7 @@ def parse_transform(text: str, *, is_css: bool = False) -> Transform:
         match = _FUNCTION.match(text, end)
         if match is None:
             raise ValueError(f"transform {text.strip()[:40]!r} is unknown")
-        result, end = result.transform(_function_matrix(match[1], match[2], is_css)), match.end()
+        result, end = result.transform(_parse_matrix(match[1], match[2], is_css)), match.end()
     return result
 
 
@@ -95,7 +95,7 @@ _CSS_FUNCTIONS = _FUNCTIONS | {
 """Transform functions: permitted numbers of arguments, and the matrix."""
 
 
-def _function_matrix(name: str, inner: str, is_css: bool) -> Transform:
+def _parse_matrix(name: str, inner: str, is_css: bool) -> Transform:
     arguments = list(_ARGUMENT.finditer(inner))
     values = [float(match[1]) * _DEGREES.get(match[2], 1.0) for match in arguments]
     counts, function = (_CSS_FUNCTIONS if is_css else _FUNCTIONS).get(name, ((), Transform))
@@ -153,7 +153,7 @@ def flatten_outline(outline: str, matrix: Transform) -> list[NDArray[np.float64]
 
 def format_outline(element: ElementTree.Element, style: dict[str, str], viewport: Viewport) -> str:
     """Return a shape as SVG path data; `style` are the CSS properties of the element."""
-    kind = tag_of(element)
+    kind = get_tag(element)
     if kind == "path":
         return element.get("d", "")
     if kind in ("polygon", "polyline"):

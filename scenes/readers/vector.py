@@ -26,8 +26,8 @@ from scenes.readers.geoparquet import to_pandas
 from scenes.readers.guard import (
     check_last_line,
     check_quotes,
+    make_truncation_error,
     refuse_special,
-    truncation_error,
 )
 from scenes.readers.reader import Raw, Source
 from scenes.readers.wkt import parse_wkb
@@ -121,7 +121,7 @@ def _check_count(source: Source, layer: str, count: int) -> None:
             options = {"layer": layer, "columns": [], "read_geometry": False, "return_fids": True}
             count = len(pyogrio.raw.read(source.path, **options)[1])
     if count < stated:
-        raise truncation_error(source.path, f"{count} of {stated} features")
+        raise make_truncation_error(source.path, f"{count} of {stated} features")
 
 
 def _list_files(path: Path) -> Iterator[Path]:
@@ -210,7 +210,7 @@ def _read_arrow(source: Source, layer: str, size: int) -> Iterator[Raw]:
     )
     with stream as (meta, batches):
         if meta["geometry_type"] is None:
-            raise _no_geometry_error(source, layer)
+            raise _make_no_geometry_error(source, layer)
         for batch in batches:
             if stop is not None:  # Arrow streams have no end parameter
                 batch = batch.slice(0, stop - first)
@@ -245,7 +245,7 @@ def _read_by_skipping(source: Source, layer: str, size: int | None) -> Iterator[
             **_open_options(source.path),
         )
         if wkb is None:
-            raise _no_geometry_error(source, layer)
+            raise _make_no_geometry_error(source, layer)
         table = None
         if source.attributes:
             import pandas as pd
@@ -263,7 +263,7 @@ def _choose_columns(source: Source) -> list[str] | None:
     return None if source.attributes or source.where else []
 
 
-def _no_geometry_error(source: Source, layer: str) -> SceneError:
+def _make_no_geometry_error(source: Source, layer: str) -> SceneError:
     remedy = "give a layer with polygons"
     if source.path.suffix.lower() in (".csv", ".tsv"):
         remedy = "name the column of WKT geometries WKT or geometry"

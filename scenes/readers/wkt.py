@@ -15,7 +15,7 @@ from scenes.readers.guard import (
     check_last_line,
     is_text_too_deep,
     is_too_deep,
-    numbered_lines,
+    number_lines,
 )
 from scenes.readers.reader import Raw, Source
 from scenes.scene import Note
@@ -102,7 +102,7 @@ def read_text(source: Source, size: int) -> Iterator[Raw]:
         yield single
         return
     check_last_line(source.path, _is_ended)
-    numbered = numbered_lines(source.path)
+    numbered = number_lines(source.path)
     crs, is_first = None, True
     while chunk := list(islice(numbered, size)):
         raw = _parse_lines(chunk, crs, is_first)
@@ -172,7 +172,7 @@ def _parse_line(text: str) -> tuple[Any | None, str | None, str]:
     if geometry is None:
         is_explained = change not in ("", UNPARSABLE)
         return None, None, change if is_explained else "is not WKT or hexadecimal WKB"
-    return geometry, crs or _embedded_crs(geometry), change
+    return geometry, crs or _find_embedded_crs(geometry), change
 
 
 def read_binary(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - one geometry
@@ -182,10 +182,10 @@ def read_binary(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - o
         raise ValueError(dropped[0][1] if dropped else "empty file")
     parts = shapely.get_parts(geometry)
     labels = [f"geometry {i}" for i in range(len(parts))]
-    crs = _embedded_crs(geometry)
+    crs = _find_embedded_crs(geometry)
     yield Raw(np.asarray(parts, dtype=object), labels, crs=crs, repaired=repaired)
 
 
-def _embedded_crs(geometry: Any) -> str | None:
+def _find_embedded_crs(geometry: Any) -> str | None:
     srid = shapely.get_srid(geometry)
     return f"EPSG:{srid}" if srid > 0 else None

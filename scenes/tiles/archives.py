@@ -136,10 +136,10 @@ def open_archive(path: Path) -> Archive:
     return KINDS.get("" if path.is_dir() else path.suffix.lower(), Folder)(path)
 
 
-def first_number(zoom: int) -> int:
+def parse_first_number(zoom: int) -> int:
     """Return the number of the first tile of a zoom, in numbering by zooms.
 
-    >>> [first_number(zoom) for zoom in range(4)]
+    >>> [parse_first_number(zoom) for zoom in range(4)]
     [0, 1, 5, 21]
     """
     return int(4**zoom - 1) // 3
@@ -285,8 +285,8 @@ class MBTiles(Archive):
     def runs(self, zoom: int | None, first: int = 0, last: int | None = None) -> Iterator[Run]:
         """Yield each tile once, separately; tiles outside the world are ignored."""
         assert zoom is not None
-        side, offset = 2**zoom, first_number(zoom)
-        last = first_number(zoom + 1) if last is None else last
+        side, offset = 2**zoom, parse_first_number(zoom)
+        last = parse_first_number(zoom + 1) if last is None else last
         query = (
             "SELECT tile_column, tile_row, max(length(tile_data)) FROM tiles WHERE zoom_level = ? "
             "AND tile_column BETWEEN ? AND ? AND tile_row BETWEEN 0 AND ? "
@@ -302,7 +302,7 @@ class MBTiles(Archive):
         """Return the tile's position."""
         zoom = self.get_zoom(number)
         assert zoom is not None
-        return TilePosition(zoom, *divmod(number - first_number(zoom), 2**zoom))
+        return TilePosition(zoom, *divmod(number - parse_first_number(zoom), 2**zoom))
 
     def read_stored(self, name: Any) -> bytes | None:
         """Return the data of a tile; raises ValueError for NULL."""
@@ -352,7 +352,7 @@ class PMTiles(Archive):
         with self._path.open("rb") as stream:
             size = self._path.stat().st_size
             if start + count > size:
-                raise guard.truncation_error(self._path, f"{size} of {start + count} bytes")
+                raise guard.make_truncation_error(self._path, f"{size} of {start + count} bytes")
             stream.seek(start)
             return stream.read(count)
 
@@ -370,7 +370,7 @@ class PMTiles(Archive):
         packed = gzip.compress(self._read_inner(start, count), 0)
         return list(self._format.deserialize_directory(packed))
 
-    def _entries(self, first: int, last: int) -> Iterator[Any]:
+    def _read_entries(self, first: int, last: int) -> Iterator[Any]:
         """Yield the entries of tiles in range(first, last), through all directories."""
         header = self.header
         stack: list[Any] = [(header["root_offset"], header["root_length"])]
@@ -397,10 +397,10 @@ class PMTiles(Archive):
     def runs(self, zoom: int | None, first: int = 0, last: int | None = None) -> Iterator[Run]:
         """Yield the tiles of each entry; skip entries out of order, which are invalid."""
         assert zoom is not None
-        first = max(first, first_number(zoom))
-        last = first_number(zoom + 1) if last is None else last
+        first = max(first, parse_first_number(zoom))
+        last = parse_first_number(zoom + 1) if last is None else last
         previous = -1
-        for entry in self._entries(first, last):
+        for entry in self._read_entries(first, last):
             start, end = max(entry.tile_id, first), min(entry.tile_id + entry.run_length, last)
             if previous < start < end:
                 previous = start
@@ -413,7 +413,7 @@ class PMTiles(Archive):
     def read_stored(self, name: Any) -> bytes | None:
         """Return the data of a tile, or None if absent."""
         tile = self._format.zxy_to_tileid(*name)
-        entry = next(self._entries(tile, tile + 1), None)
+        entry = next(self._read_entries(tile, tile + 1), None)
         if entry is None:
             return None
         return self._read_bytes(self.header["tile_data_offset"] + entry.offset, entry.length)

@@ -42,7 +42,7 @@ def _import_protobuf(module: str) -> Any:
 
 
 @cache
-def _messages() -> _Messages:
+def _make_message_classes() -> _Messages:
     """Return the classes of protobuf's messages.
 
     Nested messages are bytes here and decoded separately: an invalid layer or feature then does not
@@ -93,7 +93,7 @@ def _decode(kind: Any, data: bytes) -> Any:
     except Exception as error:  # protobuf's exceptions differ between versions
         raise ValueError("not a vector tile, or truncated") from error
     fields = kind.DESCRIPTOR.fields_by_number
-    for field in _messages().unknown(message):
+    for field in _make_message_classes().unknown(message):
         if field.field_number in fields:
             raise ValueError(f"field {field.field_number} has wire type {field.wire_type}")
     return message
@@ -121,7 +121,7 @@ def decode_layers(tile: bytes) -> dict[str, list[Any]]:
     Each name should have one message. An invalid layer is a ValueError under "".
     Raises ValueError, in one line, if the tile violates the format.
     """
-    messages = _messages()
+    messages = _make_message_classes()
     layers: dict[str, list[Any]] = {}
     for data in _decode(messages.tile, tile).layers:
         try:
@@ -171,7 +171,7 @@ def build_layer(name: str, messages: list[Any]) -> Layer:
 
 def _parse_feature(data: bytes, keys: int, values: int) -> tuple[int, list[int]]:
     """Return a feature's type and the integers of the geometry; ValueError if invalid."""
-    feature = _decode(_messages().feature, data)
+    feature = _decode(_make_message_classes().feature, data)
     if not feature.HasField("type") or not feature.geometry:
         raise ValueError(f"no {'geometry' if feature.HasField('type') else 'type'}")
     if feature.type > POLYGON:

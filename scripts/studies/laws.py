@@ -141,7 +141,7 @@ def fit_device(layout: Design, seed: int, budget_s: float = 0.3) -> FittedDevice
         process = time_together(drawings, timing, TEST, seed=seed + number, clock=clock)
         processes.append(process)
         speeds += clock.logs[-len(seconds) * sum(process[EMPTY].epochs) :]
-    times = {name: Times.of_processes([process[name] for process in processes]) for name in seconds}
+    times = {name: Times.concatenate([process[name] for process in processes]) for name in seconds}
     profile_times = measured.normalise_times(times, names)
     fitted = law.fit(layout.rows, profile_times.epochs, layout.groups)
     # The fitted costs refer to the mean speed of the machine in the rounds.

@@ -10,7 +10,7 @@ import pytest
 from lxml import etree
 from markdown_it import MarkdownIt
 
-from harness.compare.comparison import compare_runs, no_baseline
+from harness.compare.comparison import compare_runs, compare_without_baseline
 from harness.compare.model import Settings
 from harness.compare.outputs import (
     MARKER,
@@ -36,7 +36,7 @@ def comparison(request, tmp_path_factory):
         SCENARIOS[request.param].make()
         head = read_run(Path("head"))
         if not Path("base").exists():
-            return no_baseline("base", head, Settings())
+            return compare_without_baseline("base", head, Settings())
         return compare_runs(read_run(Path("base")), head)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.compare.comparison import _has_other_device, compare_runs, no_baseline
+from harness.compare.comparison import _has_other_device, compare_runs, compare_without_baseline
 from harness.compare.matching import Match, find_changed_hardware
 from harness.compare.model import CaseChange, Settings, parse_threshold
 from harness.compare.outputs import to_html, to_json, to_junit, to_markdown
@@ -376,7 +376,7 @@ def test_one_case_on_another_device_is_detected():
 def test_missing_case_is_a_regression_only_with_require_all():
     name = make_record("fan").id
     for require_all, expected in ((True, [True, False]), (False, [False, False])):
-        comparison = no_baseline(
+        comparison = compare_without_baseline(
             "base", Run(Path("head"), {}, []), Settings(require_all=require_all)
         )
         cases = (CaseChange(name, "only-base"), CaseChange(name, "only-head"))

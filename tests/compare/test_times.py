@@ -18,7 +18,7 @@ from harness.compare.times import (
     classify,
     compare_group,
     correct,
-    drift_of_rounds,
+    measure_round_drift,
     read_pair,
 )
 from tests.records import make_record
@@ -193,7 +193,7 @@ def test_drift_of_few_rounds_is_inconclusive(rounds, outcome):
     """Nine slower rounds in a row happen by chance once in 256 times, twelve once in 2048."""
     rng = np.random.default_rng(10)
     base = np.exp(0.001 * rng.standard_normal((3, rounds)))
-    drift = drift_of_rounds("here", [(samples, samples * 1.1) for samples in base], SETTINGS)
+    drift = measure_round_drift("here", [(samples, samples * 1.1) for samples in base], SETTINGS)
     assert drift.outcome == outcome
     assert drift.reason == ("too few rounds" if outcome == "inconclusive" else "")
 

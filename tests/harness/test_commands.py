@@ -115,7 +115,7 @@ def test_a_picture_of_inspect_survives_a_full_disk(harness, block, monkeypatch):
 
 def test_webgpu_in_place_of_opengl_is_reported(monkeypatch, capsys):
     for name in ("webgpu", "opengl"):
-        monkeypatch.setattr("harness.rasterisers.default_rasteriser", lambda name=name: name)
+        monkeypatch.setattr("harness.rasterisers.choose_default_rasteriser", lambda name=name: name)
         assert choose_rasterisers(None)[0] == name
         assert ("no device works here; measuring with webgpu" in capsys.readouterr().err) is (
             name == "webgpu"
@@ -123,7 +123,7 @@ def test_webgpu_in_place_of_opengl_is_reported(monkeypatch, capsys):
 
 
 def test_profile_reports_webgpu_in_place_of_opengl(harness, monkeypatch):
-    monkeypatch.setattr("harness.rasterisers.default_rasteriser", lambda: "webgpu")
+    monkeypatch.setattr("harness.rasterisers.choose_default_rasteriser", lambda: "webgpu")
     code, _, err = harness("profile", "--device", "no-such-device")
     assert code != 0
     assert "no device works here; measuring with webgpu" in err

@@ -127,7 +127,7 @@ def test_processor_labels_have_the_vector_width(text, label, stepping, tmp_path,
     file.write_text(text)
     monkeypatch.setattr(environment, "CPUINFO", file)
     monkeypatch.setattr("platform.processor", lambda: "")
-    processor = environment.processor.__wrapped__()
+    processor = environment.describe_processor.__wrapped__()
     assert (processor["label"], processor["stepping"]) == (label, stepping)
 
 
@@ -137,7 +137,7 @@ def test_cache_sizes_are_in_bytes(tmp_path):
         path.mkdir()
         for name, value in (("level", level), ("type", kind), ("size", size)):
             (path / name).write_text(f"{value}\n")
-    assert dict(environment._caches(tmp_path)) == {"L1d": 48 * 1024, "L2": 2048 * 1024}
+    assert dict(environment._read_caches(tmp_path)) == {"L1d": 48 * 1024, "L2": 2048 * 1024}
 
 
 def test_missing_processor_facts_are_compatible():

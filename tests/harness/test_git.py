@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.machine.git import checked_out, describe_project, find_commit, git_state
+from harness.machine.git import check_out, describe_project, find_commit, read_git_state
 from tests.harness.test_environment import git, repository
 
 
@@ -29,7 +29,7 @@ def test_git_ignores_the_variables_of_a_hook(project, tmp_path, monkeypatch):
     monkeypatch.setenv("GIT_DIR", str(tmp_path / "other/.git"))
     monkeypatch.setenv("GIT_INDEX_FILE", str(project / ".git/index"))
     state = describe_project([])
-    with checked_out(project, commit) as folder:
+    with check_out(project, commit) as folder:
         assert (folder / "code/of_a_project.py").is_file()
     for name in names:
         monkeypatch.delenv(name)
@@ -59,13 +59,13 @@ def test_git_starts_no_program_of_the_repository(project, tmp_path):
     marker.unlink(missing_ok=True)
     source = project / "code/of_a_project.py"
     os.utime(source, (1, 1))  # git has to compare its content
-    assert git_state(project) == {"commit": git(project, "rev-parse", "HEAD"), "dirty": False}
+    assert read_git_state(project) == {"commit": git(project, "rev-parse", "HEAD"), "dirty": False}
     assert find_commit(project, "ab" * 20) is None  # a partial clone would fetch it
-    with checked_out(project, "HEAD") as folder:
+    with check_out(project, "HEAD") as folder:
         assert (folder / "code/of_a_project.py").read_text() == source.read_text()
     assert not marker.exists()
     git(project, "config", "filter.a=b.clean", str(program))
-    assert git_state(project) is None
+    assert read_git_state(project) is None
 
 
 def test_git_applies_the_users_filters(project, tmp_path, monkeypatch):
@@ -78,7 +78,7 @@ def test_git_applies_the_users_filters(project, tmp_path, monkeypatch):
     git(project, "add", ".")
     git(project, "commit", "-q", "-m", "second")
     os.utime(project / "some.txt", (1, 1))
-    assert git_state(project)["dirty"] is False
+    assert read_git_state(project)["dirty"] is False
 
 
 @pytest.mark.parametrize("name", [b"caf\xe9", b"ends with a space ", b"two\nlines\n"])
@@ -88,7 +88,7 @@ def test_paths_of_any_bytes(name, tmp_path, monkeypatch):
     monkeypatch.chdir(folder / "code")
     state = describe_project([])
     assert state == {"name": name.decode(errors="replace"), "commit": commit, "dirty": False}
-    with checked_out(folder, commit) as copy:
+    with check_out(folder, commit) as copy:
         assert copy.name == folder.name
     assert (
         subprocess.run(["git", "worktree", "prune", "-n", "-v"], capture_output=True).stderr == b""

@@ -48,7 +48,9 @@ def test_devices_views_and_machines_have_separate_minima(tmp_path, monkeypatch):
     update_reference_draws(records(1e-3), file)
     for other in ({"resolution": 256}, {"device": "zink"}, {"options": {"samples": 4, "work": 0}}):
         assert update_reference_draws(records(5e-3, **other), file)[0]["slower"] == 1.0
-    monkeypatch.setattr("harness.measuring.reference_draws.processor", lambda: {"label": "another"})
+    monkeypatch.setattr(
+        "harness.measuring.reference_draws.describe_processor", lambda: {"label": "another"}
+    )
     assert update_reference_draws(records(5e-3), file)[0]["slower"] == 1.0
 
 

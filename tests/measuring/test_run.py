@@ -18,7 +18,7 @@ import triangulators
 from harness import rasterisers
 from harness.errors import HarnessError, NothingMeasuredError, UsageError
 from harness.frame import Frame, View, bare_frame
-from harness.machine.environment import processor
+from harness.machine.environment import describe_processor
 from harness.measuring import tasks
 from harness.measuring.plan import Plan
 from harness.measuring.pool import Backend, MeasuringPool
@@ -181,10 +181,10 @@ def test_resume_refuses_differences_unless_forced(block, tmp_path, monkeypatch, 
     elif changed == "scene":
         write_geojson(block, [box(0, 0, 5, 7)])
     elif changed == "code":
-        monkeypatch.setattr("harness.machine.environment.code_version", lambda: "other")
+        monkeypatch.setattr("harness.machine.environment.hash_code", lambda: "other")
     else:
-        other = {**processor(), "label": "another processor"}
-        monkeypatch.setattr("harness.measuring.run.processor", lambda: other)
+        other = {**describe_processor(), "label": "another processor"}
+        monkeypatch.setattr("harness.measuring.run.describe_processor", lambda: other)
     with pytest.raises(HarnessError, match=reason):
         measure(plan, out, resume=True)
     if changed in ("plan", "machine"):

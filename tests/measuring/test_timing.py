@@ -267,8 +267,10 @@ def test_cpu_times_include_wall_times():
 def test_steal_and_other_load_are_measured_over_the_rounds(monkeypatch, others):
     drawings, clock, _ = scripted({"a": 2e-3})
     clock.now = 7.0
-    monkeypatch.setattr("harness.machine.system.stolen_s", lambda: 3.0 + 0.5 * clock())
-    monkeypatch.setattr("harness.machine.system.other_processes_s", lambda: 7.0 + others * clock())
+    monkeypatch.setattr("harness.machine.system.read_steal_time_s", lambda: 3.0 + 0.5 * clock())
+    monkeypatch.setattr(
+        "harness.machine.system.read_other_processes_s", lambda: 7.0 + others * clock()
+    )
     times = time_together(drawings, TimingSettings(), WALL, clock=clock)["a"]
     assert times.timing_s == pytest.approx(clock() - 7.0)
     assert times.stolen_s == pytest.approx(0.5 * times.timing_s)
@@ -547,8 +549,8 @@ def test_slow_preparation_does_not_reduce_epochs():
 
 def test_times_of_processes_are_concatenated():
     parts = [Times(3, [1.0, 2.0], [1, 1], True), Times(5, [3.0], [1], False)]
-    assert Times.of_processes(parts) == Times(3, [1.0, 2.0, 3.0], [1, 1, 1], False, [2, 1])
-    assert Times.of_processes(parts[:1]) == parts[0]
+    assert Times.concatenate(parts) == Times(3, [1.0, 2.0, 3.0], [1, 1, 1], False, [2, 1])
+    assert Times.concatenate(parts[:1]) == parts[0]
 
 
 def compared_precisely(samples: dict[str, list[float]], precision: float) -> list[str]:

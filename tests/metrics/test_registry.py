@@ -269,6 +269,6 @@ def test_metric_description_is_its_docstring():
 
 def test_a_counter_without_a_description_is_described_by_its_label():
     plain = counters.Counter("walked", "squares walked", "squares")
-    assert registry._of_counter(plain).description == "squares walked"
+    assert registry._make_counter_metric(plain).description == "squares walked"
     described = replace(plain, description="squares that were looked at")
-    assert registry._of_counter(described).description == described.description
+    assert registry._make_counter_metric(described).description == described.description

@@ -12,7 +12,7 @@ import pytest
 
 from harness.commands.run_inputs import parse_recipes
 from harness.errors import INCONCLUSIVE, NO_RASTERISER, NOTHING_MEASURED
-from harness.machine.environment import processor
+from harness.machine.environment import describe_processor
 from harness.profile import advice, design, measured, report
 from harness.profile.advice import BASE, CALIBRATED_OPTIMUM, CRITERIA, choose_triangulator
 from harness.profile.counted import design_of
@@ -42,7 +42,9 @@ def run_profile(harness, rasteriser: str, *more: str) -> tuple[int, str, str]:
 
 def test_profile_reports_the_known_costs(harness):
     out, _ = require_ok(run_profile(harness, "Charger"))
-    assert out.startswith(f"On scripted, on {processor()['label']}:\nA draw by itself costs 20 us.")
+    assert out.startswith(
+        f"On scripted, on {describe_processor()['label']}:\nA draw by itself costs 20 us."
+    )
     assert "\nA triangle costs 50 ns" in out
     assert "Each pixel of its box's width and height costs 7 ns." in out
     assert "No significant cost: triangles set up, triangles that cover a pixel" in out
@@ -179,7 +181,7 @@ def test_inspect_warns_about_a_profile_of_another_machine(harness, monkeypatch):
     cpu = GOOD["device"]["cpu"]
     for label in (cpu, "another CPU"):
         facts = {"label": label}
-        monkeypatch.setattr("harness.profile.profile.processor", lambda facts=facts: facts)
+        monkeypatch.setattr("harness.profile.profile.describe_processor", lambda facts=facts: facts)
         command = ("inspect", "paper", "--sizes", "64", "--profile", "opengl-llvmpipe")
         _, err = require_ok(harness(*command))
         warning = f"measured on another machine (llvmpipe, on {cpu})"

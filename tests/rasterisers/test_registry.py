@@ -70,7 +70,7 @@ def plugin(monkeypatch):
     def install(**points: str) -> None:
         items = points.items()
         entry_points = {name: EntryPoint(name, path, rasterisers.GROUP) for name, path in items}
-        monkeypatch.setattr(rasterisers, "_plugins", lambda: entry_points)
+        monkeypatch.setattr(rasterisers, "_find_plugins", lambda: entry_points)
 
     return install
 

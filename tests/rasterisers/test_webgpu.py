@@ -209,8 +209,8 @@ def test_missing_wgpu_gets_an_install_command(monkeypatch):
 def test_default_rasteriser(monkeypatch):
     from harness import rasterisers
 
-    assert rasterisers.default_rasteriser() == "opengl"
+    assert rasterisers.choose_default_rasteriser() == "opengl"
     monkeypatch.setattr(get("opengl"), "devices", classmethod(lambda cls: []))
-    assert rasterisers.default_rasteriser() == "webgpu"
+    assert rasterisers.choose_default_rasteriser() == "webgpu"
     monkeypatch.setattr(get("webgpu"), "devices", classmethod(lambda cls: []))
-    assert rasterisers.default_rasteriser() == "opengl"
+    assert rasterisers.choose_default_rasteriser() == "opengl"

@@ -10,8 +10,8 @@ import shapely
 from harness.grid import SUBPIXEL, to_grid
 from harness.progress import Reporter
 from harness.rasterisers.reference import predict
-from harness.scaling.census import Census, gains, on_pixels
-from harness.scaling.census_report import rows
+from harness.scaling.census import Census, compute_gains, scale_to_pixels
+from harness.scaling.census_report import make_rows
 from harness.scaling.dataset import Dataset
 from harness.scaling.executors import Executor
 from harness.scaling.sums import GAINED, Counted
@@ -44,20 +44,20 @@ def count_footprints(footprints, name):
         rounded = shapely.transform(footprint, on_the_grid)
         counts = predict(to_grid([rounded]).coords, triangulate(rounded, name))
         rows.append([counts[measure].sum() for measure in COUNTED])
-    return np.array(rows)
+    return np.array(make_rows)
 
 
 def test_counters_equal_those_of_footprints_on_the_map(parts, tmp_path, footprints):
     summary, counted = census(parts, tmp_path / "out")
     sums = counted.sum_groups()
     assert sums.count("polygons") == summary.polygons == EVERY
-    table = rows(sums, NAMES).set_index(["triangulator", "measure"])
+    table = make_rows(sums, NAMES).set_index(["triangulator", "measure"])
     base = count_footprints(footprints, NAMES[0])
     for number, name in enumerate(NAMES):
         expected = count_footprints(footprints, name)
         for column, measure in enumerate(COUNTED):
             assert sums.total(measure)[number] == expected[:, column].sum()
-            gained = gains(base[:, column].astype(float), expected[:, column].astype(float))
+            gained = compute_gains(base[:, column].astype(float), expected[:, column].astype(float))
             assert sums.bins[number, GAINED.index(measure)].sum() == EVERY
             row = table.loc[name, measure]
             assert (row["total"], row["total_of_base"]) == (
@@ -95,8 +95,8 @@ def test_parts_and_cells_sum_to_the_total(parts, tmp_path):
 
 def test_moving_a_footprint_near_the_origin_changes_no_counter(footprints):
     far = shapely.transform(footprints[:40], lambda xy: xy + 4_000_000.0)
-    near, owners = on_pixels(footprints[:40], 0.25)
-    moved, _ = on_pixels(far, 0.25)
+    near, owners = scale_to_pixels(footprints[:40], 0.25)
+    moved, _ = scale_to_pixels(far, 0.25)
     assert owners.tolist() == list(range(40))
     assert shapely.bounds(near).min() >= 0
     assert shapely.equals_exact(near, moved, tolerance=0).all()
@@ -105,13 +105,13 @@ def test_moving_a_footprint_near_the_origin_changes_no_counter(footprints):
 def test_footprints_without_area_on_the_grid_are_dropped():
     thin = shapely.Polygon([(0, 0), (10, 0), (10, 1e-7)])
     bow = shapely.Polygon([(0, 0), (3, 0), (3, 3), (1.5, 1e-7)])
-    pieces, owners = on_pixels(np.array([thin, shapely.box(0, 0, 1, 1), bow]), 1.0)
+    pieces, owners = scale_to_pixels(np.array([thin, shapely.box(0, 0, 1, 1), bow]), 1.0)
     assert set(owners.tolist()) == {1, 2}
     assert shapely.is_valid(pieces).all()
 
 
 def test_gains_are_relative_to_the_base():
-    values = gains(np.array([4.0, 4.0, 0.0, 0.0]), np.array([3.0, 5.0, 0.0, 2.0]))
+    values = compute_gains(np.array([4.0, 4.0, 0.0, 0.0]), np.array([3.0, 5.0, 0.0, 2.0]))
     assert values.tolist() == [0.25, -0.25, 0.0, -np.inf]
 
 

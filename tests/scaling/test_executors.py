@@ -99,7 +99,7 @@ def test_crashing_footprint_fails_its_part(two_workers, parts, footprints, tmp_p
 
 
 def test_a_worker_with_other_code_refuses_the_work(two_workers, parts, tmp_path, monkeypatch):
-    monkeypatch.setattr("harness.machine.environment.code_version", lambda: "0" * 16)
+    monkeypatch.setattr("harness.machine.environment.hash_code", lambda: "0" * 16)
     dataset = Dataset(str(parts / "0.parquet"), tmp_path / "out", WORK)
     summary = dataset.complete(two_workers, quiet())
     assert len(summary.set_aside) == 3

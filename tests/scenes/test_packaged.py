@@ -102,7 +102,7 @@ def test_counties_by_state_and_level():
 
 def test_real_data_or_install_command():
     for name, minimum in (("helsinki", 1000), ("counties", 3000)):
-        install = registry.find_entry(name).available()
+        install = registry.find_entry(name).find_install_command()
         if install is None:
             scene = load(name)
             assert_valid_polygons(scene.polygons)

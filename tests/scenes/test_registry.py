@@ -13,7 +13,7 @@ from tests.scenes.conftest import SQUARE, assert_valid_polygons, feature
 @pytest.mark.parametrize("name", list(registry.ENTRIES))
 def test_registered_sizes_are_correct(name):
     entry = registry.find_entry(name)
-    if (missing := entry.available()) is not None:
+    if (missing := entry.find_install_command()) is not None:
         pytest.skip(missing)
     polygons = load(name).polygons
     rings = [ring for p in polygons for ring in (p.exterior, *p.interiors)]

@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 
 from harness.stats.intervals import FASTER, SLOWER
-from harness.study.gains import by_order, list_faster
+from harness.study.gains import list_faster, split_by_order
 
 
 def row(triangulator: str, order: str, ratio: float, **changes: object) -> dict[str, object]:
@@ -36,7 +36,7 @@ ROWS = [
 
 
 def test_by_order_has_a_column_per_order():
-    wide = by_order(pd.DataFrame(ROWS), "ear-clipping").set_index("triangulator")
+    wide = split_by_order(pd.DataFrame(ROWS), "ear-clipping").set_index("triangulator")
     assert list(wide.index) == ["optimal:half-perimeter", "delaunay"]
     best = wide.loc["optimal:half-perimeter"]
     assert (best["native"], best["walk"], best["vertex-cache"]) == (0.82, 0.97, 0.96)
@@ -57,7 +57,7 @@ def test_faster_triangulators_are_listed_with_their_gain():
 
 def test_by_order_separates_views_and_skips_single_orders():
     more = [row("optimal:half-perimeter", order, 0.7, resolution=512) for order in ("native",)]
-    wide = by_order(pd.DataFrame([*ROWS, *more]), "ear-clipping")
+    wide = split_by_order(pd.DataFrame([*ROWS, *more]), "ear-clipping")
     assert set(wide["resolution"]) == {256}
-    assert by_order(pd.DataFrame(ROWS), "delaunay").empty
-    assert by_order(pd.DataFrame(ROWS[:2]), "ear-clipping").empty
+    assert split_by_order(pd.DataFrame(ROWS), "delaunay").empty
+    assert split_by_order(pd.DataFrame(ROWS[:2]), "ear-clipping").empty

@@ -18,8 +18,8 @@ from harness.study.pareto import (
     WITH_C,
     list_compared,
     make_parts,
+    make_triangulation_table,
     mark_undominated,
-    triangulation_table,
 )
 from harness.triangulating.recipes import parse_all
 from scenes import load
@@ -58,7 +58,7 @@ def study(harness, tmp_path):
 
 def test_a_and_d_agree_on_the_papers_polygon(study):
     _, table, fronts, out = study("paper")
-    everything = triangulation_table(load("paper").polygons[0], "conforming")
+    everything = make_triangulation_table(load("paper").polygons[0], "conforming")
     best = everything["overdraw"].argmin()
     assert best == everything["shape"].argmin()
     frame = make_frame(load("paper").polygons, View(512))
@@ -92,7 +92,7 @@ def test_fronts_of_a_city_are_those_of_all_triangulations(study):
         assert {0, len(front) - 1} <= set(front_rows["triangulator"].str[7:].astype(int))
         assert front_rows["undominated"].all()
         if len(polygon.exterior.coords) <= 13:
-            every = triangulation_table(polygon, "conforming")
+            every = make_triangulation_table(polygon, "conforming")
             listed = np.column_stack((every["overdraw"], every["shape"]))
             assert mark_undominated(costs, listed).all()
             undominated = listed[mark_undominated(listed, listed)]

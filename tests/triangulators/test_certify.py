@@ -28,7 +28,7 @@ from triangulators.checking.evidence import CertificateError
 from triangulators.checking.units import (
     TOO_LARGE,
     Units,
-    _binary_places,
+    _find_binary_places,
     compute_costs,
     compute_weight,
     compute_weights,
@@ -36,8 +36,8 @@ from triangulators.checking.units import (
     find_factor,
     find_units,
     has_exact_sums,
-    lowest_first,
     noise,
+    rotate_lowest_first,
 )
 from triangulators.criteria.cost import (
     BBOX_AREA,
@@ -349,7 +349,7 @@ def test_unit_exceeds_noise_of_all_triangles(bits):
     [([0.5], 1), ([3.0, 4.0], 0), ([4.0, -8.0], -2), ([3 / 1024, 7.0], 10), ([0.0], -16)],
 )
 def test_binary_places_follow_finest_coordinate(values, places):
-    assert _binary_places(np.array(values)) == places
+    assert _find_binary_places(np.array(values)) == places
 
 
 def boxes(around: float = 0.0, box: float = 0.0):
@@ -424,7 +424,7 @@ def test_dynamic_program_proves_up_to_its_limit(monkeypatch):
 
 def test_lowest_first_rotates_triangle():
     for corners in permutations((2, 5, 9)):
-        rotated = lowest_first(*corners)
+        rotated = rotate_lowest_first(*corners)
         assert rotated[0] == 2
         assert rotated in [corners[k:] + corners[:k] for k in range(3)]
 

@@ -5,7 +5,7 @@ import csv
 import numpy as np
 import pytest
 
-from harness.study.pareto import triangulation_table
+from harness.study.pareto import make_triangulation_table
 from tests.paths import find_shared_data
 from tests.triangulators.cases import (
     all_triangulations,
@@ -28,13 +28,13 @@ def test_the_papers_polygon_has_29_conforming_triangulations():
     listed = enumerate_triangulations(paper_polygon())
     assert len(listed) == count_triangulations(paper_polygon()) == 29
     assert all(verify(paper_polygon(), triangles).conforming for triangles in listed)
-    assert min(triangulation_table(paper_polygon(), "conforming")["overdraw"]) == 56.0
+    assert min(make_triangulation_table(paper_polygon(), "conforming")["overdraw"]) == 56.0
 
 
 def test_paper_mode_reproduces_table_1():
     rows = csv.DictReader(find_shared_data("paper_table1.csv").read_text().splitlines())
     printed = [(float(row["area"]), float(row["difference_deg"])) for row in rows]
-    table = triangulation_table(paper_polygon(), "paper")
+    table = make_triangulation_table(paper_polygon(), "paper")
     pairs = list(zip(table["overdraw"], table["shape"], strict=True))
     assert len(pairs) == 47
     assert table["conforming"].sum() == 29
@@ -45,7 +45,7 @@ def test_paper_mode_reproduces_table_1():
 
 
 def test_triangulations_differ_in_diagonals():
-    table = triangulation_table(paper_polygon(), "conforming")
+    table = make_triangulation_table(paper_polygon(), "conforming")
     assert len(set(table["diagonals"])) == 29
     assert all(text.count("-") == 6 for text in table["diagonals"])
 
@@ -108,7 +108,7 @@ def test_holes_are_skipped():
 
 
 def test_listed_sorts_paper_triangulations_by_overdraw():
-    table = triangulation_table(paper_polygon(), "paper")
+    table = make_triangulation_table(paper_polygon(), "paper")
     points = boundary(paper_polygon()).points
     listed = [triangulate(paper_polygon(), "listed", k=k) for k in range(47)]
     assert len({tuple(sorted(map(tuple, triangles.tolist()))) for triangles in listed}) == 47

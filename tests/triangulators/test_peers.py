@@ -67,6 +67,6 @@ def test_greedy_has_the_shortest_diagonal_and_max_area_the_largest_triangle():
 def test_missing_package_reports_install_command(monkeypatch):
     monkeypatch.setitem(sys.modules, "manifold3d", None)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    assert find("manifold").available() == "pip install manifold3d"
+    assert find("manifold").find_install_command() == "pip install manifold3d"
     with pytest.raises(UnavailableError, match="pip install manifold3d"):
         triangulate(convex(5), "manifold")

@@ -12,9 +12,9 @@ from tests.triangulators.cases import with_holes
 from tests.triangulators.test_skeleton import annulus, posed
 from triangulators import criteria
 from triangulators.certificate import proof
-from triangulators.certificate.candidates import _list_triangles, _ring_samples, find_candidates
+from triangulators.certificate.candidates import _list_triangles, _sample_holes, find_candidates
 from triangulators.certificate.linear_program import Program
-from triangulators.certificate.proof import _candidate_indices, prove
+from triangulators.certificate.proof import _find_candidate_indices, prove
 from triangulators.checking.units import compute_costs, compute_weights, exact_total, find_units
 from triangulators.criteria.cost import make_cost
 from triangulators.initial import find_best_initial
@@ -50,7 +50,7 @@ def rooms(outline, start) -> int:
     """Return the number of mutually visible triples: the smallest sufficient limit."""
     c = find_candidates(outline, start, 10**6)
     first = np.searchsorted(c.edges[:, 0], np.arange(len(c.points) + 1))
-    return _list_triangles(c.points, first, c.edges, c.side, _ring_samples(outline), 10**6)[0]
+    return _list_triangles(c.points, first, c.edges, c.side, _sample_holes(outline), 10**6)[0]
 
 
 def test_linear_program_is_solved_with_time_limit_or_if_small(monkeypatch):
@@ -91,7 +91,9 @@ def test_program_bound_equals_solution(basic):
     start = find_best_initial(outline, cost)
     c = find_candidates(outline, start, 10**6)
     weights = compute_costs(outline.points, c.triangles, cost)
-    program = Program(c, weights, np.ones(len(weights), np.bool_), _candidate_indices(c, start))
+    program = Program(
+        c, weights, np.ones(len(weights), np.bool_), _find_candidate_indices(c, start)
+    )
     potentials, share = program.solve(60.0, basic=basic)
     around = (program.signs * potentials[c.sides]).sum(axis=1)
     assert (around <= weights + 1e-9 * weights.max()).all()
@@ -165,7 +167,7 @@ def test_program_weights_are_scaled_for_solver(size):
     c = find_candidates(outline, start, 10**6)
     weights, numbers = (
         size * compute_costs(outline.points, c.triangles, cost),
-        _candidate_indices(c, start),
+        _find_candidate_indices(c, start),
     )
     allowed = np.arange(len(weights)) % 3 > 0
     program = Program(c, weights, allowed, numbers)
@@ -183,6 +185,8 @@ def test_candidate_indices_are_independent_of_rotation(monkeypatch):
     c = find_candidates(outline, start, 10**6)
     numbers = np.arange(len(c.triangles))
     for turned in range(3):
-        assert np.array_equal(_candidate_indices(c, np.roll(c.triangles, turned, axis=1)), numbers)
+        assert np.array_equal(
+            _find_candidate_indices(c, np.roll(c.triangles, turned, axis=1)), numbers
+        )
     n = len(c.points)
-    assert _candidate_indices(c, np.array([[n - 3, n - 2, n], [0, 0, 1]])).tolist() == [-1, -1]
+    assert _find_candidate_indices(c, np.array([[n - 3, n - 2, n], [0, 0, 1]])).tolist() == [-1, -1]

@@ -59,18 +59,18 @@ def find_candidates(
     on_boundary = np.searchsorted(keys, low_ends * len(points) + high_ends)
     side[on_boundary] = np.where(outline.edges[:, 0] < outline.edges[:, 1], 1, -1)
     first = np.searchsorted(edges[:, 0], np.arange(len(points) + 1))
-    triples, rows = _list_triangles(points, first, edges, side, _ring_samples(outline), max_triples)
+    triples, rows = _list_triangles(points, first, edges, side, _sample_holes(outline), max_triples)
     if triples > max_triples:
         return None
     empty, sides = rows[:, :3].copy(), rows[:, 3:].copy()
     keys = 2 * sides
     keys += empty > empty[:, [1, 2, 0]]  # a triangle right of an edge runs from the higher end
-    start, items = grouped(keys.ravel(), 2 * len(edges))
+    start, items = group_by_key(keys.ravel(), 2 * len(edges))
     items //= 3
     return Candidates(points, edges, side, empty, sides, start, items)
 
 
-def _ring_samples(outline: Boundary) -> np.ndarray:
+def _sample_holes(outline: Boundary) -> np.ndarray:
     """Return up to four sites of each hole, (h, 4), the last repeated.
 
     A hole meets a triangle of candidate edges only at the triangle's vertices, so the hole is

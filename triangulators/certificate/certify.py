@@ -97,7 +97,7 @@ def certify(
         units = find_units(outline, site_triangles, cost)
         if not evidence and has_exact_sums(outline, cost):
             return _certify_exact_sums(outline, site_triangles, cost, units)
-        certified = _ring_evidence(outline, site_triangles, cost, units)
+        certified = _make_ring_evidence(outline, site_triangles, cost, units)
         return make_certificate(outline, site_triangles, cost, certified)
     proof = prove(outline, site_triangles, cost, seconds)
     if proof is None:
@@ -108,7 +108,9 @@ def certify(
     return make_certificate(outline, site_triangles, cost, proof.evidence())
 
 
-def _ring_evidence(outline: Boundary, triangles: np.ndarray, cost: Cost, units: Units) -> Evidence:
+def _make_ring_evidence(
+    outline: Boundary, triangles: np.ndarray, cost: Cost, units: Units
+) -> Evidence:
     """Return evidence of the minimum cost of a polygon without holes.
 
     triangles: (m, 3), any triangulation between sites; units: the units of the claim. The minimum
@@ -143,7 +145,7 @@ def make_certificate(
         bound_units -= len(triangles)
     bound = Fraction(bound_units) / Fraction(units.scale)
     return Certificate(
-        float(total), _round_down(bound), _relative_gap(total, bound), proven, evidence
+        float(total), _round_down(bound), _compute_gap(total, bound), proven, evidence
     )
 
 
@@ -168,9 +170,7 @@ def _certify_exact_sums(
     optimal = ring[optimum(outline.points[ring], find_ring_triangulation(outline, ring), cost)]
     total = exact_total(outline, triangles, cost, units)
     bound = exact_total(outline, optimal, cost, units)
-    return Certificate(
-        float(total), _round_down(bound), _relative_gap(total, bound), total == bound
-    )
+    return Certificate(float(total), _round_down(bound), _compute_gap(total, bound), total == bound)
 
 
 def _round_down(value: Fraction) -> float:
@@ -179,7 +179,7 @@ def _round_down(value: Fraction) -> float:
     return nearest if nearest <= value else math.nextafter(nearest, -math.inf)
 
 
-def _relative_gap(total: Fraction, bound: Fraction) -> float:
+def _compute_gap(total: Fraction, bound: Fraction) -> float:
     """Return (total - bound) / |total|; 0 if total and bound are equal."""
     if total == bound:
         return 0.0

@@ -89,7 +89,7 @@ class _Search:
         c = self.candidates
         optimum = solve_skeleton(c, alive, cost, self.units)
         if optimum is not None:
-            self.update_incumbent(_candidate_indices(c, optimum[0]))
+            self.update_incumbent(_find_candidate_indices(c, optimum[0]))
             return optimum[1], 0
         timed = 0.0 < seconds < np.inf
         uses_program = timed or (seconds > 0.0 and int(alive.sum()) <= _MAX_UNTIMED_ROWS)
@@ -103,7 +103,7 @@ class _Search:
             dual = self._round_potentials(alive, np.zeros(len(c.edges)))
         # Not proven yet: local search may find a better incumbent, also as an initial solution.
         self.update_incumbent(
-            _candidate_indices(c, search_cuts(c.points, c.triangles[self.incumbent], cost))
+            _find_candidate_indices(c, search_cuts(c.points, c.triangles[self.incumbent], cost))
         )
         if uses_program and not self._is_bound_tight(*dual):
             program = Program(c, cost_weights, alive, self.incumbent)
@@ -206,7 +206,7 @@ def _prove_reduced(
     alive: np.ndarray,
 ) -> Proof:
     search = _Search(candidates, weights, units)
-    search.update_incumbent(_candidate_indices(candidates, triangles))
+    search.update_incumbent(_find_candidate_indices(candidates, triangles))
     potentials, lift = search.solve(alive, cost, seconds)
     total, bound = int(search.min_weight), search.bound(potentials, lift)
     triangles = candidates.triangles[search.incumbent]

@@ -19,7 +19,7 @@ import numpy as np
 from triangulators.certificate.candidates import Candidates
 from triangulators.checking.units import Units
 from triangulators.compute.kernels import njit
-from triangulators.compute.operations import find_root, grouped, join
+from triangulators.compute.operations import find_root, group_by_key, join
 from triangulators.criteria.cost import Cost
 from triangulators.geometry.predicates import cross, orientation
 from triangulators.optimum.visible_lists import NOTHING, far_costs

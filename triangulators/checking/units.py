@@ -137,7 +137,7 @@ def find_exact_scale(points: np.ndarray, cost: Cost) -> tuple[float, bool, float
     ):
         return 0.0, False, math.inf
     box = bool(features & {AREA, BBOX_AREA})
-    k = _binary_places(points)
+    k = _find_binary_places(points)
     is_in_range = (2 * k + 1 if box else k) < _MAX_EXPONENT
     steps = float(np.ptp(points, axis=0).max()) * 2.0**k if is_in_range else math.inf
     max_units = float(np.abs(coefficients).sum()) * (2.0 * steps * steps if box else 2.0 * steps)
@@ -146,7 +146,7 @@ def find_exact_scale(points: np.ndarray, cost: Cost) -> tuple[float, bool, float
     return 0.0, k <= 0, max_units
 
 
-def _binary_places(points: np.ndarray) -> int:
+def _find_binary_places(points: np.ndarray) -> int:
     """Return the smallest k >= -16 for which 2^k times each coordinate is an integer."""
     mantissa, exponent = np.frexp(points[points != 0.0])
     digits = np.ldexp(mantissa, 53).astype(np.int64)
@@ -163,13 +163,13 @@ def compute_costs(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.n
     """
     result = np.empty(len(triangles))
     for t in range(len(triangles)):
-        a, b, c = lowest_first(triangles[t, 0], triangles[t, 1], triangles[t, 2])
+        a, b, c = rotate_lowest_first(triangles[t, 0], triangles[t, 1], triangles[t, 2])
         result[t] = cost_at(points, a, b, c, cost)
     return result
 
 
 @njit
-def lowest_first(a: int, b: int, c: int) -> tuple[int, int, int]:
+def rotate_lowest_first(a: int, b: int, c: int) -> tuple[int, int, int]:
     """Rotate a triangle's vertices so that the lowest comes first."""
     if b < a and b < c:
         return b, c, a
@@ -194,7 +194,7 @@ def noise(a: int, b: int, bits: int) -> np.int64:
 @njit
 def compute_units(points: np.ndarray, a: int, b: int, c: int, cost: Cost, units: Units) -> np.int64:
     """Return the cost of a triangle in units."""
-    a, b, c = lowest_first(a, b, c)
+    a, b, c = rotate_lowest_first(a, b, c)
     scaled, max_units = (
         cost_at(points, a, b, c, cost) * units.scale,
         float(_MAX_WEIGHT // units.factor),

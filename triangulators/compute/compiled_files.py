@@ -204,11 +204,11 @@ def _find_old(root: Path) -> Iterator[Path]:
         if not files or any(".nbc" not in file.name for file in files):
             continue  # created by another program
         current = folder.parent == cache_folder() and folder.name in current_names
-        if not current and time.time() - _last_use(folder) > OLD_S:
+        if not current and time.time() - _find_last_use(folder) > OLD_S:
             yield folder
 
 
-def _last_use(folder: Path) -> float:
+def _find_last_use(folder: Path) -> float:
     """Return the latest access or modification time of a folder's files, in seconds."""
     times = [max(info.st_atime, info.st_mtime) for f in folder.iterdir() for info in [f.stat()]]
     return max(times, default=0.0)

@@ -24,9 +24,9 @@ class Kernel:
     @cached_property
     def compiled(self) -> Any:
         """Numba's dispatcher; two threads may create equivalent dispatchers."""
-        from triangulators.compute.storing import dispatcher
+        from triangulators.compute.storing import make_dispatcher
 
-        return dispatcher(self.py_func, self.options)
+        return make_dispatcher(self.py_func, self.options)
 
     @property
     def _numba_type_(self) -> Any:

@@ -33,7 +33,7 @@ def copy_rows(source: np.ndarray, into: np.ndarray) -> None:
 
 
 @njit(nogil=True)
-def grouped(keys: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+def group_by_key(keys: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Sort keys (n,) in 0..count - 1 by counting: start (count + 1,) and positions (n,) int32.
 
     `positions[start[k]:start[k + 1]]` are the indices of the keys equal to k, ascending.

@@ -30,7 +30,7 @@ from triangulators.compute.compiled_files import (
 )
 
 
-def dispatcher(source: Callable[..., Any], options: dict[str, Any]) -> Any:
+def make_dispatcher(source: Callable[..., Any], options: dict[str, Any]) -> Any:
     """Return Numba's dispatcher of a function, with our cache."""
     # The C wrapper, a third entry point, serves functions passed as arguments, which kernels avoid.
     compiled: Any = numba.njit(**{"no_cfunc_wrapper": True, **options})(source)
@@ -51,7 +51,7 @@ def dispatcher(source: Callable[..., Any], options: dict[str, Any]) -> Any:
     return compiled
 
 
-def cfunc(signature: str, source: Callable[..., Any]) -> Any:
+def compile_cfunc(signature: str, source: Callable[..., Any]) -> Any:
     """Compile like `numba.cfunc`, with our cache."""
     callback: Any = CFunc(source, normalize_signature(signature), locals={}, options={})
     callback._cache = _Cache(source)
@@ -93,11 +93,11 @@ def _lock(operation: str, byte: int) -> None:
         with suppress(ImportError, OSError):
             import fcntl
 
-            fcntl.lockf(_lock_file(), getattr(fcntl, operation), 1, byte)
+            fcntl.lockf(_open_lock_file(), getattr(fcntl, operation), 1, byte)
 
 
 @lru_cache(maxsize=1)
-def _lock_file() -> IO[bytes]:
+def _open_lock_file() -> IO[bytes]:
     """Return the lock file, which stays open: closing it would release all locks."""
     make_folder(cache_folder())
     flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)

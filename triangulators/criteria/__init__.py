@@ -167,7 +167,7 @@ def find(name: str | Criterion | Callable[..., float], **parameters: Any) -> Cri
     'mixed=1/0.5/0'
     """
     if not isinstance(name, str):
-        return _as_criterion(name, parameters)
+        return _make_criterion(name, parameters)
     plain, has_weights, weights = name.partition(WEIGHTS_MARK)
     if plain not in CRITERIA:
         raise UnknownNameError(f"unknown criterion {name!r}; {suggest(plain, CRITERIA)}")
@@ -190,7 +190,7 @@ def find(name: str | Criterion | Callable[..., float], **parameters: Any) -> Cri
     return families[plain](**parameters) if parameters else CRITERIA[plain]
 
 
-def _as_criterion(criterion: Any, parameters: Mapping[str, Any]) -> Criterion:
+def _make_criterion(criterion: Any, parameters: Mapping[str, Any]) -> Criterion:
     """Return a criterion passed as an object or as a function; neither takes parameters."""
     if not (isinstance(criterion, Criterion) or callable(criterion)):
         raise ArgumentError(
@@ -248,7 +248,7 @@ def predict(points: np.ndarray, triangles: np.ndarray) -> dict[str, float]:
     from triangulators.criteria.features import feature_sums
 
     sums = feature_sums(points, triangles)[None]
-    return {name: float(column[0]) for name, column in _criterion_sums(sums).items()}
+    return {name: float(column[0]) for name, column in _combine_features(sums).items()}
 
 
 def predict_many(
@@ -261,10 +261,10 @@ def predict_many(
     from triangulators.criteria.features import feature_sums_of_many
 
     sums = feature_sums_of_many(coords, vertex_offsets, triangles, triangle_offsets)
-    return _criterion_sums(sums)
+    return _combine_features(sums)
 
 
-def _criterion_sums(sums: np.ndarray) -> dict[str, np.ndarray]:
+def _combine_features(sums: np.ndarray) -> dict[str, np.ndarray]:
     """Return the columns (p,) of `predict` from sums of `FEATURES` (p, k)."""
     columns = {name: sums[:, FEATURES.index(name)] for name in AUXILIARY_FEATURES}
     for criterion in list_predicted():

@@ -59,9 +59,9 @@ def _compile(function: Callable[..., float]) -> Any:
     import numba
 
     if function is exact_quads_of:
-        from triangulators.compute.storing import cfunc
+        from triangulators.compute.storing import compile_cfunc
 
-        return cfunc(SIGNATURE, _quads)
+        return compile_cfunc(SIGNATURE, _call_exact_quads)
     inner = numba.njit(getattr(function, "py_func", function))
 
     def cost(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
@@ -71,7 +71,7 @@ def _compile(function: Callable[..., float]) -> Any:
     return numba.cfunc(SIGNATURE)(cost)
 
 
-def _quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+def _call_exact_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     return exact_quads(ax, ay, bx, by, cx, cy)
 
 
@@ -159,7 +159,7 @@ def total_cost(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> float:
 
 
 @njit
-def cheapest(points: np.ndarray, triangulations: np.ndarray, cost: Cost) -> int:
+def find_cheapest(points: np.ndarray, triangulations: np.ndarray, cost: Cost) -> int:
     """Return the index of the cheapest of k triangulations (k, m, 3), the first of equals."""
     best, min_total = 0, np.inf
     for index in range(len(triangulations)):

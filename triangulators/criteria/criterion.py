@@ -138,7 +138,7 @@ def weighted_sum(
     return Criterion(name, description, weights, label=label, symbol=symbol, unit=unit)
 
 
-def _per_polygon(weights: np.ndarray, polygon_area: float, triangles: int) -> np.ndarray:
+def _normalise_per_polygon(weights: np.ndarray, polygon_area: float, triangles: int) -> np.ndarray:
     result = weights / triangles
     areas = [FEATURES.index("area"), FEATURES.index("bbox_area")]
     result[areas] = weights[areas] / polygon_area
@@ -174,9 +174,9 @@ def mixed(alpha: float = 1.0, beta: float = 1.0, gamma: float = 1.0) -> Criterio
     """
     weights = (alpha, beta, gamma)
     name = "mixed" if weights == (1, 1, 1) else f"mixed{WEIGHTS_MARK}{write_weights(weights)}"
-    problem = _problem_of_weights(dict(zip(MIXED_WEIGHTS, weights, strict=True)))
+    problem = _find_problem(dict(zip(MIXED_WEIGHTS, weights, strict=True)))
     if problem:
-        raise _invalid_weights(name, problem)
+        raise _make_weights_error(name, problem)
     linear = weighted_sum(
         name,
         "alpha*A/S + beta*D/(240 T) + gamma*C/(24 T); mixed=1/0.5/0 gives the weights",
@@ -188,13 +188,13 @@ def mixed(alpha: float = 1.0, beta: float = 1.0, gamma: float = 1.0) -> Criterio
         bbox_area=alpha,
         shape=beta / WORST_SHAPE,
     )
-    return replace(linear, normalise=_per_polygon, parameters=True)
+    return replace(linear, normalise=_normalise_per_polygon, parameters=True)
 
 
 MIXED_WEIGHTS = ("alpha", "beta", "gamma")
 
 
-def _problem_of_weights(weights: Mapping[str, float]) -> str | None:
+def _find_problem(weights: Mapping[str, float]) -> str | None:
     """Return the problem of invalid weights of `mixed`, or None."""
     for name, weight in weights.items():
         if not math.isfinite(weight):
@@ -206,7 +206,7 @@ def _problem_of_weights(weights: Mapping[str, float]) -> str | None:
     return None if any(weights.values()) else "all weights are 0"
 
 
-def _invalid_weights(name: str, problem: str) -> ArgumentError:
+def _make_weights_error(name: str, problem: str) -> ArgumentError:
     return ArgumentError(
         f"criterion {name!r}: {problem}; give mixed=alpha/beta/gamma, "
         "3 finite numbers, not negative and not all 0"
@@ -252,7 +252,7 @@ def read_weights(text: str) -> dict[str, float]:
         return dict(zip(MIXED_WEIGHTS, weights, strict=True))
     except ValueError as error:
         problem = f"{text!r} is not three numbers"
-        raise _invalid_weights(f"mixed{WEIGHTS_MARK}{text}", problem) from error
+        raise _make_weights_error(f"mixed{WEIGHTS_MARK}{text}", problem) from error
 
 
 def write_weights(values: tuple[float, ...]) -> str:

@@ -26,7 +26,7 @@ the next vertex by index.
 import numpy as np
 
 from triangulators.compute.kernels import njit
-from triangulators.compute.operations import grouped
+from triangulators.compute.operations import group_by_key
 from triangulators.errors import UnknownNameError, suggest
 from triangulators.geometry.half_edges import link
 
@@ -178,7 +178,7 @@ def vertex_cache_order(
 def _tipsify(triangles: np.ndarray, count: int, cache_size: int) -> np.ndarray:
     """Return the indices (m,) of triangles in the order of Tipsify."""
     m = len(triangles)
-    begin, items = grouped(triangles.reshape(-1), count)
+    begin, items = group_by_key(triangles.reshape(-1), count)
     around = items // np.int32(3)  # the rows of each vertex's triangles
     remaining = np.diff(begin).astype(np.int32)  # triangles of each vertex that are not emitted yet
     entered = np.zeros(count, dtype=np.int64)  # the time at which a vertex entered the cache
@@ -204,7 +204,7 @@ def _tipsify(triangles: np.ndarray, count: int, cache_size: int) -> np.ndarray:
                     if time - entered[vertex] > cache_size:  # not in the cache: shaded
                         entered[vertex] = time
                         time += 1
-        fan = _next_fan(dead_ends[bottom:height], remaining, entered, time, cache_size)
+        fan = _choose_next_fan(dead_ends[bottom:height], remaining, entered, time, cache_size)
         while fan < 0 and height > 0:
             height -= 1
             if remaining[dead_ends[height]] > 0:
@@ -217,7 +217,7 @@ def _tipsify(triangles: np.ndarray, count: int, cache_size: int) -> np.ndarray:
 
 
 @njit(nogil=True)
-def _next_fan(
+def _choose_next_fan(
     emitted: np.ndarray, remaining: np.ndarray, entered: np.ndarray, time: int, cache_size: int
 ) -> int:
     """Return the vertex of the next fan among the vertices just emitted, or -1."""

@@ -23,7 +23,7 @@ _SPLITTER = 134217729.0  # 2^27 + 1
 
 
 @njit(nogil=True)
-def _product(a: float, b: float) -> tuple[float, float]:
+def _multiply_exactly(a: float, b: float) -> tuple[float, float]:
     """Return a * b as (rounded, error), exactly (Dekker)."""
     rounded = a * b
     c = _SPLITTER * a
@@ -76,7 +76,7 @@ def _orient_by_expansion(ax: float, ay: float, bx: float, by: float, cx: float, 
     expansion = np.empty(13)
     length = 0
     for first, second in ((ax, by), (-ax, cy), (-cx, by), (-ay, bx), (ay, cx), (cy, bx)):
-        rounded, error = _product(first, second)
+        rounded, error = _multiply_exactly(first, second)
         length = _grow(expansion, length, error)
         length = _grow(expansion, length, rounded)
     # Components do not overlap: the last has the sign, and at least half of the value.
@@ -112,8 +112,8 @@ def _orient_in_doubt(
         and (abs(plus) > _MIN_PRODUCT or ax == cx or by == cy)
         and (abs(minus) > _MIN_PRODUCT or ay == cy or bx == cx)
     ):
-        plus, plus_error = _product(ax - cx, by - cy)
-        minus, minus_error = _product(ay - cy, bx - cx)
+        plus, plus_error = _multiply_exactly(ax - cx, by - cy)
+        minus, minus_error = _multiply_exactly(ay - cy, bx - cx)
         determinant = (plus - minus) + (plus_error - minus_error)
         if determinant != 0.0 or plus == minus:
             return determinant

@@ -19,16 +19,16 @@ def triangulate_greedily(points: np.ndarray, edges: np.ndarray, pairs: np.ndarra
     of_boundary = edges.astype(np.int64)
     keys = of_boundary.min(axis=1) * size + of_boundary.max(axis=1)
     low, high = pairs.min(axis=1).astype(np.int64), pairs.max(axis=1).astype(np.int64)
-    diagonals = by_length(points, pairs[~np.isin(low * size + high, keys)])
+    diagonals = sort_by_length(points, pairs[~np.isin(low * size + high, keys)])
     selected = diagonals[_select_uncrossed(points, diagonals)]
     sides = np.concatenate((edges, selected, selected[:, ::-1]))
     directed = np.concatenate((sides, edges[:, ::-1]))
     directed = directed[np.argsort(directed[:, 0], kind="stable")]
     begin = np.searchsorted(directed[:, 0], np.arange(size + 1))
-    return _triangles(points, sides, begin, directed[:, 1].copy())
+    return _list_triangles(points, sides, begin, directed[:, 1].copy())
 
 
-def by_length(points: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+def sort_by_length(points: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     """Sort pairs (p, 2) of points (n, 2) by length, stably."""
     lengths = np.hypot(*(points[pairs[:, 0]] - points[pairs[:, 1]]).T)
     return pairs[np.argsort(lengths, kind="stable")]
@@ -68,7 +68,7 @@ def _select_uncrossed(points: np.ndarray, pairs: np.ndarray) -> np.ndarray:
 
 
 @njit
-def _triangles(
+def _list_triangles(
     points: np.ndarray, sides: np.ndarray, begin: np.ndarray, near: np.ndarray
 ) -> np.ndarray:
     """Return the triangle left of each side (s, 2), once.

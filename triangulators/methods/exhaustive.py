@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 
 from triangulators import criteria
-from triangulators.criteria.cost import cheapest, make_cost
+from triangulators.criteria.cost import find_cheapest, make_cost
 from triangulators.errors import SkippedError
 from triangulators.geometry.predicates import orient
 from triangulators.initial import Cycle, make_cycle
@@ -102,7 +102,7 @@ def triangulate(
     resolved = criteria.find(criterion, **parameters)
     cost = make_cost(resolved, boundary_area(outline), outline.expected_triangles)
     listed = _list_all(ring)
-    return np.asarray(ring.cycle[listed[cheapest(ring.points, listed, cost)]])
+    return np.asarray(ring.cycle[listed[find_cheapest(ring.points, listed, cost)]])
 
 
 def triangulate_listed(outline: Boundary, *, k: int = 0) -> np.ndarray:

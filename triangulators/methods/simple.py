@@ -9,7 +9,7 @@ from triangulators.compute.kernels import njit
 from triangulators.errors import SkippedError
 from triangulators.geometry.half_edges import find_twins
 from triangulators.geometry.predicates import orientation
-from triangulators.geometry.shortest_diagonals import by_length, triangulate_greedily
+from triangulators.geometry.shortest_diagonals import sort_by_length, triangulate_greedily
 from triangulators.geometry.visibility import find_visible_sites
 from triangulators.initial import initial_triangulations, make_cycle
 from triangulators.polygon import Boundary
@@ -118,7 +118,7 @@ def _greedy_cycle(outline: Boundary) -> np.ndarray:
     ring = make_cycle(outline, "greedy")
     n = len(ring.cycle)
     tails = np.repeat(np.arange(n, dtype=np.int32), np.diff(ring.start))
-    pairs = by_length(ring.points, np.column_stack((tails, ring.target)))
+    pairs = sort_by_length(ring.points, np.column_stack((tails, ring.target)))
     sides = np.column_stack((np.arange(n), (np.arange(n) + 1) % n))
     selected = np.concatenate((pairs[_select_in_cycle(n, pairs)], np.sort(sides, axis=1)))
     selected = selected[np.lexsort((selected[:, 1], selected[:, 0]))]
