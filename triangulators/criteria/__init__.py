@@ -117,7 +117,7 @@ CRITERIA: dict[str, Criterion] = {
             function=exact_quads_of,
             label="exact quads",
             unit="quads",
-            placed=True,
+            depends_on_position=True,
         ),
         mixed(),
         calibrated({"triangles": 1.0, "area": 1.0, "half_perimeter": 1.0}),
@@ -216,7 +216,7 @@ def list_predicted() -> list[Criterion]:
     return [
         criterion
         for criterion in CRITERIA.values()
-        if not (criterion.parameters or criterion.placed)
+        if not (criterion.is_family or criterion.depends_on_position)
     ]
 
 

@@ -67,10 +67,10 @@ class Criterion:
     normalise : callable or None
         Function that returns a polygon's weights from (weights, area of the polygon, number of
         triangles).
-    parameters : bool
-        True for a family, whose weights the user chooses; `predict` omits it.
-    placed : bool
-        True if the cost depends on the position on the pixel grid; `predict` omits it.
+    is_family : bool
+        True for a family, with weights that the user chooses; omitted by `predict`.
+    depends_on_position : bool
+        True if the cost depends on the position on the pixel grid; omitted by `predict`.
 
     Raises
     ------
@@ -86,8 +86,8 @@ class Criterion:
     label: str = ""
     symbol: str = ""
     unit: str = "1"
-    parameters: bool = False
-    placed: bool = False
+    is_family: bool = False
+    depends_on_position: bool = False
 
     def __post_init__(self) -> None:
         for weight in self.weights:
@@ -188,7 +188,7 @@ def mixed(alpha: float = 1.0, beta: float = 1.0, gamma: float = 1.0) -> Criterio
         bbox_area=alpha,
         shape=beta / WORST_SHAPE,
     )
-    return replace(linear, normalise=_normalise_per_polygon, parameters=True)
+    return replace(linear, normalise=_normalise_per_polygon, is_family=True)
 
 
 MIXED_WEIGHTS = ("alpha", "beta", "gamma")
@@ -239,7 +239,7 @@ def calibrated(coefficients: Mapping[str, float]) -> Criterion:
         )
     description = "T, S, H, w*h, D, Q, P and R at the rates fitted on a device"
     linear = weighted_sum("calibrated", description, "calibrated time", "", "s", **coefficients)
-    return replace(linear, parameters=True)
+    return replace(linear, is_family=True)
 
 
 def read_weights(text: str) -> dict[str, float]:

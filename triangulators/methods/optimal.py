@@ -159,7 +159,7 @@ def _search(
     outline: Boundary, criterion: criteria.Criterion, sign: float, options: SearchOptions
 ) -> _Result:
     points, (limit, seed) = outline.points, options
-    if criterion.placed and len(points) > MAX_PLACED_VERTICES:
+    if criterion.depends_on_position and len(points) > MAX_PLACED_VERTICES:
         raise SkippedError(
             f"{criterion.name}: {len(points):,} vertices (more than {MAX_PLACED_VERTICES});"
             " counting pixels of all triangles would take too long"
