@@ -1,9 +1,9 @@
 """Figures in the documents, rendered from the files under `results/`.
 
-A figure in a sentence is followed by a comment that says where its value comes from, such as
+A figure in a sentence is followed by a comment with the source of the value, such as
 `0.84<!-- = gain city 1024 H :.2f -->`. A table stands between `<!-- table ... -->` and
-`<!-- end -->`; the comment lists its rows and the figures of its columns. `render` replaces each
-figure and all rows below a table's header; the text around them is free. CONTRIBUTING.md describes
+`<!-- end -->`; the comment lists rows and the figures of columns. `render` replaces each
+figure and all rows below a table's header; the surrounding text is free. CONTRIBUTING.md describes
 the notation. The functions that compute figures are in `docs/results.py`.
 """
 
@@ -47,7 +47,7 @@ AGGREGATES: dict[str, Callable[[list[float]], float]] = {
 
 
 class Interval(NamedTuple):
-    """A value with the ends of its confidence interval."""
+    """A value with the ends of the confidence interval."""
 
     value: float
     low: float
@@ -75,7 +75,7 @@ class Expression(NamedTuple):
 
 
 def parse(text: str) -> Expression:
-    """Parse a figure comment; a comma separates alternative values of one argument."""
+    """Parse a figure comment; a comma separates alternative values of an argument."""
     parts = text.split()
     aggregate = parts.pop(0) if parts[0] in AGGREGATES else ""
     spec = parts.pop()[1:] if parts[-1].startswith(":") else ""
@@ -86,7 +86,7 @@ def parse(text: str) -> Expression:
 
 
 def convert(text: str) -> Any:
-    """Return an argument as a number if it is one, else as text with aliases replaced."""
+    """Return an argument as a number if possible, else as text with aliases replaced."""
     for kind in (int, float):
         try:
             return kind(text)
@@ -116,7 +116,7 @@ def format_value(value: Any, spec: str, *, in_table: bool = False) -> str:
 
 
 def compute(text: str) -> str:
-    """Return the text of a figure from its comment."""
+    """Return the text of a figure from the comment."""
     expression = parse(text)
     values = [value for call in expression.calls() for value in as_list(call())]
     if expression.aggregate:
@@ -132,12 +132,12 @@ def as_list(value: Any) -> list[Any]:
 
 
 def table_rows(text: str) -> list[str]:
-    """Return the lines of a table from its comment.
+    """Return the lines of a table from the comment.
 
-    `rows key=a,b other=c,d` starts a group of rows, one per combination; `rows joined` puts the
-    labels of a row in one cell, a text in double quotes replaces them. Each line `cells FIGURE`
-    adds a column per combination of the figure's arguments. `bold min row` or `bold max column`
-    marks the extreme cell of the columns above that line.
+    `rows key=a,b other=c,d` starts a group with a row per combination; `rows joined` puts the
+    labels of a row in one cell, a text in double quotes replaces the labels. Each line `cells
+    FIGURE` adds a column per combination of the figure's arguments. `bold min row` or `bold max
+    column` marks the extreme cell of the columns above that line.
     """
     lines, marked = [], []
     for group in re.split(r"^rows ", text, flags=re.MULTILINE)[1:]:
@@ -169,7 +169,7 @@ def table_rows(text: str) -> list[str]:
 
 @dataclass
 class Cell:
-    """A cell of a table: its number, text, and whether it is bold."""
+    """A cell of a table: number, text, and whether the text is bold."""
 
     number: float
     text: str

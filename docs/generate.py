@@ -1,6 +1,6 @@
 """Parts of pages that are generated from code and results, by `make documents` and by each build.
 
-MkDocs calls the `on_*` functions as hooks; see its documentation on `hooks`.
+MkDocs calls the `on_*` functions as hooks; see MkDocs's documentation of `hooks`.
 """
 
 import html
@@ -61,7 +61,7 @@ def _draw_formula(formula: str) -> str:
 
 
 def on_post_build(config: Any) -> None:
-    """Let try.html, which leads nowhere where there is no site, lead to the site's pages."""
+    """Add links to the site's pages to try.html, which has none outside the site."""
     page = Path(config.site_dir) / "try.html"
     text = page.read_text(encoding="utf-8")
     link = r'<a href="\1.html">\2</a>'
@@ -80,7 +80,7 @@ def pages() -> list[Path]:
 
 
 def filled(markdown: str) -> str:
-    """Return a page with all its figures, tables and generated parts computed again.
+    """Return a page with newly computed figures, tables and generated parts.
 
     `<!-- generated: NAME ARGUMENTS -->` and `<!-- end -->` enclose a part of `PARTS`.
     """
@@ -102,7 +102,7 @@ def output(file: str) -> str:
 
 
 def commands() -> str:
-    """Return a section for each command, from its `--help`."""
+    """Return a section for each command, from `--help`."""
     parts = []
     for name in COMMANDS:
         command = load(name)
@@ -113,12 +113,12 @@ def commands() -> str:
 
 
 def devices(*columns: str) -> str:
-    """Return a table of the contributed summaries of devices, or some of its columns."""
+    """Return a table of the contributed summaries of devices, or some columns."""
     return _columns(summaries(ROOT / "results" / "devices"), columns)
 
 
 def profiles(*columns: str) -> str:
-    """Return a table of the devices' laws, or some of its columns."""
+    """Return a table of the devices' laws, or some columns."""
     headings, rows = devices_table(ROOT / "results" / "reference" / "profiles")
     return _columns(_table(" | ".join(headings), rows, format_plain_cell), columns)
 
@@ -131,7 +131,7 @@ def _columns(table: str, columns: Sequence[str]) -> str:
 
 
 def python(*names: str) -> str:
-    """Return a section for each name, of a module each of its classes: signature and docstring."""
+    """Return a section with signature and docstring for each name, or each class of a module."""
     parts = []
     for name in names:
         module, _, last = name.rpartition(".")
@@ -166,25 +166,25 @@ def _table(headings: str, rows: Iterable[Iterable[str]], cell: Callable[[str], s
 PARTS: dict[str, Callable[..., str]] = {
     "commands": commands,
     "triangulators": lambda: _table(
-        "triangulator | holes | what it does",
+        "triangulator | holes | algorithm",
         (
             (f"`{name}`", "yes" if entry.handles_holes else "no", entry.description)
             for name, entry in BUILTIN.items()
         ),
     ),
     "criteria": lambda: _table(
-        "criterion | symbol | unit | what it sums over triangles",
+        "criterion | symbol | unit | sum over triangles of",
         (
             (f"`{name}`", entry.symbol, entry.unit, entry.description)
             for name, entry in CRITERIA.items()
         ),
     ),
     "scenes": lambda: _table(
-        "scene | what it holds | licence of its data",
+        "scene | content | licence of the data",
         ((f"`{name}`", entry.description, entry.licence) for name, entry in ENTRIES.items()),
     ),
     "rasterisers": lambda: _table(
-        "rasteriser | devices it knows | counters",
+        "rasteriser | supported devices | counters",
         (
             (
                 f"`{name}`",
@@ -195,7 +195,7 @@ PARTS: dict[str, Callable[..., str]] = {
         ),
     ),
     "metrics": lambda: _table(
-        "figure | kind | unit | better | what it is",
+        "metric | kind | unit | better | description",
         (
             (f"`{entry.name}`", entry.kind, entry.unit, entry.better, entry.description)
             for entry in list_metrics().values()

@@ -263,7 +263,7 @@ def flips_ms(scene: str, language: str, candidate: str, base: str = "", add: int
 
 
 def state(state: str) -> list[str]:
-    """Return the row of a state of the machine: its runs and how they were judged."""
+    """Return the row of a state of the machine: the runs and the verdicts."""
     runs = select("states/states.csv", state=state)
     planted = select("states/planted.csv", state=state)["compare"]
     ratios = csv("states/ratios.csv", "ratio", state=state, scene="city", triangulator=ALIASES["H"])
@@ -277,14 +277,14 @@ def state(state: str) -> list[str]:
         f"{min(draws):.2f} to {max(draws):.2f}",
         f"{min(ratios):.3f} to {max(ratios):.3f}",
         str(sum(runs["compare"] == 1)),
-        # The sentence of a quiet run is what the others are compared with.
+        # The sentences of all runs are compared with a quiet run's.
         "-" if state == "quiet" else str(sum(runs["wrong"])),
         f"{sum(planted == 1)} of {len(planted)}",
     ]
 
 
 def coverage(interval: str) -> list[str]:
-    """Return the row of an interval: kinds of data, least coverage, where it does not cover."""
+    """Return the row of an interval: kinds of data, minimum coverage, data with less coverage."""
     if interval == "law":
         return _law_coverage()
     rows = select("coverage.csv", interval=interval.replace("_", " "))
@@ -320,7 +320,7 @@ def profile_term(term: str, profile: str) -> str:
 
 
 def judged(profile: str, scene: str) -> list[str]:
-    """Return the row of how a device's law predicts polygons that it was not fitted to."""
+    """Return the row of a device's predictions for polygons outside the fit."""
     rows = select(f"profiles/{profile}-judged.csv", scene=scene).set_index("triangulator")
     advised = rows[rows["advice"] == 1].iloc[0]
     names = [*(ALIASES[letter] for letter in "HQA"), "earcut-refine", "optimal:calibrated"]
@@ -337,8 +337,8 @@ def size_or_aspect(quantity: str, profile: str) -> str:
     """Return the relative time of small or thin triangles.
 
     quantity : "8px", a pixel of triangles of that area relative to one of large ones; "16:1", thin
-        triangles relative to 1:1, for both areas; "twice", the aspect from which they take twice
-        as long
+        triangles relative to 1:1, for both areas; "twice", the aspect from which triangles take
+        twice as long
     """
     device = _json(f"reference/profiles/{profile}.json")
     if quantity == "twice":

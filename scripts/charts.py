@@ -63,7 +63,7 @@ def plot_choice() -> Figure:
 
 
 def plot_predicted() -> Figure:
-    """Plot counted helper lanes against predicted ones, both relative to ear clipping."""
+    """Plot counted helper lanes against predicted helper lanes, both relative to ear clipping."""
     figure = Figure(figsize=(6.4, 4.6))
     ax = figure.subplots()
     lanes = predicted_lanes()
@@ -216,7 +216,7 @@ def _plot_dots(
     points: Iterable[tuple[float, ...]],
     reference: float | None = 1.0,
 ) -> None:
-    """Plot points (row, value, low, high, kind) with their intervals.
+    """Plot points (row, value, low, high, kind) with intervals.
 
     reference : position of a dashed vertical line, or None
     """

@@ -122,7 +122,7 @@ def count_triangulations(geometry: drawings.Geometry, view: View) -> list[dict[s
     rows = []
     for k in sample_evenly(_select_by_size(sizes, simple, MAX_VERTICES), POLYGONS):
         points, _ = geometry.grid.rings_of(k)
-        for name, triangles in _triangulate_variously(Polygon(points / SUBPIXEL)):
+        for name, triangles in _list_triangulations(Polygon(points / SUBPIXEL)):
             counts = predict(points, triangles)
             predicted = criteria.predict(points / SUBPIXEL, triangles)
             rows.append(
@@ -141,7 +141,7 @@ def count_triangulations(geometry: drawings.Geometry, view: View) -> list[dict[s
     return rows
 
 
-def _triangulate_variously(polygon: Polygon) -> Iterator[tuple[str, NDArray[np.int32]]]:
+def _list_triangulations(polygon: Polygon) -> Iterator[tuple[str, NDArray[np.int32]]]:
     """Yield (name, triangles) of each triangulator that uses all vertices of the polygon."""
     for name in (*COUNTED, *(f"random#{seed}" for seed in range(RANDOM))):
         triangulator, _, seed = name.partition("#")
