@@ -38,7 +38,7 @@ def write(path: Path, content: bytes, *, forced: bool = False) -> None:
             file.write(content)
             file.flush()
             temporary.chmod(0o666 & ~system.read_umask())
-            if os.name != "nt":  # while it is locked
+            if os.name != "nt":  # while the file is locked
                 move(temporary, path, forced=forced)
         if os.name == "nt":
             move(temporary, path, forced=forced)
@@ -48,9 +48,9 @@ def write(path: Path, content: bytes, *, forced: bool = False) -> None:
 
 
 def _claim(path: Path) -> IO[bytes] | None:
-    """Open and lock a temporary file, perhaps one that a killed process has left, and empty it.
+    """Return a temporary file, locked and emptied; a killed process may have left the file.
 
-    None if it is in use, not this user's regular file, or the system cannot lock it.
+    None if the file is in use, not this user's regular file, or cannot be locked.
     """
     if os.name == "nt":  # an open file cannot be renamed
         return None
@@ -60,7 +60,7 @@ def _claim(path: Path) -> IO[bytes] | None:
         if system.lock(file.fileno(), wait=False, required=True):
             info = os.fstat(file.fileno())
             is_own = stat.S_ISREG(info.st_mode) and info.st_uid == os.geteuid()
-            # Before it was locked, another process may have renamed or removed it.
+            # Before the lock, another process may have renamed or removed the file.
             if is_own and info.st_nlink == 1 and path.lstat().st_ino == info.st_ino:
                 file.truncate(0)
                 return file
@@ -123,7 +123,7 @@ def read_inside(folder: Path, name: str) -> bytes:
 
 
 def move(source: Path, target: Path, *, forced: bool = False) -> None:
-    """Rename a finished file within its file system.
+    """Rename a finished file within a file system.
 
     forced : True to write the content and then the name to the disk, so that a file that exists
         after a power failure is complete
@@ -151,7 +151,7 @@ def create_folder(path: Path, *, merge: bool = False) -> Iterator[Path]:
 
     Files of a killed process are deleted.
 
-    merge : True to move the files into an existing `path` one by one, inner folders first
+    merge : True to move the files into an existing `path`, inner folders first
 
     Raises StorageError or UsageError if `path` exists, or another process is creating it; OSError
     if the folder cannot be written; `path` does not exist then.
@@ -198,7 +198,7 @@ TEMPORARY_PREFIX = ".raster-harness-"
 
 
 def _remove_files(folder: Path) -> None:
-    """Remove everything in a temporary folder except its lock."""
+    """Remove the content of a temporary folder except the lock."""
     for path in folder.iterdir():
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path, ignore_errors=True)
@@ -236,14 +236,14 @@ class Output:
     def __exit__(self, *_: object) -> None:
         self._streams.close()
         _remove_files(self._folder)
-        if self._lock:  # last, as the next process may lock it then
+        if self._lock:  # last, as the next process may then take the lock
             (self._folder / LOCK).unlink(missing_ok=True)
             self._lock.close()
         with suppress(OSError):
             self._folder.rmdir()
 
     def _make_folder(self) -> Path:
-        """Return an empty folder, perhaps one that a killed process has left, and lock it."""
+        """Return an empty folder, locked; a killed process may have left the folder."""
         name = self.target.name
         prefix = f"{TEMPORARY_PREFIX}{self.target.stem[:40]}-"
         folder = self.target.with_name(f"{prefix}{crc32(os.fsencode(name)):08x}")
@@ -273,7 +273,7 @@ class Output:
         return temporary
 
     def publish(self) -> list[Path]:
-        """Close all files, move them to their targets, and return their paths."""
+        """Close all files, move them to the targets, and return the paths."""
         self._streams.close()
         for temporary, target in self._files:
             move(temporary, target, forced=self._forced)

@@ -1,15 +1,15 @@
-"""Supervision: the program runs in a child process, so that it can be stopped at any moment.
+"""Supervision: the program runs in a child process that can be stopped at any moment.
 
-Python handles a signal between two of its instructions, and so not while a library's C++ runs:
+Python handles a signal between two instructions, and so not while a library's C++ runs:
 ear clipping of 10^6 vertices, or a test of validity, takes minutes to hours. The process that the
 user started therefore forks before anything is loaded. The child runs the program. The parent
-forwards signals, and kills the child and its descendants if they do not end in time.
+forwards signals, and kills the child and all descendants at a time limit.
 
 The parent also makes a folder for temporary files, and removes it after the child has ended in any
-way. Folders of parents that were killed themselves are removed by the next start, or at its end if
-their children were still ending.
+way. The next program removes folders of parents that were killed: at the start, or at the end if
+children were still ending.
 
-Only on Linux, where the kernel ends the child with its parent, and a fork is safe.
+Only on Linux, where the kernel ends the child with the parent, and a fork is safe.
 """
 
 import os
@@ -30,28 +30,28 @@ END_TIMEOUT_S = 2.0
 """Time limit for the program to end after a signal."""
 
 CLEANUP_TIMEOUT_S = 15.0
-"""The same after `allow_cleanup`."""
+"""Time limit for the program to end after a signal and `allow_cleanup`."""
 
 FORWARD_AFTER_S = 0.05
-"""Delay of forwarding: a terminal sends its signals to the child as well."""
+"""Delay of forwarding: a terminal sends signals to the child as well."""
 
 KILL_ATTEMPTS, KILL_INTERVAL_S = 20, 0.02
-"""Killing descendants is repeated, as they may start others, and end only after a moment."""
+"""Number and interval of repeated kills: descendants may start processes, and end with a delay."""
 
 MAX_FOLDER_LENGTH = 70
-"""Length in bytes of the folder's path; the path of a socket in it must not exceed 107."""
+"""Maximum length in bytes of the folder's path; the path of a socket inside may have 107."""
 
 _CLEANUP, _NO_LIMIT = 254, 255
 """Bytes in the child's pipe, beyond the numbers of signals, which Python writes there."""
 
 _channel: int | None = None
-"""The child's end of its pipe to the parent; None without supervision."""
+"""The child's end of the pipe to the parent; None without supervision."""
 
 
 def allow_cleanup(*, unlimited: bool = False) -> None:
-    """Grant this process more time to end, to store its results; call it on a signal.
+    """Grant this process more time to store results before the end; to be called on a signal.
 
-    unlimited : the process finishes its work in time by itself, or handles the next signal
+    unlimited : the process will end in time, or handle the next signal
     """
     if _channel is not None:
         with suppress(OSError):
@@ -59,9 +59,9 @@ def allow_cleanup(*, unlimited: bool = False) -> None:
 
 
 def continue_in_child() -> None:
-    """Return in a child of this process; this process exits as the child does.
+    """Return in a child of this process; this process exits with the child's exit code.
 
-    Without Linux, or if no process can be started, return in this process.
+    Outside Linux, or if no process can be started, return in this process.
     """
     global _channel
     if sys.platform != "linux" or not hasattr(os, "fork"):
@@ -108,7 +108,7 @@ def continue_in_child() -> None:
 
 
 class _Supervisor:
-    """The parent's state.
+    """The parent process of the program.
 
     from_child : pipe with the signals that the child has received, and `allow_cleanup`
     from_signals : pipe with the signals that this process has received
@@ -182,7 +182,7 @@ class _Supervisor:
         return content != b""
 
     def _kill(self) -> None:
-        """Kill the child and all its descendants."""
+        """Kill the child and all descendants."""
         os.kill(self._child, signal.SIGKILL)
         os.waitpid(self._child, 0)
         self._kill_descendants()
@@ -199,7 +199,7 @@ class _Supervisor:
 
 
 def _read(descriptor: int) -> bytes | None:
-    """Return the content of a pipe, b"" at its end, or None if there is nothing to read."""
+    """Return the content of a pipe, b"" at the end, or None if the pipe is empty."""
     try:
         return os.read(descriptor, 4096)
     except BlockingIOError:
@@ -213,7 +213,7 @@ def _say(line: str, code: int) -> int:
 
 
 def _make_folder() -> Path | None:
-    """Return a new folder for temporary files, or None; remove those of processes that were killed.
+    """Return a new folder for temporary files, or None; remove the folders of killed processes.
 
     The folder's file `lock` is locked as long as the parent or the child runs.
     """

@@ -1,22 +1,23 @@
 """Classify the change of times between two runs, without blaming a triangulator for the machine.
 
 Between two runs the machine drifts: all cases of a run become a few per cent faster or slower
-together, and other programs lengthen some samples but shorten none. Three things follow.
+together, and further programs lengthen some samples but shorten none. Three rules follow.
 
-- A time is summarised by a low quantile of the samples, which other programs hardly affect.
-- The drift is the median log ratio of a group's cases. A case is compared with its peers: the other
-  cases of its group that drew the same polygons. Their scatter is the difference between
-  two runs of equal code, as memory layout differs between processes; the interval includes it.
-- The drift itself is reported and never gated: it is the machine's as often as the code's.
+- A time is summarised by a low quantile of the samples, which further programs hardly affect.
+- The drift is the median log ratio of a group's cases. A case is compared with the peers in the
+group,
+  cases that drew the same polygons. The peers' scatter is the difference between two runs of equal
+  code, as memory layout differs between processes; the interval includes this scatter.
+- The drift is reported and never gated: the machine causes drift as often as the code.
 
-None of this is needed if both versions were timed in the same rounds. A round's disturbance affects
-both, so each round's ratio depends on the code alone, and the common change of all cases is gated
-like the change of one case.
+These rules are unnecessary if both versions were timed in the same rounds. A round's disturbance
+affects both versions, so each round's ratio depends on the code alone, and the common change of all
+cases is gated like the change of one case.
 
 docs/how-to/ci.md has the rules. Separate runs are tested by Mann & Whitney (1947) and by the
 interval; versions of the same rounds by a sign test, with Student's interval. Both are corrected
 for many cases by Benjamini & Hochberg (1995). As in an equivalence test, a time is `unchanged` only
-if its interval lies inside the threshold.
+if the interval lies inside the threshold.
 """
 
 import math

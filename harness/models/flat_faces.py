@@ -1,16 +1,17 @@
-"""Flat faces of a mesh: connected triangles in one plane with affine vertex attributes.
+"""Flat faces of a mesh: connected triangles in a plane with affine vertex attributes.
 
-The diagonals of a flat face do not change the picture: position, texture coordinates and all other
-interpolated attributes are affine functions on the face, which every triangulation reproduces.
+The diagonals of a flat face do not change the picture: position, texture coordinates and the
+remaining interpolated attributes are affine functions on the face, which every triangulation
+reproduces.
 
-Two adjacent triangles a, b, c and d, c, b are joined if their four vertices are coplanar and their
-attributes agree. Four points of a plane have one affine dependency: weights w_a, ..., w_d of sum 0
-with w_a a + w_b b + w_c c + w_d d = 0. Scale the weights so that their absolute values sum to 2.
-Then the same combination of an attribute is the difference between the two diagonals at their
-intersection, where it is largest (Radon's partition; in a non-convex quadrilateral, at the vertex
-within the other three). This visible difference must be small. A joined face is then tested
-against one plane and one affine map by least squares, so that small bends do not add up to a
-curved face.
+Two adjacent triangles a, b, c and d, c, b are joined if the four vertices are coplanar and the
+attributes agree. Four points of a plane have an affine dependency: weights w_a, ..., w_d of sum 0
+with w_a a + w_b b + w_c c + w_d d = 0. Scale the weights so that the absolute values sum to 2. Then
+the same combination of an attribute is the difference between the two diagonals at the
+intersection, which is the largest difference (Radon's partition; in a non-convex quadrilateral, at
+the vertex inside the triangle of the remaining vertices). This visible difference must be small. A
+joined face is then tested against a plane and an affine map by least squares, so that small bends
+do not add up to a curved face.
 """
 
 from collections import Counter
@@ -35,12 +36,12 @@ INDEX_BITS = 32
 
 @dataclass(frozen=True)
 class ModelMesh:
-    """Triangles of one draw, with their vertices.
+    """Triangles of a draw, with vertices.
 
     positions : (n, 3)
     triangles : (m, 3) indices of vertices
     affine : (n, k) interpolated attributes (texture coordinates, normals, colours, displacements),
-        each column in units of its tolerance
+        each column in units of the column's tolerance
     fixed : (n, j) attributes that must be constant on a face (joints, identifiers)
     tolerance : flatness tolerance, in the units of positions
     uses : (n,) number of triangles from which each vertex's normal is computed; 0 if the file has
@@ -63,11 +64,11 @@ class ModelMesh:
 
 @dataclass(frozen=True)
 class ModelPart:
-    """Triangles of one draw, which other parts may touch.
+    """Triangles of a draw, which may touch further parts.
 
     source : the model's reference to the triangles
     reason_unchanged : reason why the triangles cannot be changed, or ""
-    placements : (4, 4) matrices, one for each instance
+    placements : a (4, 4) matrix for each instance
     """
 
     mesh: ModelMesh
@@ -94,7 +95,7 @@ def number_sides(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 GRID_STEP = 0.25
-"""Grid step of a face's integer coordinates in its plane, in tolerances."""
+"""Grid step of a face's integer coordinates in the plane, in tolerances."""
 
 MIN_HEIGHT = 16.0
 """Lower bound of a triangle's height, in grid steps, for a defined orientation."""
@@ -128,7 +129,7 @@ class Faces(NamedTuple):
 
 
 def find_flat_faces(mesh: ModelMesh) -> tuple[Faces, Counter[str]]:
-    """Return the flat faces, and the numbers of other triangles by reason."""
+    """Return the flat faces, and the numbers of skipped triangles by reason."""
     pairs, skipped = _find_neighbours(mesh)
     count = len(mesh.triangles)
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (count, count))
@@ -151,7 +152,7 @@ def _has_height(mesh: ModelMesh) -> NDArray[np.bool_]:
 
 
 def _find_neighbours(mesh: ModelMesh) -> tuple[Ints, Counter[str]]:
-    """Return pairs of adjacent triangles (e, 2) of one face, and counts of the others by reason.
+    """Return pairs of adjacent triangles (e, 2) of a face, and counts of skipped pairs by reason.
 
     Degenerate triangles with a repeated vertex, which join strips, have no neighbours.
     """
@@ -184,7 +185,7 @@ def _find_neighbours(mesh: ModelMesh) -> tuple[Ints, Counter[str]]:
 
 
 def _is_same_face(mesh: ModelMesh, edge: Ints, twin: Ints) -> NDArray[np.bool_]:
-    """Return flags (e,) of half-edges between two triangles of one face."""
+    """Return flags (e,) of half-edges between two triangles of a face."""
     corner = mesh.triangles.reshape(-1)
     before, after = edge - edge % 3 + (edge + 2) % 3, edge - edge % 3 + (edge + 1) % 3
     quads = corner[np.stack([before, edge, after, twin - twin % 3 + (twin + 2) % 3], axis=1)]
@@ -209,7 +210,7 @@ def _is_same_face(mesh: ModelMesh, edge: Ints, twin: Ints) -> NDArray[np.bool_]:
 
 
 def _check_faces(mesh: ModelMesh, slots: Ints, face: Ints) -> tuple[Faces, Counter[str]]:
-    """Return the flat faces among groups of triangles, and counts of other groups by reason.
+    """Return the flat faces among groups of triangles, and counts of rejected groups by reason.
 
     slots, face : (t,) triangle and group numbers, sorted by group
     """

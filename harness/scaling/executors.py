@@ -4,8 +4,8 @@ A task may run more than once, if a process was killed. Therefore a task must st
 under the same name each time.
 
 Each thread of a Dask worker runs its tasks in a separate process. A task that crashes ends that
-process, not the worker, so the failing task is known. If the worker is killed, so is the process
-(on Linux), and the task does not count as failed.
+process, not the worker, so the failing task is known. If the worker is killed, the process is
+killed as well (on Linux), and the task does not count as failed.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ TASK_TIMEOUT_S = 3600.0
 """Time limit of a task; a task that exceeds it has failed."""
 
 CONNECT_TIMEOUT_S = 60.0
-"""Time limit for the result of a scheduler."""
+"""Time limit for connecting to a scheduler."""
 
 QUEUED_TASKS = 2
 """Tasks queued at each busy worker thread; queued tasks are lost with their worker."""
@@ -50,7 +50,7 @@ SETTINGS = {
 _LOG = logging.getLogger(__name__)
 
 Task = tuple[Callable[..., Any], tuple[Any, ...]]
-"""A function and its arguments."""
+"""A function and the arguments."""
 
 
 class TaskResult(NamedTuple):
@@ -67,7 +67,7 @@ class SchedulerUnreachableError(HarnessError):
 
 
 class Executor:
-    """Runs tasks in this process, one after another.
+    """An executor of tasks in this process, in sequence.
 
     threads_per_task : threads that a task may use; one for each core if None
     """

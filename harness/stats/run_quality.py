@@ -2,9 +2,9 @@
 
 A CPU rasteriser is timed by the CPU time of its process: waiting for a core does not add to a
 sample, but empties the caches. Other programs on the core or in its cache lengthen all draws and
-change their ratios without any waiting. Only the reference draw of the same rounds reveals this,
-compared with the fastest on this machine (`harness.measuring.reference_draws`); the load average
-does not, and no number of rounds averages it out.
+change their ratios without any waiting. Only the reference draw of the same rounds, compared
+with the fastest on this machine (`harness.measuring.reference_draws`), reveals this disturbance;
+the load average does not, and no number of rounds averages the disturbance out.
 
 Times of a disturbed run are not used, except for two versions timed in the same rounds, which are
 affected equally.
@@ -33,7 +33,7 @@ MAX_WAITED_SHARE = 0.02
 """Maximum share of an undisturbed sample's time spent waiting for a core."""
 
 UNDISTURBED_QUANTILE = 0.1
-"""Quantile of the samples' ratios of wall clock to CPU time that an undisturbed sample has."""
+"""Quantile of the ratios of wall clock to CPU time, taken as an undisturbed sample's ratio."""
 
 MIN_QUIET_ROUNDS = 12
 """Minimum number of undisturbed rounds with which the disturbed rounds are excluded."""
@@ -46,14 +46,15 @@ MAX_STOLEN_SHARE = 0.05
 """Maximum share of a core's time that the host takes from a quiet virtual machine."""
 
 MAX_REFERENCE_RATIO = 1.35
-"""Maximum of the reference draw's time over the fastest one on a quiet machine. Ratios are constant
-up to there: H-optimal against ear clipping, city at 1024 px on llvmpipe, took 0.837 to 0.847 with
-reference draws of 0.70 to 0.92 ms, and 0.862 or more from 1.06 ms on."""
+"""Maximum ratio of the reference draw's time to the fastest reference draw on a quiet machine.
+Ratios are constant up to there: H-optimal against ear clipping, city at 1024 px on llvmpipe, took
+0.837 to 0.847 with reference draws of 0.70 to 0.92 ms, and 0.862 or more from 1.06 ms on."""
 
 MODE_SHARE, MODE_GAP, MODE_WIDTHS = 0.2, 1.1, 5.0
 """Criteria for two modes: minimum share of the samples in each, minimum ratio of the upper to the
-lower, and minimum distance in standard deviations. Halves of one normal distribution are 2.7
-apart, of a uniform one 3.5 (Ashman, Bird and Zepf, Astronomical Journal 108, 1994)."""
+lower mode, and minimum distance in standard deviations. Halves of a normal distribution are 2.7
+apart, halves of a uniform distribution 3.5 (Ashman, Bird and Zepf, Astronomical Journal 108,
+1994)."""
 
 REMEDY = (
     "results use exact counters; measure again on an idle machine, or compare two versions with "
