@@ -75,7 +75,7 @@ class TimingSettings:
     budget_s : average drawing time per candidate; ends the rounds if `precision` is not reached
     min_batch_s : minimum duration of a batch of draws, which also lasts 100 steps of the timer
     warm_up_s : longest warm-up per candidate
-    least_share : share of the budget that is always used, so that pairs reveal small differences
+    min_share : share of the budget that is always used, so that pairs reveal small differences
     epochs : minimum number of preparations of the drawings, if they can be prepared again
     paired : True to compare candidates with each other; then all have equal draws per batch, up to
         `MAX_BATCHES` batches' length, as the fixed cost of a batch, shared among fewer draws, would
@@ -88,7 +88,7 @@ class TimingSettings:
     budget_s: float = 1.3
     min_batch_s: float = 1e-3
     warm_up_s: float = 0.5
-    least_share: float = 0.5
+    min_share: float = 0.5
     paired: bool = True
     epochs: int = 6
     processes: int = 1
@@ -114,12 +114,12 @@ class StudySize:
 
     polygons : number of polygons of the scene
     random : number of random triangulations per polygon
-    most_vertices : maximum number of vertices of a polygon, as optima of larger ones take long
+    max_vertices : maximum number of vertices of a polygon, as optima of larger ones take long
     all_below : number of triangulations below which all are measured instead of random ones,
         including the paper's triangulations with T-junctions
     """
 
     polygons: int = 24
     random: int = 30
-    most_vertices: int = 400
+    max_vertices: int = 400
     all_below: int = 100

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 EXACT_RASTERISERS = ("reference", "binning")
 """Rasterisers whose counters are the exact predictions."""
 
-QUICK = StudySize(polygons=6, random=10, most_vertices=60)
+QUICK = StudySize(polygons=6, random=10, max_vertices=60)
 BUDGET_S = 0.1
 QUICK_S = 0.02
 """Seconds of drawing per triangulation with --quick; also the longest warm-up."""

@@ -223,7 +223,7 @@ def time_together(
     order = list(drawings)
     shuffler = random.Random(seed)
     budget_s = settings.budget_s * len(drawings)
-    earliest, deadline = start + settings.least_share * budget_s, start + budget_s
+    earliest, deadline = start + settings.min_share * budget_s, start + budget_s
     latest = math.inf if settings.limit_s is None else start + settings.limit_s
     # On a slow device, epochs that would not fit before the limit have a single round, as rounds of
     # different epochs are more informative than rounds of one epoch.

@@ -23,8 +23,8 @@ class BreakEven:
         drawing is significantly faster; "up to": drawing is significantly slower and triangulating
         faster, so that fewer draws take less; "not significant": the draw times do not differ
         significantly; "never": drawing is significantly slower, and triangulating is not faster
-    draws, low, high : of "after" and "up to": draws, with a 95 % interval; infinite if it is
-        unbounded, None if triangulating was timed once, so that the interval is unknown
+    draws, low, high : number of draws of "after" and "up to", with a 95 % interval; infinite if
+        unbounded; None if triangulating was timed once, so that the interval is unknown
     """
 
     kind: Kind
@@ -49,7 +49,7 @@ class BreakEven:
 
     @property
     def short_text(self) -> str:
-        """The same for a narrow column: 12 (11-14)."""
+        """Text for a narrow column: 12 (11-14)."""
         if self.draws is None:
             return "n.s." if self.kind == "not significant" else self.kind
         prefix = "up to " if self.kind == "up to" else ""
@@ -57,18 +57,18 @@ class BreakEven:
         return f"{prefix}{self._round(self.draws):,} ({interval})"
 
     def _round(self, draws: float) -> int:
-        """Round to the first draw at which the total time is lower, or to the last one."""
+        """Round to the first, or for "up to" the last, draw at which the total time is lower."""
         return math.floor(draws) if self.kind == "up to" else math.ceil(draws)
 
     def _format_interval(self, separator: str) -> str:
-        """Format the interval, rounded outwards, so that a narrow one still has two ends."""
+        """Format the interval, rounded outwards, so that a narrow interval has two ends."""
         low, high = self.low or 0.0, self.high or 0.0
         start = f"{max(0, math.ceil(low) - 1):,}"
         return f"{start} or more" if math.isinf(high) else f"{start}{separator}{math.ceil(high):,}"
 
 
 class _Estimate(NamedTuple):
-    """A value with the ends of its interval."""
+    """A value with the ends of an interval."""
 
     value: float
     low: float
@@ -80,9 +80,9 @@ class _Estimate(NamedTuple):
 
 
 def compute_break_even(record: Record, base: Record, ratio: Ratio | None) -> BreakEven | None:
-    """Return the break-even of a record against the base, or None if it is undefined.
+    """Return the break-even of a record against the base, or None if undefined.
 
-    It is undefined for the base, and unless drawing and triangulating of both were timed. A draw
+    Undefined for the base, and unless drawing and triangulating of both were timed. A draw
     saves (1 - ratio) times the base's draw. Both triangulate in the same rounds, too: the extra
     time is the mean of the rounds' differences, with Student's interval.
 

@@ -1,4 +1,4 @@
-"""Decide which triangulator to take in a group: ranking, verdicts, reason, and one sentence.
+"""Recommendation of a triangulator for a group: ranking, verdicts, reason, and a sentence.
 
 The terminal's table, summary.csv, the report and the recommendation all use the same `Decision`,
 so that none contradicts another.
@@ -61,15 +61,15 @@ class Standing:
 
 @dataclass(frozen=True)
 class Decision:
-    """Which triangulator to take, and why.
+    """A recommended triangulator, with the reason.
 
     standings : measured records: complete records first, then by cost; unless the group's state is
         quiet, by the main counter
     base : the base of the ratios
-    reason : "faster": the choice is significantly faster than the base; "others slower": all others
-        are significantly slower than the base; "counter": times do not decide, and the choice has
-        the minimum of an exact counter among triangulators that are not slower, and saves
-        `MIN_SAVED_SHARE`; "undecided": no difference that counts; "few pixels": fewer than
+    reason : "faster": the choice is significantly faster than the base; "others slower": all other
+        triangulators are significantly slower than the base; "counter": times do not decide, and
+        the choice has the minimum of an exact counter among triangulators that are not slower, and
+        saves `MIN_SAVED_SHARE`; "undecided": no relevant difference; "few pixels": fewer than
         `MIN_PIXELS` are covered; "single": only one candidate; "incomplete": every triangulator
         skipped polygons. The last three give no recommendation
     choice : the recommended triangulator; the base unless another is better
@@ -194,7 +194,7 @@ def _compute_saved_share(record: Record, base: Record, measure: str | None) -> f
 
 
 def format_advice(decision: Decision | None) -> str:
-    """Return one sentence about a group: which triangulator to take, and why."""
+    """Return a sentence with the recommended triangulator of a group, and the reason."""
     if decision is None:
         return "No recommendation: no case was measured (all were skipped or failed)."
     group = decision.group.id

@@ -1,6 +1,6 @@
 """Processors of runs: times of software devices on different processors are never compared.
 
-The speed of a software rasteriser is that of its processor.
+A software rasteriser is as fast as the processor.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -48,9 +48,9 @@ class Metric:
     label, unit, symbol, description : str
         Texts of tables and plots; a ratio's unit is "x".
     function : callable
-        Record -> value, or None if the record has none.
+        Record -> value, or None for a record without the value.
     kind : {"counter", "ratio", "prediction", "time", "count"}
-        "ratio" is one of exact metrics, "count" another exact number.
+        "ratio" is a ratio of exact metrics, "count" an exact number that is not a counter.
     better : {"lower", "higher", "none"}
         Better direction.
     best_case : float, optional

@@ -1,4 +1,4 @@
-"""Meshes of a glTF file, and replacement of their triangles."""
+"""Meshes of a glTF file, and replacement of the triangles."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -109,7 +109,7 @@ class GltfModel(GltfEditor):
         Fixed attributes are joints, weights and non-standard attributes: a skinned vertex moves by
         products of weights and position, which are not affine.
 
-        used : indices of vertices in triangles; only their values determine the tolerance
+        used : indices of vertices in triangles, whose values determine the tolerance
         """
         affine, fixed = [np.empty((count, 0))], [np.empty((count, 0))]
         accessors = sorted(

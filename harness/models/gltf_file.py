@@ -1,7 +1,7 @@
-"""Editor of glTF 2.0 files (.glb, .gltf) that replaces indices, and changes nothing else.
+"""Editor of the indices of glTF 2.0 files (.glb, .gltf); all else is unchanged.
 
-Bytes of indices are overwritten in place if no other accessor reads them. Otherwise new indices are
-appended to the buffer, and the primitive refers to the new accessor.
+Bytes of indices are overwritten in place if no other accessor reads the bytes. Otherwise new
+indices are appended to the buffer, and the primitive refers to the new accessor.
 
 Source: Khronos, "glTF 2.0 Specification", sections 3.6 (buffers, accessors), 4.4 (GLB).
 """
@@ -101,7 +101,7 @@ class GltfEditor(GltfFile):
         return any(end > first and begin < last for begin, end in spans)
 
     def _get_span(self, accessor: dict[str, Any]) -> tuple[int, int]:
-        """Return the byte range of an accessor in its buffer."""
+        """Return the byte range of an accessor in the buffer."""
         view = self.json["bufferViews"][accessor["bufferView"]]
         size = component_type(accessor).itemsize * WIDTHS[accessor["type"]]
         first = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
@@ -166,7 +166,7 @@ class GltfEditor(GltfFile):
                 )
 
     def _write_buffers(self, out: Path, output: Output) -> bool:
-        """Write changed buffers; return whether their addresses in the JSON change."""
+        """Write changed buffers; return whether addresses in the JSON change."""
         renamed = False
         for number, description in enumerate(self.json.get("buffers", [])):
             uri = description.get("uri")

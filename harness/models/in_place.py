@@ -44,7 +44,7 @@ _KIND = "a model"
 
 @dataclass
 class Changes:
-    """Statistics of the flat faces of a model, and of their new diagonals.
+    """Statistics of a model's flat faces, and of the new diagonals.
 
     triangles : number of triangles; flat : number in flat faces of two or more triangles
     faces : number of flat faces; changed : number with new diagonals; optimal : with an optimum

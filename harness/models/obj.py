@@ -1,4 +1,4 @@
-"""Editor of Wavefront OBJ files that replaces triangles of `f` lines, and changes no other text.
+"""Editor of the triangles (`f` lines) of Wavefront OBJ files; all else is unchanged.
 
 A vertex is a triple of position, texture coordinate and normal. Materials and groups delimit parts.
 """
@@ -32,7 +32,7 @@ Triple = tuple[int, int, int]
 
 @dataclass
 class _Part:
-    """Triangles of one material and group, and the byte range of each vertex in the text."""
+    """Triangles of a material and group, and the byte range of each vertex in the text."""
 
     smooth: bool = False
     triples: list[list[Triple]] = field(default_factory=list)
@@ -116,7 +116,7 @@ class ObjModel:
         return result[0], result[1], result[2]
 
     def groups(self) -> Iterator[list[ModelPart]]:
-        """Yield all parts as one group."""
+        """Yield all parts as a single group."""
         values = {kind: self._parse_values(kind, lines) for kind, lines in self._lines.items()}
         xyz = values[b"v"][0][:, :3]
         step = _find_step(word for line in self._lines[b"v"] for word in line[:3])

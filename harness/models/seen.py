@@ -1,6 +1,6 @@
-"""A 3D model as a scene: its flat faces, seen from several directions.
+"""A 3D model as a scene: flat faces, seen from several directions.
 
-The camera, its distance and the images are those of `harness.models.views`. A face is drawn if its
+Camera, distance and images are as in `harness.models.views`. A face is drawn if its
 front points to the camera, decided once for the face, so that all triangulations draw the same
 faces, even if snapping to 1/256 px inverts triangles of a face that is seen at an angle.
 """
@@ -39,10 +39,10 @@ from triangulators.polygon_arrays import PolygonArray, offsets_of
 
 @dataclass(frozen=True)
 class PartFaces:
-    """The flat faces of a part that have several triangulations, and the other triangles.
+    """The flat faces of a part that have several triangulations, and the remaining triangles.
 
     faces : f outlines in the plane of each face, integers; invalid faces, which touch themselves or
-        have interior vertices, come last, with one ring of all vertices
+        have interior vertices, come last, with a single ring of all vertices
     count : number of faces that are valid polygons
     vertices : (n,) index in the part of each vertex of `faces`
     triangles : for each face the triangles in the model, (m, 3) indices of the face's vertices
@@ -232,7 +232,7 @@ def _check_parameters(views: int, pixels: int, distance: float, depth: str) -> N
 
 
 class _PlacedPart(NamedTuple):
-    """A part with one of its placements.
+    """A part with a placement.
 
     first : indices of the first polygon in the scene, and of the first face in its invalid faces
     points : (n, 3) vertices; corners : (m, 3, 3) vertices of the triangles
@@ -286,7 +286,7 @@ def _format_note(placed_parts: list[_PlacedPart], faces: int, views: int) -> str
 
 
 class _ViewPieces(NamedTuple):
-    """Pieces of a view; sources and ranks are those of `Viewing`.
+    """Pieces of a view; sources and ranks as in `Viewing`.
 
     outlines : p projected pieces, in 1/256 px; depths : (n,) of the vertices
     other_triangles : triangles of the last pieces, which are not polygons

@@ -2,7 +2,7 @@
 
 The camera looks at the centre, in perspective. Vertices are snapped to 1/256 px, and back faces are
 culled as on a GPU. Without a depth test, hidden front faces are shaded as well. Coordinates are
-computed by scalar operations in a fixed order, so that they are equal on every machine, unlike
+computed by scalar operations in a fixed order, so that all machines give equal coordinates, unlike
 matrix products of a library.
 """
 
@@ -36,7 +36,7 @@ class DrawnPart(NamedTuple):
 
 
 class ViewCounts(NamedTuple):
-    """Sums over all views at one size: (helper lanes, quads) before and after."""
+    """Sums over all views at a size: (helper lanes, quads) before and after."""
 
     pixels: int
     before: tuple[int, ...]
@@ -44,7 +44,7 @@ class ViewCounts(NamedTuple):
 
 
 class BoundingSphere(NamedTuple):
-    """Bounding sphere of all drawn points; every view shows all of it."""
+    """Bounding sphere of all drawn points, which every view contains."""
 
     middle: NDArray[np.float64]
     radius: float
@@ -119,7 +119,7 @@ def transform(positions: NDArray[np.float64], matrix: NDArray[np.float64]) -> ND
 
 
 def find_bounding_sphere(placed_points: Sequence[NDArray[np.float64]]) -> BoundingSphere | None:
-    """Return the bounding sphere of finite points (n, 3), or None if they have no extent."""
+    """Return the bounding sphere of finite points (n, 3), or None for points without extent."""
     points = np.concatenate([np.empty((0, 3)), *placed_points])
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) == 0 or not np.ptp(points, axis=0).any():

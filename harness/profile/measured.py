@@ -79,7 +79,7 @@ def settings(budget_s: float, draws: int) -> TimingSettings:
         budget_s=budget_s / EPOCHS,
         min_batch_s=2e-3,
         warm_up_s=0.005,
-        least_share=1.0,
+        min_share=1.0,
         paired=False,
         epochs=1,
         processes=EPOCHS,

@@ -1,8 +1,8 @@
 """A data set of many files, processed part by part into a folder of results.
 
 A part is a range of rows that is processed independently. The folder records which parts are done:
-a part's file gets its name, a content key, when it is complete and on the disk. `manifest.json` is
-derived from these files.
+a part's file is renamed to a content key when the file is complete and on the disk.
+`manifest.json` is derived from these files.
 """
 
 import contextlib
@@ -58,7 +58,7 @@ class FilePart:
     path : the file, absolute
     rows : (first, last + 1), or None for all rows
     size : number of rows, or 0 if unknown
-    about : everything that its result depends on: the file's name (`source`) and content
+    about : all facts that the result depends on: the file's name (`source`) and content
         (`identity`), rows, options and code; and `key`, 16 hexadecimal digits of these
     """
 
@@ -69,7 +69,7 @@ class FilePart:
 
     @property
     def key(self) -> str:
-        """Content key, the name of its file."""
+        """Content key, and name of the part's file."""
         return str(self.about["key"])
 
     @property
@@ -88,7 +88,7 @@ class PartResult:
     proven : polygons whose optimum is proven
     certified : fields of `Certified`, or None if not requested
     about : as of the part
-    notes : changes to the file as a whole
+    notes : changes to the complete file
     left_out : (kind, polygon, reason) of dropped and failed polygons, the first of each kind
     seconds : duration, or None if the file existed already
     """
@@ -122,16 +122,16 @@ class PartWork:
         raise NotImplementedError
 
     def make(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
-        """Write a part's file atomically; its content does not depend on times."""
+        """Write a part's file atomically, with a content that is independent of times."""
         raise NotImplementedError
 
     @staticmethod
     def read(file: Path) -> PartResult | None:
-        """Return the result that a part's file holds, or None if it is invalid."""
+        """Return the result in a part's file, or None if invalid."""
         raise NotImplementedError
 
     def do(self, part: FilePart, out: str, threads: int | None = 1) -> PartResult:
-        """Write a part's file into the folder `out`, unless it exists; return its content.
+        """Write a part's file into the folder `out`, unless the file exists; return the result.
 
         threads : number of threads, by default the number of cores
 
@@ -204,7 +204,7 @@ class Summary:
     fresh : parts that this command processed
     counts : polygons dropped, repaired or failed by (kind, reason)
     set_aside : reason for each file or part without a result
-    pruned : rows skipped because their row group's statistics exclude the condition
+    pruned : rows skipped because the row group's statistics exclude the condition
     seconds : wall time of this command
     left_out : (file, kind, polygon, reason) of dropped and failed polygons, the first of each part
     """
@@ -224,12 +224,12 @@ class Summary:
 
 
 class Dataset:
-    """Files, cut into parts, and the folder of their results.
+    """Files, cut into parts, and the folder of results.
 
     pattern : a file, a folder of files, or a pattern
-    work : the processing, with its options
+    work : the processing, with options
 
-    parts : in the order of the files and of their rows; done : results in the folder, by key
+    parts : in the order of files and rows; done : results in the folder, by key
 
     Raises
     ------

@@ -207,14 +207,14 @@ def paired_ratio(
     mask: NDArray[np.bool_] | None = None,
     candidates: int = 1,
 ) -> Ratio:
-    """Return the ratio of the times of two drawings, with its confidence interval.
+    """Return the ratio of the times of two drawings, with a confidence interval.
 
-    A machine that slows down slows both drawings of a round, so its drift cancels. Buffers are
+    A machine that slows down slows both drawings of a round, so drift cancels. Buffers are
     created again between epochs: with `MIN_EPOCHS` epochs the ratio is the mean of the epochs'
     median log ratios, with Student's interval, which includes the effect of the buffers' positions
-    in memory. With several processes it is the mean of the processes' means over epochs. Otherwise
-    it is the median of all rounds, with its exact order-statistics interval, which does not include
-    the effect of the buffers' positions.
+    in memory. With several processes the ratio is the mean of the processes' means over epochs.
+    Otherwise the ratio is the median of all rounds, with the exact order-statistics interval, which
+    does not include the effect of the buffers' positions.
 
     Parameters
     ----------

@@ -65,7 +65,7 @@ SWEEP = (name_mixture(1, 0), *(name_mixture(1, step) for step in STEPS), name_mi
 """The sweep, from A alone to D alone."""
 
 WITH_C = name_mixture(1, 1, 1)
-"""The same triangulations as without C, whose weight has no effect."""
+"""Mixture with C, whose weight has no effect on the triangulations."""
 
 
 CRITERIA = ("overdraw", "shape", "complexity", "half_perimeter", "edge_length", "triangles")
@@ -85,7 +85,7 @@ def list_compared() -> tuple[str, ...]:
 def make_parts(
     label: str, scene: Scene, polygons: int, view: View
 ) -> tuple[list[ScenePart], dict[str, pd.DataFrame]]:
-    """Return the parts to measure, and `FRONTS` of each single polygon by the label of its part.
+    """Return the parts to measure, and `FRONTS` of each single polygon by the label of the part.
 
     polygons : number of single polygons; a scene of one polygon is always that polygon
 
@@ -98,10 +98,10 @@ def make_parts(
     fronts = {}
     parts = []
     if is_single or polygons:
-        design = StudySize(polygons=max(polygons, 1), most_vertices=MAX_VERTICES)
+        design = StudySize(polygons=max(polygons, 1), max_vertices=MAX_VERTICES)
         for number, part in choose_polygons(scene, design):
             drawn = make_frame(part.polygons, view).polygons
-            if len(drawn) != 1 or drawn[0].interiors:  # the grid splits it
+            if len(drawn) != 1 or drawn[0].interiors:  # the grid splits the polygon
                 continue
             costs = pareto_front(drawn[0], "overdraw", "shape").costs.tolist()
             sample = sample_evenly(range(len(costs)), MAX_POINTS)

@@ -1,14 +1,14 @@
 """Regret: the extra cost of the triangulation that a criterion or a triangulator selects.
 
-A rank correlation measures how well a criterion sorts triangulations, and regret the cost of its
+A rank correlation measures how well a criterion sorts triangulations, and regret the cost of
 errors: for each polygon, the cost of the selected triangulation relative to the minimum, less 1.
 The minimum of quads and helper lanes is exact if `optimal:exact-quads` was measured;
 otherwise the minimum of the measured triangulations is used.
 
 For times, the minimum of many noisy medians is lower than any true time, so that even the best
-triangulation would have a regret; and the best of one part of the rounds is not the best of
-another. So a regret of a time has a lower and an upper estimate, which bracket the truth on average
-(`estimate_regret`). The parts are repeats or epochs, which share no buffers.
+triangulation would have a regret; and the best triangulation of a part of the rounds is not
+the best of every part. So a regret of a time has a lower and an upper estimate, which bracket the
+truth on average (`estimate_regret`). The parts are repeats or epochs, which share no buffers.
 """
 
 import math
@@ -47,14 +47,15 @@ SUMMARY = (
 
 
 def estimate_regret(values: Column, selected: int) -> tuple[float, float]:
-    """Return a lower and an upper estimate of the regret of the candidate `chosen`.
+    """Return a lower and an upper estimate of the regret of the candidate `selected`.
 
     values : (k, b) costs of k candidates in b independent blocks of noisy measurements
 
     The plug-in estimate compares with the minimum of the means over all blocks, which is too low,
     so that the estimate is too high on average. The cross-fitted estimate compares with the
-    candidate that is best in the other blocks: it is too low on average, and may be below 0. The
-    true regret lies between their expectations, as the minimum is concave (Jensen's inequality).
+    candidate that is best in the other blocks, is too low on average, and may be below 0. The true
+    regret lies between the expectations of both estimates, as the minimum is concave (Jensen's
+    inequality).
     """
     logs = np.log(values)
     means = logs.mean(axis=1)
@@ -66,7 +67,7 @@ def estimate_regret(values: Column, selected: int) -> tuple[float, float]:
 
 
 def compute_regret_interval(low: Column, high: Column) -> tuple[float, float]:
-    """Return the 95 % interval of the mean regret; NaN if it is unknown.
+    """Return the 95 % interval of the mean regret; NaN if unknown.
 
     low, high : estimates of each polygon, (p,); the interval's ends are at least 0
     """

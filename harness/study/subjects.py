@@ -1,11 +1,11 @@
 """Polygons and triangulations of a validation study.
 
 A criterion is evaluated within a polygon, so each polygon is a separate scene that fills the
-viewport. It is triangulated in many ways: by common methods, with the minimum and the maximum of
-each criterion, and at random, uniformly over all triangulations.
+viewport. The polygon is triangulated in many ways: by common methods, with the minimum and the
+maximum of each criterion, and at random, uniformly over all triangulations.
 
 The few triangulations of a run differ too little for that. So some polygons of the run's first view
-are triangulated in about 25 more ways, whose costs are counted by the exact CPU reference at their
+are triangulated in about 25 more ways, counted by the exact CPU reference at the polygons'
 positions in the frame, and not timed.
 """
 
@@ -56,11 +56,11 @@ def choose_polygons(scene: Scene, design: StudySize) -> list[tuple[int, Scene]]:
     """
     sizes = shapely.get_num_coordinates(np.array(scene.polygons, dtype=object)) - 1
     simple = np.array([not polygon.interiors for polygon in scene.polygons])
-    suitable = _select_by_size(sizes, simple, design.most_vertices)
+    suitable = _select_by_size(sizes, simple, design.max_vertices)
     if not suitable:
         raise InputError(
             f"{scene.name} has no polygon without holes of {MIN_VERTICES} to "
-            f"{design.most_vertices} vertices, as a study needs; use another scene"
+            f"{design.max_vertices} vertices, as a study needs; use another scene"
         )
     template = replace(scene, tiling=None, dropped=[], repaired=[], attributes=None)
     return [

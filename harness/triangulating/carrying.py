@@ -48,9 +48,9 @@ FLIPPING = ("optimal", "flips")
 def carry_to_views(frame: Frame, flat: FrameTriangulation, recipe: Recipe) -> FrameTriangulation:
     """Return the triangulation of a frame's pieces, given the triangulation of its flat faces.
 
-    A face is triangulated once, in its plane, for all views. Loose triangles are not changed.
-    Recipes of `FLIPPING` treat faces as `triangulate` does, including faces that are not polygons.
-    The seconds are the time of one triangulation of the polygons.
+    A face is triangulated once, in the plane of the face, for all views. Loose triangles are not
+    changed. Recipes of `FLIPPING` treat faces as `triangulate` does, including faces that are not
+    polygons. The seconds are the time of a single triangulation of the polygons.
     """
     viewing = frame.viewing
     assert viewing is not None

@@ -72,7 +72,7 @@ def test_the_reference_draw_is_warmed_up_before_timing():
 
 def test_steady_drawings_stop_at_the_minimum_rounds():
     drawings, clock, _ = scripted({"a": 2e-3, "b": 3e-3})
-    times = time_together(drawings, TimingSettings(budget_s=100, least_share=0), WALL, clock=clock)
+    times = time_together(drawings, TimingSettings(budget_s=100, min_share=0), WALL, clock=clock)
     assert len(times["a"].samples_s) == MIN_ROUNDS
     assert all(entry.precision_reached for entry in times.values())
     assert times["b"].median_s == pytest.approx(3e-3)
@@ -81,13 +81,13 @@ def test_steady_drawings_stop_at_the_minimum_rounds():
 def test_the_minimum_share_of_the_budget_is_always_used():
     drawings, clock, _ = scripted({"a": 2e-3, "b": 3e-3})
     times = time_together(drawings, TimingSettings(budget_s=1), WALL, clock=clock)
-    assert clock.now == pytest.approx(TimingSettings.least_share * 2, rel=0.05)
+    assert clock.now == pytest.approx(TimingSettings.min_share * 2, rel=0.05)
     assert all(entry.precision_reached for entry in times.values())
 
 
 def test_noisy_drawings_get_rounds_until_the_interval_is_narrow():
     drawings, clock, _ = scripted({"a": 2e-3}, noise=0.05)
-    times = time_together(drawings, TimingSettings(budget_s=100, least_share=0), WALL, clock=clock)
+    times = time_together(drawings, TimingSettings(budget_s=100, min_share=0), WALL, clock=clock)
     entry = times["a"]
     low, high = entry.ci95_s
     assert entry.precision_reached
@@ -132,7 +132,7 @@ def test_precise_ratios_suffice_on_a_drifting_machine(names, reached):
     drawings, clock, _ = scripted(
         dict.fromkeys(names, 2e-3), 0.002, Clock(speed=lambda now: 1 + now / 10)
     )
-    settings = TimingSettings(precision=0.003, budget_s=3.0, least_share=0.2, warm_up_s=0.0)
+    settings = TimingSettings(precision=0.003, budget_s=3.0, min_share=0.2, warm_up_s=0.0)
     times = time_together(drawings, settings, WALL, clock=clock)
     assert all(entry.precision_reached is reached for entry in times.values())
     assert (clock.now < 0.9 * len(names)) == reached
@@ -144,7 +144,7 @@ def test_precise_ratios_suffice_on_a_drifting_machine(names, reached):
 def test_the_empty_draw_needs_no_precision():
     drawings, clock, _ = scripted({"a": 2e-3})
     drawings[EMPTY] = ScriptedDrawing(EMPTY, 1e-6, clock, noise=0.8)
-    times = time_together(drawings, TimingSettings(budget_s=100, least_share=0), WALL, clock=clock)
+    times = time_together(drawings, TimingSettings(budget_s=100, min_share=0), WALL, clock=clock)
     assert len(times["a"].samples_s) == MIN_ROUNDS
 
 
@@ -336,7 +336,7 @@ def test_drawings_are_prepared_again_in_changing_order():
 @pytest.mark.parametrize("epochs", [1, 2])
 def test_drawings_are_prepared_once_per_requested_epoch(epochs):
     renewed = Renewed({"a": 2e-3, "b": 3e-3}, 0.0, 0.01, 1)
-    times = renewed.time(TimingSettings(budget_s=0.5, warm_up_s=0, least_share=1, epochs=epochs))
+    times = renewed.time(TimingSettings(budget_s=0.5, warm_up_s=0, min_share=1, epochs=epochs))
     assert len(renewed.orders) == len(times["a"].epochs) == epochs
 
 
@@ -367,7 +367,7 @@ def test_without_renewal_there_is_one_epoch():
 @pytest.mark.parametrize("budget_s", [0.3, 3.0])
 def test_equal_drawings_rarely_differ_significantly(budget_s):
     """The position of buffers causes 0.2 %, which rounds do not average out."""
-    settings = TimingSettings(budget_s=budget_s, precision=1e-9, least_share=1.0, warm_up_s=0.0)
+    settings = TimingSettings(budget_s=budget_s, precision=1e-9, min_share=1.0, warm_up_s=0.0)
     wrong, fooled = 0, 0
     for seed in range(100):
         renewed = Renewed({"a": 5e-3, "b": 5e-3}, 0.002, 0.01, seed)
@@ -500,13 +500,13 @@ def test_warm_up_ends_when_times_are_stable(seconds, limit_s, draws):
 
 def test_rounds_end_when_the_budget_is_spent():
     """Warming up takes 1 s, a round a quarter; the sixteenth round is not checked, the last is."""
-    entry = ScriptedSeconds(lambda _: 0.25).time(precision=-1.0, budget_s=5.25, least_share=0.0)
+    entry = ScriptedSeconds(lambda _: 0.25).time(precision=-1.0, budget_s=5.25, min_share=0.0)
     assert len(entry.samples_s) == 17
     assert not entry.precision_reached
 
 
 def test_rounds_end_after_the_minimum_share_of_the_budget():
-    entry = ScriptedSeconds(lambda _: 0.25).time(budget_s=8.0, least_share=0.5)
+    entry = ScriptedSeconds(lambda _: 0.25).time(budget_s=8.0, min_share=0.5)
     assert len(entry.samples_s) == MIN_ROUNDS
 
 
@@ -514,7 +514,7 @@ def test_rounds_end_after_the_minimum_share_of_the_budget():
 def test_precision_is_checked_after_an_eighth_more_rounds(slow, rounds):
     """3 of 15 and 4 of 17 rounds may be slow; after 16, two more rounds follow."""
     draw = ScriptedSeconds(lambda number: 2.0 if 4 <= number < 4 + slow else 1.0)
-    entry = draw.time(precision=0.0, budget_s=100.0, least_share=0.0)
+    entry = draw.time(precision=0.0, budget_s=100.0, min_share=0.0)
     assert len(entry.samples_s) == rounds
     assert entry.precision_reached
 
@@ -522,7 +522,7 @@ def test_precision_is_checked_after_an_eighth_more_rounds(slow, rounds):
 def test_the_noisiest_drawing_determines_the_rounds():
     drawings, clock, _ = scripted({"a": 2e-3})
     drawings["b"] = ScriptedDrawing("b", 2e-3, clock, noise=0.05)
-    times = time_together(drawings, TimingSettings(budget_s=100, least_share=0), WALL, clock=clock)
+    times = time_together(drawings, TimingSettings(budget_s=100, min_share=0), WALL, clock=clock)
     assert times["b"].precision_reached
     assert len(times["a"].samples_s) > MIN_ROUNDS
 
@@ -531,7 +531,7 @@ def test_the_noisiest_drawing_determines_the_rounds():
 def test_epochs_divide_the_budget_evenly(second):
     """A round takes a quarter of a second, warming up a second, and preparation a round."""
     renewed = Renewed({"a": 0.25 * second}, 0.0, 0.0, 1)
-    settings = TimingSettings(budget_s=7 * second, least_share=1.0, warm_up_s=0.0)
+    settings = TimingSettings(budget_s=7 * second, min_share=1.0, warm_up_s=0.0)
     assert renewed.time(settings)["a"].epochs == [4, 3, 3, 3, 3, 3]
 
 
@@ -542,7 +542,7 @@ def test_slow_preparation_does_not_reduce_epochs():
             return super().__call__(order)
 
     renewed = Slowly({"a": 1 / 16}, 0.0, 0.0, 1)
-    first, *later_epochs = renewed.time(TimingSettings(budget_s=8.0, least_share=1.0))["a"].epochs
+    first, *later_epochs = renewed.time(TimingSettings(budget_s=8.0, min_share=1.0))["a"].epochs
     assert first >= MIN_ROUNDS
     assert later_epochs == [2] * 5
 

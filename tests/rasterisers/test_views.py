@@ -192,13 +192,15 @@ def test_hidden_pixels_of_a_quad_are_not_counted(reference, llvmpipe):
 
 def test_drivers_with_late_depth_test_or_without_helper_lanes_are_refused(llvmpipe, monkeypatch):
     case = (*make_partly_hidden(), NATIVE)
-    result, tally = llvmpipe.context.result, llvmpipe._tally
+    result, count = llvmpipe.context.read_query, llvmpipe._count_per_polygon
     with monkeypatch.context() as late:
-        late.setattr(llvmpipe.context, "result", lambda query: result(query) - 1)
+        late.setattr(llvmpipe.context, "read_query", lambda query: result(query) - 1)
         with pytest.raises(NoRasteriserError, match="does not test depth before shading"):
             llvmpipe.count(*case)
     with monkeypatch.context() as without_helpers:
-        without_helpers.setattr(llvmpipe, "_tally", lambda *mesh: tally(*mesh) - [0, 0, 1, 0, 0])
+        without_helpers.setattr(
+            llvmpipe, "_count_per_polygon", lambda *mesh: count(*mesh) - [0, 0, 1, 0, 0]
+        )
         with pytest.raises(NoRasteriserError, match="does not report helper invocations"):
             llvmpipe.count(*case)
 

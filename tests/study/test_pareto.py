@@ -221,7 +221,7 @@ def test_equivalent_weights_are_one_case(harness, block):
     assert_refused(
         harness("run", "--scene", str(block), "--triangulators", "optimal:mixed=1/-1/0"),
         "mixed=1/-1/0",
-        "none negative",
+        "not negative and not all 0",
     )
 
 

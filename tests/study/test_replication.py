@@ -156,7 +156,7 @@ def test_two_data_sets_of_one_name_are_refused(harness):
 def small(monkeypatch):
     """Reduce the size of the four studies."""
     monkeypatch.setattr(
-        "harness.commands.study_validate.QUICK", StudySize(2, random=4, most_vertices=20)
+        "harness.commands.study_validate.QUICK", StudySize(2, random=4, max_vertices=20)
     )
     monkeypatch.setattr("harness.commands.study_validate.QUICK_S", 1e-4)
     monkeypatch.setattr("harness.commands.study_all.ANGLES", (0.0, 45.0))

@@ -54,7 +54,7 @@ def test_all_triangulations_of_a_small_polygon_are_listed():
 
 def test_a_scene_without_simple_polygons_is_refused():
     with pytest.raises(InputError, match="no polygon without holes"):
-        choose_polygons(load("city:buildings=5"), StudySize(most_vertices=3))
+        choose_polygons(load("city:buildings=5"), StudySize(max_vertices=3))
 
 
 def test_out_and_resume_are_mutually_exclusive(harness):

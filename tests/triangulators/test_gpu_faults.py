@@ -175,7 +175,7 @@ def test_corrupted_results_are_rejected(monkeypatch, expected, caplog, spoil):
 
 def test_failed_device_is_reopened_on_next_call(monkeypatch, expected, caplog):
     with monkeypatch.context() as patch:
-        fails_after(patch, engine.Engine, "do", 0, RuntimeError("lost"))
+        fails_after(patch, engine.Engine, "solve", 0, RuntimeError("lost"))
         found_with_one_line(expected, caplog, "lost")
         triangulate_many(POLYGONS, device="llvmpipe")
         assert len(caplog.records) == 1  # said once

@@ -135,7 +135,7 @@ def test_the_name_gives_the_weights():
     assert criterion.total(points, by_name) == same.total(points, by_name)
 
 
-_WEIGHTS = "; give mixed=alpha/beta/gamma, 3 finite numbers, none negative and one above zero"
+_WEIGHTS = "; give mixed=alpha/beta/gamma, 3 finite numbers, not negative and not all 0"
 
 
 @pytest.mark.parametrize(

@@ -303,7 +303,7 @@ class Engine:
                     buffer.bind()
                 max_size = SIZES[kind // 2]
                 wide = {"WIDE": 1} if kind % 2 else {}
-                constants = {"MOST": max_size, "LANES": max(LANES, max_size), **wide}
+                constants = {"MAX_SIZE": max_size, "LANES": max(LANES, max_size), **wide}
                 program = self.compute.program("exact.glsl", "small.glsl", **constants)
                 program["number"], program["worst"] = len(jobs), int(worst)
                 columns = min(len(jobs), MAX_GROUPS)

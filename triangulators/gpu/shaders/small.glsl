@@ -1,4 +1,4 @@
-// The optimum of a ring of n <= MOST corners: one workgroup, the whole table in shared memory.
+// The optimum of a ring of n <= MAX_SIZE corners: one workgroup, the whole table in shared memory.
 //
 // Pairs (i, i + d) are done by ascending d, a lane for each i; a barrier separates two d. An apex
 // counts where the triangle turns left, as in full_table.py, so no visibility is needed.
@@ -22,8 +22,8 @@ layout(std430, binding = 2) writeonly buffer Bases { uint bases[]; };
 uniform int number;  // of jobs
 uniform int worst;   // 1 to find the longest diagonals: then (w + h - length) is what is least
 
-shared int table[MOST * MOST];
-shared ivec2 at[MOST];
+shared int table[MAX_SIZE * MAX_SIZE];
+shared ivec2 at[MAX_SIZE];
 
 const int MARK = -1;
 
@@ -36,7 +36,7 @@ void main() {
     int lane = int(gl_LocalInvocationID.x);
     for (int k = lane; k < n; k += LANES) {
         at[k] = corners[first + k];
-        table[MOST + k] = 0;  // the sides
+        table[MAX_SIZE + k] = 0;  // the sides
     }
     barrier();
     for (int d = 2; d < n; d++) {
@@ -52,32 +52,32 @@ void main() {
             }
             int best = NONE, apex = 0;
             for (int m = 1; m < (fits ? d : 0); m++) {
-                int total = table[m * MOST + i] + table[(d - m) * MOST + i + m];
+                int total = table[m * MAX_SIZE + i] + table[(d - m) * MAX_SIZE + i + m];
                 if (total < best && left(at[i + m] - from, along)) {
                     best = total;
                     apex = i + m;
                 }
             }
-            table[d * MOST + i] = best < NONE ? best + weight : NONE;
-            table[(n - d) * MOST + d + i] = apex;
+            table[d * MAX_SIZE + i] = best < NONE ? best + weight : NONE;
+            table[(n - d) * MAX_SIZE + d + i] = apex;
         }
         barrier();
     }
-    int cost = table[(n - 1) * MOST];
+    int cost = table[(n - 1) * MAX_SIZE];
     barrier();
     if (lane == 0) {
         bases[first] = uint(cost);
-        table[(n - 1) * MOST] = MARK;
+        table[(n - 1) * MAX_SIZE] = MARK;
     }
     barrier();
     // From the top down: a pair that is marked has a triangle, whose other two sides are marked.
     for (int d = cost < NONE ? n - 1 : 0; d > 1; d--) {
         for (int i = lane; i + d < n; i += LANES) {
-            if (table[d * MOST + i] == MARK) {
-                int k = table[(n - d) * MOST + d + i];
+            if (table[d * MAX_SIZE + i] == MARK) {
+                int k = table[(n - d) * MAX_SIZE + d + i];
                 bases[first + k] = uint(i) | uint(i + d) << 16;
-                table[(k - i) * MOST + i] = MARK;
-                table[(i + d - k) * MOST + k] = MARK;
+                table[(k - i) * MAX_SIZE + i] = MARK;
+                table[(i + d - k) * MAX_SIZE + k] = MARK;
             }
         }
         barrier();
