@@ -113,20 +113,20 @@ def sites(points: np.ndarray) -> np.ndarray:
 
 def boundary(polygon: shapely.Polygon) -> Boundary:
     """Return the `Boundary` of a valid polygon."""
-    outline = _boundary_of_simple_ring(polygon)
+    outline = _make_simple_boundary(polygon)
     return make_boundary(*rings_of(polygon)) if outline is None else outline
 
 
 def checked_boundary(polygon: shapely.Polygon) -> Boundary:
     """Check a polygon and return its `Boundary`; a certain simple ring skips GEOS's test."""
-    outline = _boundary_of_simple_ring(polygon) if isinstance(polygon, shapely.Polygon) else None
+    outline = _make_simple_boundary(polygon) if isinstance(polygon, shapely.Polygon) else None
     if outline is None:
         check(polygon)
         outline = make_boundary(*rings_of(polygon))
     return outline
 
 
-def _boundary_of_simple_ring(polygon: shapely.Polygon) -> Boundary | None:
+def _make_simple_boundary(polygon: shapely.Polygon) -> Boundary | None:
     coordinates = shapely.get_coordinates(polygon)
     orientation = find_ring_orientation(coordinates)
     if orientation == UNSURE:

@@ -104,7 +104,7 @@ class Claim:
         self.site = [first.setdefault(p, i) for i, p in enumerate(self.points)]
         self.sites = sorted(first.values())
         site = iter(self.site)
-        self.boundary = self._boundary([[next(site) for _ in r] for r in fields["rings"]])
+        self.boundary = self._list_boundary([[next(site) for _ in r] for r in fields["rings"]])
         triangles = [require_list(t, 3) for t in require_list(fields["triangles"])]
         need(all(require_int(v) >= 0 for t in triangles for v in t), "a vertex below 0")
         self.triangles = [tuple(self.site[v] for v in t) for t in triangles]
@@ -113,7 +113,7 @@ class Claim:
         need(len(set(sides)) == len(sides), "two triangles are on the same side of an edge")
         unpaired = set(sides) - {(b, a) for a, b in sides}
         need(unpaired == self.boundary, "the triangles do not cover the polygon once")
-        self._units()
+        self._compute_units()
 
     def turn(self, a: int, b: int, c: int) -> int:
         """Return twice the signed area of three vertices, positive if counter-clockwise."""
@@ -130,7 +130,7 @@ class Claim:
         sides = self.turn(a, b, c), self.turn(a, b, d), self.turn(c, d, a), self.turn(c, d, b)
         return min(sides[:2]) < 0 < max(sides[:2]) and min(sides[2:]) < 0 < max(sides[2:])
 
-    def _boundary(self, rings: list[list[int]]) -> set[Edge]:
+    def _list_boundary(self, rings: list[list[int]]) -> set[Edge]:
         """Return the directed edges of the boundary, with the interior on the left.
 
         Each ring is simple. The triangles imply that holes are inside and disjoint: a point that k
@@ -166,7 +166,7 @@ class Claim:
         area = w * h - Fraction(abs(self.turn(a, b, c)), 2)
         return step * (w + h) if self.criterion == "half-perimeter" else step * step * area
 
-    def _units(self) -> None:
+    def _compute_units(self) -> None:
         """Compute scale, factor and bits by the rule, and refuse other values."""
         area, count = self.criterion == "overdraw", len(self.triangles)
         self.total = sum(self.cost(*t) for t in self.triangles)

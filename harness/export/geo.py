@@ -108,8 +108,8 @@ class GeoParquetWriter:
             table = table.append_column("geometry", geometry)
         if self._writer is None:
             metadata = {
-                "geo": self._geo_metadata(),
-                "raster_harness": self._origin_metadata(),
+                "geo": self._make_geo_metadata(),
+                "raster_harness": self._make_origin_metadata(),
             }
             self._schema = table.schema.with_metadata(metadata)
             # No dictionary for geometries, which all differ.
@@ -131,7 +131,7 @@ class GeoParquetWriter:
             self._writer.add_key_value_metadata(dict(metadata))
         self._writer.close()
 
-    def _origin_metadata(self) -> str:
+    def _make_origin_metadata(self) -> str:
         about = self._about
         crs = about.crs if about.crs is not None else about.units
         return json.dumps({"crs": crs, "triangulator": about.triangulator, "credit": about.credit})

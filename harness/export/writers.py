@@ -303,21 +303,23 @@ class GltfWriter:
         grid[:, :2] = np.rint((mesh.vertices - middle) / step)
         feature = mesh.vertex_owners.astype("<f4")
         attributes = {
-            "POSITION": self._accessor(grid.astype("<f4")),
-            "_FEATURE_ID_0": self._accessor(feature),
+            "POSITION": self._add_accessor(grid.astype("<f4")),
+            "_FEATURE_ID_0": self._add_accessor(feature),
         }
         loops = make_loops(mesh) if self._polygons else None
         triangles = mesh.triangles if loops is None else loops.triangles
         primitive: dict[str, Any] = {
             "attributes": attributes,
-            "indices": self._accessor(triangles.astype("<u4").ravel()),
+            "indices": self._add_accessor(triangles.astype("<u4").ravel()),
         }
         if loops is not None:
             extension = {
                 "count": mesh.polygons,
-                "indicesOffsets": self._accessor((3 * mesh.triangle_offsets[:-1]).astype("<u4")),
-                "loopIndices": self._accessor(loops.loops.astype("<u4")),
-                "loopIndicesOffsets": self._accessor(loops.offsets.astype("<u4")),
+                "indicesOffsets": self._add_accessor(
+                    (3 * mesh.triangle_offsets[:-1]).astype("<u4")
+                ),
+                "loopIndices": self._add_accessor(loops.loops.astype("<u4")),
+                "loopIndicesOffsets": self._add_accessor(loops.offsets.astype("<u4")),
             }
             primitive |= {"mode": TRIANGLES, "extensions": {POLYGONS: extension}}
         matrix = np.diag([step, step, step, 1.0])
@@ -376,7 +378,7 @@ class GltfWriter:
         else:
             stream.write(payload)
 
-    def _accessor(self, values: NDArray[Any]) -> int:
+    def _add_accessor(self, values: NDArray[Any]) -> int:
         """Add an accessor of indices (u4), or of scalars or positions of vertices (f4)."""
         is_index, is_position = values.dtype.kind == "u", values.ndim == 2
         view = {"buffer": 0, "byteOffset": self._data.tell(), "byteLength": values.nbytes}

@@ -144,7 +144,7 @@ METRICS: dict[str, Metric] = {}
 terminal's table."""
 
 
-def _metric(label: str, unit: str, kind: Kind, **properties: Any) -> Callable[[Read], Read]:
+def _register(label: str, unit: str, kind: Kind, **properties: Any) -> Callable[[Read], Read]:
     """Register a function in `METRICS` by name, with the docstring as description."""
 
     def register(function: Read) -> Read:
@@ -156,13 +156,13 @@ def _metric(label: str, unit: str, kind: Kind, **properties: Any) -> Callable[[R
     return register
 
 
-@_metric("lanes shaded per pixel", "x", "ratio", best_case=1.0)
+@_register("lanes shaded per pixel", "x", "ratio", best_case=1.0)
 def overshading(record: Record) -> float | None:
     """Lanes shaded per covered pixel."""
     return _divide(_quads(record), _fragments(record), LANES_PER_QUAD)
 
 
-@_metric(
+@_register(
     "helper lanes above the minimum", "x", "ratio", best_case=0.0, heading="regret", form="{:.1%}"
 )
 def regret(record: Record) -> float | None:
@@ -176,7 +176,7 @@ def regret(record: Record) -> float | None:
     return (LANES_PER_QUAD * sums.shaded - sums.fragments) / min_lanes - 1.0
 
 
-@_metric("lanes per pixel above the lower bound", "x", "ratio", best_case=0.0)
+@_register("lanes per pixel above the lower bound", "x", "ratio", best_case=0.0)
 def above_limit(record: Record) -> float | None:
     """Lanes shaded per covered pixel beyond those of the outline drawn in one piece: the cost of
     diagonals.
@@ -187,56 +187,56 @@ def above_limit(record: Record) -> float | None:
     return _divide(quads - outline, _fragments(record), LANES_PER_QUAD)
 
 
-@_metric("quads of the outline", "quads", "count", better="none")
+@_register("quads of the outline", "quads", "count", better="none")
 def outline_quads(record: Record) -> float | None:
     """2x2 quads that the outlines cover: a lower bound for every triangulation."""
     return record.outline_quads
 
 
-@_metric("tests per pixel", "x", "ratio", best_case=1.0)
+@_register("tests per pixel", "x", "ratio", best_case=1.0)
 def bbox_overdraw(record: Record) -> float | None:
     """Pixel centres tested per covered pixel."""
     return _divide(record.counters.get("bbox_tests"), _fragments(record))
 
 
-@_metric("draw time", "ms", "time", best_case=0.0, heading="draw ms", form="{:.3f}")
+@_register("draw time", "ms", "time", best_case=0.0, heading="draw ms", form="{:.3f}")
 def draw_ms(record: Record) -> float | None:
     """Median time of one draw."""
     return _divide(_get_median_s(record), 1, 1e3)
 
 
-@_metric("draw time relative to the reference", "x", "time", best_case=0.0)
+@_register("draw time relative to the reference", "x", "time", best_case=0.0)
 def draw_of_reference(record: Record) -> float | None:
     """Median draw time over that of the reference triangle of the same run."""
     reference = record.time.reference_s if record.time else ()
     return _divide(_get_median_s(record), statistics.median(reference) if reference else None)
 
 
-@_metric("time to triangulate", "ms", "time", best_case=0.0)
+@_register("time to triangulate", "ms", "time", best_case=0.0)
 def triangulate_ms(record: Record) -> float | None:
     """Time to triangulate the scene."""
     return _divide(record.triangulate_s, 1, 1e3)
 
 
-@_metric("triangles", "triangles", "count")
+@_register("triangles", "triangles", "count")
 def triangles(record: Record) -> float | None:
     """Triangles drawn."""
     return record.triangles
 
 
-@_metric("coverage error", "pixels", "count", best_case=0.0)
+@_register("coverage error", "pixels", "count", best_case=0.0)
 def coverage_error(record: Record) -> float | None:
     """Pixels covered more than once or not at all: a defect of the triangulation."""
     return record.coverage_error
 
 
-@_metric("proven optimal", "polygons", "count", better="higher")
+@_register("proven optimal", "polygons", "count", better="higher")
 def proven(record: Record) -> float | None:
     """Polygons whose triangulation is proven optimal for its criterion."""
     return record.proven
 
 
-@_metric("T-junctions", "vertices", "count", best_case=0.0)
+@_register("T-junctions", "vertices", "count", best_case=0.0)
 def t_junctions(record: Record) -> float | None:
     """Vertices inside a triangle's edge, where cracks can show."""
     return record.t_junctions

@@ -30,7 +30,7 @@ that a model gets the same diagonals on every machine."""
 
 
 @njit(nogil=True)
-def _min_height(points: np.ndarray, a: int, b: int, c: int) -> float:
+def _find_height(points: np.ndarray, a: int, b: int, c: int) -> float:
     """Return the smallest height of a triangle."""
     ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
     vx, vy = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1]
@@ -43,7 +43,7 @@ def _is_allowed_flip(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool
     """Return whether triangles a, b, d and a, d, c are counter-clockwise, and not thin."""
     if not convex(points, a, b, c, d):
         return False
-    return _min_height(points, a, b, d) > MIN_HEIGHT and _min_height(points, a, d, c) > MIN_HEIGHT
+    return _find_height(points, a, b, d) > MIN_HEIGHT and _find_height(points, a, d, c) > MIN_HEIGHT
 
 
 @njit(nogil=True)
@@ -136,7 +136,7 @@ def _copy_triangles(
         rows = triangles[row_offsets[number] : row_offsets[number + 1]]
         has_thin = False
         for row in range(len(rows)):
-            has_thin |= _min_height(points, rows[row, 0], rows[row, 1], rows[row, 2]) <= MIN_HEIGHT
+            has_thin |= _find_height(points, rows[row, 0], rows[row, 1], rows[row, 2]) <= MIN_HEIGHT
         if not has_thin:
             first = triangle_offsets[face[number]]
             result[first : first + len(rows)] = rows

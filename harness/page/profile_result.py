@@ -102,7 +102,9 @@ def import_profile(file: Path, result: Result, name: str) -> tuple[dict[str, Any
             "too few for a fit; measure again"
         )
     if set(result.times) != {*names, EMPTY, CONTROL}:
-        raise InputError(f"{file}: the timed draws are not the {len(draws)} draws of the design")
+        raise InputError(
+            f"{file}: the timed draws are not the {len(draws)} draws of the design; measure again"
+        )
     times = {
         name: Times(drawn.repeats, drawn.samples_s, epochs) for name, drawn in result.times.items()
     }
@@ -127,7 +129,9 @@ def _check_draws(file: Path, result: Result, draws: list[Draw], exact: Sequence[
     actual = [draw.checksum for draw in result.draws]
     expected = [draw.checksum for draw in draws]
     if actual != expected[: len(actual)] or (result.times and len(actual) != len(expected)):
-        raise InputError(f"{file}: its draws are not those of seed {result.page.seed}")
+        raise InputError(
+            f"{file}: the draws differ from the draws of seed {result.page.seed}; measure again"
+        )
     differing = sum(
         (draw.fragments, draw.quads) != (counted["fragments"], counted["quads"])
         for draw, counted in zip(result.draws, exact[: len(actual)], strict=True)
@@ -135,7 +139,7 @@ def _check_draws(file: Path, result: Result, draws: list[Draw], exact: Sequence[
     if differing != result.differing:
         raise InputError(
             f"{file}: counters differ from the exact reference in {differing} draws, not in "
-            f"{result.differing}, as the file states"
+            f"{result.differing}, as the file states; measure again"
         )
 
 
@@ -146,14 +150,14 @@ def _check_law(
     if result.law is None:
         return
     if list(result.law.seconds) != list(TERMS) or result.law.form not in FORMS:
-        raise InputError(f"{file}: the law has different terms")
+        raise InputError(f"{file}: the law has unknown terms or form; create the page again")
     rows, form = design_of(exact), result.law.form
     fitted, _ = select_fitted(draws)
     labels = np.unique([draws[n].group for n in fitted], return_inverse=True)[1]
     costs, _ = fit_form(rows[fitted], measurement.times[fitted], labels, form)
     stated = predict_times(rows, np.array(list(result.law.seconds.values())), form)
     if (np.abs(stated / predict_times(rows, costs, form) - 1.0) > LAW_TOLERANCE).any():
-        raise InputError(f"{file}: the law does not follow from the times")
+        raise InputError(f"{file}: the law does not follow from the times; measure again")
 
 
 def _make_facts(result: Result, name: str) -> dict[str, Any]:

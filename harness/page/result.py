@@ -287,13 +287,17 @@ def _raise_if_contradicting(run: Run, case: _Case, *, exact_grid: bool) -> None:
     stored = _find_record(run, name, saved.scene_hash, view)
     if stored is None:
         raise IncompatibleRunsError(
-            f"{run.path}: no {name} of the page's polygons at {saved.resolution} px"
+            f"{run.path}: no {name} of the page's polygons at {saved.resolution} px; give the run "
+            "from which the page was made"
         )
     expected, actual = record_to_json(stored), saved.model_dump(exclude_unset=True)
     common = [field for field in RECORD_FIELDS if field in expected and field in actual]
     different = [f for f in common if f != "triangulator" and expected[f] != actual[f]]
     if different:
-        raise IncompatibleRunsError(f"{name}: {', '.join(different)} contradict {run.path}")
+        raise IncompatibleRunsError(
+            f"{name}: {', '.join(different)} contradict {run.path}; give the run from which the page "
+            "was made"
+        )
     geometry = drawings.read(run, view)
     if not exact_grid or geometry is None or name not in geometry.triangles:
         return
@@ -303,7 +307,7 @@ def _raise_if_contradicting(run: Run, case: _Case, *, exact_grid: bool) -> None:
     if counted.shape != exact.shape or (counted != exact).any(axis=0).sum() != case.differing:
         raise InputError(
             f"{name}: the number of polygons whose counters differ from the exact reference is not "
-            f"{case.differing}, as the file states"
+            f"{case.differing}, as the file states; measure again"
         )
 
 

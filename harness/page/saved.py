@@ -136,7 +136,7 @@ def read_saved(file: Path, kinds: Mapping[str, type[Result]]) -> Result:
         first = error.errors()[0]
         field = ".".join(map(str, first["loc"])) or "result"
         problem = first["msg"].removeprefix("Value error, ")
-        raise InputError(f"{file}: {field}: {problem}") from error
+        raise InputError(f"{file}: {field}: {problem}; measure again") from error
 
 
 def make_device_name(result: Measured) -> str:

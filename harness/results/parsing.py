@@ -103,7 +103,7 @@ class _Fields:
         return number
 
     def integer(self, name: str) -> int:
-        return self._integer(name, self.number(name))
+        return self._parse_integer(name, self.number(name))
 
     def count(self, name: str) -> int:
         """Return an integer, 0 if absent."""
@@ -125,7 +125,7 @@ class _Fields:
         return tuple(values)
 
     def integers(self, name: str) -> tuple[int, ...]:
-        return tuple(self._integer(name, value) for value in self.numbers(name))
+        return tuple(self._parse_integer(name, value) for value in self.numbers(name))
 
     def texts(self, name: str) -> tuple[str, ...]:
         values = self._values.get(name)
@@ -146,7 +146,7 @@ class _Fields:
 
     def integer_sums(self, name: str) -> dict[str, int]:
         sums = self.sums(name)
-        return {key: self._integer(name, value) for key, value in sums.items()}
+        return {key: self._parse_integer(name, value) for key, value in sums.items()}
 
     def part(self, name: str, parse: Callable[["_Fields"], T]) -> T | None:
         """Return `parse` of an inner object, or None if absent."""
@@ -157,7 +157,7 @@ class _Fields:
     def names(self) -> Iterable[str]:
         return self._values.keys()
 
-    def _integer(self, name: str, value: float) -> int:
+    def _parse_integer(self, name: str, value: float) -> int:
         if not float(value).is_integer():
             raise self.error(name, "is not an integer")
         return int(value)

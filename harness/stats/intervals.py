@@ -82,7 +82,7 @@ def mean_interval(values: NDArray[np.float64], seed: int = 0) -> tuple[float, fl
     mean, error = values.mean(), values.std(ddof=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         t = (drawn.mean(axis=1) - mean) / drawn.std(axis=1, ddof=1)
-    return _studentised_ends(mean, error, t)
+    return _find_interval_ends(mean, error, t)
 
 
 def ratio_interval(
@@ -107,16 +107,16 @@ def ratio_interval(
     drawn, drawn_base = values[indices], base[indices]
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = drawn.sum(axis=1) / drawn_base.sum(axis=1)
-        error = _ratio_error(residuals[None], base[None])[0]
-        t = (ratios - ratio) / _ratio_error(drawn - ratios[:, None] * drawn_base, drawn_base)
+        error = _estimate_errors(residuals[None], base[None])[0]
+        t = (ratios - ratio) / _estimate_errors(drawn - ratios[:, None] * drawn_base, drawn_base)
         single = values / base
-    low, high = _studentised_ends(ratio, error, t)
+    low, high = _find_interval_ends(ratio, error, t)
     lowest, highest = np.nanmin(single), np.nanmax(single)
     reach = highest - lowest
     return UNKNOWN if low < lowest - reach or high > highest + reach else (low, high)
 
 
-def _studentised_ends(value: float, error: float, t: NDArray[np.float64]) -> tuple[float, float]:
+def _find_interval_ends(value: float, error: float, t: NDArray[np.float64]) -> tuple[float, float]:
     """Return the interval of a value with a standard error, from the resamples' statistics t."""
     low, high = np.quantile(np.where(np.isnan(t), 0.0, t), [TAIL, 1 - TAIL], method="inverted_cdf")
     if not (np.isfinite(low) and np.isfinite(high)):
@@ -124,7 +124,9 @@ def _studentised_ends(value: float, error: float, t: NDArray[np.float64]) -> tup
     return float(value - high * error), float(value - low * error)
 
 
-def _ratio_error(residuals: NDArray[np.float64], base: NDArray[np.float64]) -> NDArray[np.float64]:
+def _estimate_errors(
+    residuals: NDArray[np.float64], base: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Return the (k,) jackknife standard errors of the ratios of the rows of (k, n) values.
 
     A factor common to all rows is omitted, as it cancels in the studentised bootstrap.

@@ -155,7 +155,7 @@ class ModelDatabase:
     def _open(self, damage: sqlite3.DatabaseError | None = None) -> sqlite3.Connection:
         """Open the file; delete a damaged file first, whose entries are then computed again."""
         flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0)
-        descriptor = os.open(self._sibling(".lock"), flags | system.BINARY, 0o644)
+        descriptor = os.open(self._get_sibling(".lock"), flags | system.BINARY, 0o644)
         with os.fdopen(descriptor, "r+b") as stream:
             # one process at a time, as SQLite does not wait while another enables the log
             system.lock(stream.fileno())
@@ -170,24 +170,24 @@ class ModelDatabase:
                 except sqlite3.DatabaseError as error:
                     damage = error
             for suffix in ("", "-wal", "-shm"):
-                self._sibling(suffix).unlink(missing_ok=True)
+                self._get_sibling(suffix).unlink(missing_ok=True)
             self._warn(f"model database {self.path}: damaged ({damage}); replaced by a new one")
             return self._connect()
 
-    def _sibling(self, suffix: str) -> Path:
+    def _get_sibling(self, suffix: str) -> Path:
         return self.path.with_name(self.path.name + suffix)
 
     def _refuse_foreign(self) -> None:
         """Raise StorageError for foreign files, or files that other users own or may write."""
         for suffix in ("", "-wal", "-shm", "-journal", ".lock"):
-            file = self._sibling(suffix)
+            file = self._get_sibling(suffix)
             if file.is_symlink() or (file.exists() and not file.is_file()):
                 self._refuse(file, "not a regular file")
             if file.exists() and not is_trusted(file.stat()):
                 self._refuse(file, "another user owns or may write the file")
         if not is_trusted(self.path.parent.stat()):
             self._refuse(self.path.parent, "another user owns or may write the folder")
-        lock = self._sibling(".lock")
+        lock = self._get_sibling(".lock")
         mark = lock.read_bytes()[: len(LOCK_MARK) + 1] if lock.exists() else b""
         if mark not in (b"", LOCK_MARK):
             self._refuse(lock, "not a lock of raster-harness")

@@ -116,7 +116,7 @@ class Projection:
         cosine = np.sin(lat0) * np.sin(lat) + np.cos(lat0) * np.cos(lat) * np.cos(lon - lon0)
         fits = np.nanmin(cosine, initial=1.0) >= np.cos(np.radians(MAX_DISTANCE_DEG))
         if fits:
-            step, middle, _ = _steps(geometries)
+            step, middle, _ = _list_steps(geometries)
             step = np.abs(step)
             long = ((step > MAX_EDGE_DEG) & (step <= 180.0)) | (np.abs(step - 360.0) < 1e-9)
             fits = not (long & (np.abs(middle) < _POLE)).any()
@@ -204,7 +204,7 @@ class Projection:
         """
         torn = np.zeros(len(geometries), dtype=bool)
         if self.centre is None:
-            step, _, owner = _steps(geometries)
+            step, _, owner = _list_steps(geometries)
             torn[owner[(np.abs(step) > 180.0) & (np.abs(step) < 360.0 * (1 - 1e-12))]] = True
         return torn
 
@@ -229,7 +229,9 @@ def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64
     return product
 
 
-def _steps(geometries: Any) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+def _list_steps(
+    geometries: Any,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
     """Return step in longitude, latitude of the middle, and geometry of each edge of each ring."""
     parts, owner = shapely.get_parts(np.asarray(geometries, dtype=object), return_index=True)
     parts, inner = shapely.get_parts(parts, return_index=True)

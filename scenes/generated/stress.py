@@ -162,7 +162,7 @@ def random_maze(rng: Generator, n: int) -> Ring:
     of the distance of neighbours, so the polygon stays simple for every tree.
     """
     side = max(2, round(np.sqrt(n / 4)))
-    opens_right, opens_up = _spanning_tree(rng, side)
+    opens_right, opens_up = _draw_spanning_tree(rng, side)
     opens_left, opens_down = np.roll(opens_right, 1, axis=0), np.roll(opens_up, 1, axis=1)
     x = y = 0
     path = []
@@ -183,7 +183,7 @@ def random_maze(rng: Generator, n: int) -> Ring:
     return np.asarray(_SIDE / (2 * side) * points)
 
 
-def _spanning_tree(rng: Generator, side: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _draw_spanning_tree(rng: Generator, side: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return which cells are joined to the right, and which to the upper neighbour (Kruskal)."""
     cell = np.arange(side**2).reshape(side, side)
     a = np.concatenate([cell[:-1].ravel(), cell[:, :-1].ravel()])

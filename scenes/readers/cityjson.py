@@ -146,7 +146,7 @@ def _read_surfaces(
     values = _flatten_values(semantics.get("values"), shape["boundaries"], depth)
     for rings, value in zip(surfaces, values, strict=True):
         points = [vertices[_check_indices(ring, len(vertices))] for ring in rings]
-        kind = _kind_by_slope(points[0]) if value is None else kinds[value]
+        kind = _classify_by_slope(points[0]) if value is None else kinds[value]
         plan = shapely.Polygon(points[0][:, :2], [hole[:, :2] for hole in points[1:]])
         yield kind, plan, float(points[0][:, 2].mean())
 
@@ -167,7 +167,7 @@ def _flatten_values(values: Any, boundaries: Any, depth: int) -> list[int | None
     return [value for inner, outer in parts for value in _flatten_values(inner, outer, depth - 1)]
 
 
-def _kind_by_slope(ring: NDArray[np.float64]) -> str:
+def _classify_by_slope(ring: NDArray[np.float64]) -> str:
     """Return roof or ground by the vertical part of the normal, by Newell's method."""
     following = np.roll(ring, -1, axis=0)
     up = np.sum((ring[:, 0] - following[:, 0]) * (ring[:, 1] + following[:, 1]))

@@ -126,14 +126,14 @@ class GltfFile:
         description = self.json["accessors"][index(accessor)]
         kind, width = component_type(description), WIDTHS[description["type"]]
         if "bufferView" in description:
-            values = self._view(description, kind, width, description["count"]).copy()
+            values = self._read_view(description, kind, width, description["count"]).copy()
         else:
             values = np.zeros((description["count"], width), kind)
         if "sparse" in description:
             sparse = description["sparse"]
             indices = sparse["indices"]
-            rows = self._view(indices, component_type(indices), 1, sparse["count"])
-            values[rows[:, 0]] = self._view(sparse["values"], kind, width, sparse["count"])
+            rows = self._read_view(indices, component_type(indices), 1, sparse["count"])
+            values[rows[:, 0]] = self._read_view(sparse["values"], kind, width, sparse["count"])
         return values
 
     def values(self, accessor: int) -> tuple[NDArray[Any], bool]:
@@ -141,7 +141,7 @@ class GltfFile:
         description = self.json["accessors"][index(accessor)]
         return self.array(accessor), bool(description.get("normalized"))
 
-    def _view(
+    def _read_view(
         self, description: dict[str, Any], kind: np.dtype[Any], width: int, count: int
     ) -> NDArray[Any]:
         view = self.json["bufferViews"][index(description["bufferView"])]
@@ -236,15 +236,15 @@ class GltfFile:
                 break
             number, parent = stack.pop()
             node = nodes[index(number)]
-            matrix = parent @ _node_matrix(node)
+            matrix = parent @ _read_node_matrix(node)
             if "mesh" in node:
-                placements[index(node["mesh"])] += tuple(self._instances(node, matrix))
+                placements[index(node["mesh"])] += tuple(self._list_instances(node, matrix))
             stack += [(child, matrix) for child in node.get("children", [])]
         if stack:
             raise ValueError("the nodes are not a tree: a node is in itself or has two parents")
         return placements
 
-    def _instances(
+    def _list_instances(
         self, node: dict[str, Any], matrix: NDArray[np.float64]
     ) -> Iterator[NDArray[np.float64]]:
         """Yield the matrix of each instance of a node's mesh; one without instancing."""
@@ -259,7 +259,9 @@ class GltfFile:
                 scale = FULL_SCALE[stored.dtype.str[1:]] if normalized else 1.0
                 columns[name.lower()] = np.maximum(stored / scale, -1.0 if normalized else -np.inf)
         for row in range(min(map(len, columns.values()), default=0)):
-            yield matrix @ _node_matrix({name: values[row] for name, values in columns.items()})
+            yield matrix @ _read_node_matrix(
+                {name: values[row] for name, values in columns.items()}
+            )
 
 
 def index(number: Any) -> int:
@@ -276,7 +278,7 @@ def component_type(description: dict[str, Any]) -> np.dtype[Any]:
     return np.dtype(_TYPES[description["componentType"]])
 
 
-def _node_matrix(node: dict[str, Any]) -> NDArray[np.float64]:
+def _read_node_matrix(node: dict[str, Any]) -> NDArray[np.float64]:
     """Return the (4, 4) matrix of a node."""
     if "matrix" in node:
         return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T

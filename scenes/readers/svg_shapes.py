@@ -170,27 +170,27 @@ def format_outline(element: ElementTree.Element, style: dict[str, str], viewport
         return None if value is not None and value < 0 and key in ("r", "rx", "ry") else value
 
     if kind == "rect":
-        return _rectangle(length)
+        return _make_rectangle(length)
     cx, cy = length("cx", 0) or 0.0, length("cy", 1) or 0.0
     if kind == "circle":
         rx = ry = length("r", None) or 0.0
     else:
-        rx, ry = _radii(length)
+        rx, ry = _read_radii(length)
     half = f"a {rx!r} {ry!r} 0 1 1"
     return f"M {cx - rx!r} {cy!r} {half} {2 * rx!r} 0 {half} {-2 * rx!r} 0 Z" if rx * ry else ""
 
 
-def _radii(length: Callable[[str, int | None], float | None]) -> tuple[float, float]:
+def _read_radii(length: Callable[[str, int | None], float | None]) -> tuple[float, float]:
     """Return both radii; an absent radius is equal to the other radius."""
     rx, ry = length("rx", 0), length("ry", 1)
     return (rx if rx is not None else ry) or 0.0, (ry if ry is not None else rx) or 0.0
 
 
-def _rectangle(length: Callable[[str, int | None], float | None]) -> str:
+def _make_rectangle(length: Callable[[str, int | None], float | None]) -> str:
     x, y, w, h = (length(k, i % 2) or 0.0 for i, k in enumerate(("x", "y", "width", "height")))
     if w <= 0 or h <= 0:
         return ""
-    rx, ry = _radii(length)
+    rx, ry = _read_radii(length)
     rx, ry = min(rx, w / 2), min(ry, h / 2)
     if not rx * ry:
         return f"M {x!r} {y!r} h {w!r} v {h!r} h {-w!r} Z"

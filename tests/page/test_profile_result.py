@@ -110,10 +110,13 @@ def truncate_epochs(number: int) -> Callable[[dict[str, Any]], None]:
 
 FORGERIES: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "design": (lambda r: r["page"].update(design=2), "draws of design 2, expected"),
-    "seed": (lambda r: r["page"].update(seed=1), "its draws are not those of seed 1"),
-    "checksum": (lambda r: r["draws"][3].update(checksum=5), "its draws are not those of seed 0"),
-    "grid": (lambda r: r["device"].update(step=16), "its draws are not those of seed 0"),
-    "draws": (lambda r: r["draws"].pop(), "its draws are not those of seed 0"),
+    "seed": (lambda r: r["page"].update(seed=1), "the draws differ from the draws of seed 1"),
+    "checksum": (
+        lambda r: r["draws"][3].update(checksum=5),
+        "the draws differ from the draws of seed 0",
+    ),
+    "grid": (lambda r: r["device"].update(step=16), "the draws differ from the draws of seed 0"),
+    "draws": (lambda r: r["draws"].pop(), "the draws differ from the draws of seed 0"),
     "counter": (
         lambda r: r["draws"][3].update(quads=r["draws"][3]["quads"] + 1),
         "differ from the exact reference in 1 draws, not in 0",
@@ -121,7 +124,7 @@ FORGERIES: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "differing": (lambda r: r.update(differing=2), "in 0 draws, not in 2"),
     "quads": (lambda r: r["draws"][3].update(quads=1), "more than four"),
     "law": (lambda r: r["law"]["seconds"].update(triangles=6e-8), "does not follow from the times"),
-    "terms": (lambda r: r["law"]["seconds"].pop("near"), "the law has different terms"),
+    "terms": (lambda r: r["law"]["seconds"].pop("near"), "unknown terms or form"),
     "times": (lambda r: slow_down(r, 0), "does not follow from the times"),
     "rounds": (lambda r: times(r, "40").pop(), "draws have different numbers of rounds"),
     "epochs": (lambda r: r["epochs"].append(1), "draws have different numbers of rounds"),

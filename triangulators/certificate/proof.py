@@ -227,14 +227,14 @@ def _find_gap(
 def _candidate_indices(candidates: Candidates, triangles: np.ndarray) -> np.ndarray:
     """Return the candidate index of each triangle, -1 for other triangles."""
     n = len(candidates.points)
-    keys = _keys(candidates.triangles, n)
+    keys = _make_keys(candidates.triangles, n)
     order = np.argsort(keys)
-    sought = _keys(triangles, n)
+    sought = _make_keys(triangles, n)
     nearest = order[np.minimum(np.searchsorted(keys[order], sought), len(order) - 1)]
     return np.where(keys[nearest] == sought, nearest, -1)
 
 
-def _keys(triangles: np.ndarray, n: int) -> np.ndarray:
+def _make_keys(triangles: np.ndarray, n: int) -> np.ndarray:
     low, middle, high = np.sort(triangles.astype(np.int64), axis=1).T
     keys: np.ndarray = (low * n + middle) * n + high
     return keys

@@ -154,14 +154,14 @@ class _Files:
         self._folder = folder
         self._name = re.sub(r"[<>]", "", name)
 
-    def _file(self, key: Any) -> Path:
+    def _get_path(self, key: Any) -> Path:
         short = hashlib.sha256(repr(key).encode()).hexdigest()[:16]
         return self._folder / f"{self._name}.{short}.nbc"
 
     def load(self, key: Any) -> Any:
         """Return the data saved under `key`, or None if the file is missing or invalid."""
         try:
-            descriptor = os.open(self._file(key), os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0))
+            descriptor = os.open(self._get_path(key), os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0))
             with os.fdopen(descriptor, "rb") as file:
                 trusted = is_trusted(os.fstat(descriptor)) and is_trusted_folder(self._folder)
                 if trusted and pickle.load(file) == repr(key):
@@ -176,7 +176,7 @@ class _Files:
 
     def save(self, key: Any, data: Any) -> None:
         """Save `data`; if writing fails, the next process compiles again."""
-        file = self._file(key)
+        file = self._get_path(key)
         temporary = file.with_name(f"{file.name}.{uuid4().hex[:8]}")
         try:
             make_folder(self._folder)

@@ -134,7 +134,7 @@ def _mean_blocks(
     triples += _common_share(_triple(uy, -ux, vy, -vx, wy, -wx), cross)
     triples += _common_share(_triple(uy, ux, vy, vx, wy, wx), cross)
     inner = size - 1.0
-    squares = triples - diagonals - _common_share(width + height, cross)
+    squares = triples - diagonals - _find_common_share(width + height, cross)
     share = size * size - size * inner * pairs + inner * inner * squares
     return 0.5 * cross * share / (size * size)
 
@@ -142,13 +142,13 @@ def _mean_blocks(
 @njit(forceinline=True, error_model="numpy")
 def expected_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """2x2 pixel quads with a covered pixel centre (Q), averaged over positions on the grid."""
-    return _mean_blocks(2.0, ax, ay, bx, by, cx, cy)
+    return _average_blocks(2.0, ax, ay, bx, by, cx, cy)
 
 
 @njit(forceinline=True, error_model="numpy")
 def expected_blocks(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """4x4 pixel blocks with a covered pixel centre (P), averaged over positions on the grid."""
-    return _mean_blocks(4.0, ax, ay, bx, by, cx, cy)
+    return _average_blocks(4.0, ax, ay, bx, by, cx, cy)
 
 
 @njit
