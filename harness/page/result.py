@@ -295,8 +295,8 @@ def _raise_if_contradicting(run: Run, case: _Case, *, exact_grid: bool) -> None:
     different = [f for f in common if f != "triangulator" and expected[f] != actual[f]]
     if different:
         raise IncompatibleRunsError(
-            f"{name}: {', '.join(different)} contradict {run.path}; give the run from which the page "
-            "was made"
+            f"{name}: {', '.join(different)} contradict {run.path}; give the run from which the "
+            "page was made"
         )
     geometry = drawings.read(run, view)
     if not exact_grid or geometry is None or name not in geometry.triangles:
