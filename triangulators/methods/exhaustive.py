@@ -150,7 +150,7 @@ class Recursion:
 
     def all(self, cycle: Sequence[int]) -> set[Triangulation]:
         """Return the distinct triangulations of a counter-clockwise cycle of points."""
-        return self._triangulations(_least_first(list(cycle)))
+        return self._triangulations(_rotate_to_lowest(list(cycle)))
 
     def _cut_all(self, cycle: Corners) -> set[Triangulation]:
         results: set[Triangulation] = set()
@@ -176,9 +176,9 @@ class Recursion:
             ear = (cycle[at - 1], vertex, cycle[(at + 1) % len(cycle)])
             if not self._is_inside(ear, cycle):
                 return set()
-            a, b, c = _least_first(list(ear))
+            a, b, c = _rotate_to_lowest(list(ear))
             ears_cut.add((a, b, c))
-            cycle = self._without(cycle, at)
+            cycle = self._remove_vertex(cycle, at)
         return {
             frozenset(rest_triangles | ears_cut) for rest_triangles in self._triangulations(cycle)
         }
@@ -193,7 +193,7 @@ class Recursion:
             if v not in ear
         )
 
-    def _without(self, cycle: Corners, at: int) -> Corners:
+    def _remove_vertex(self, cycle: Corners, at: int) -> Corners:
         remaining = [*cycle[at + 1 :], *cycle[:at]]
         if self._drop_straight:
             # Only neighbours of the cut can have become collinear: the ends of `remaining`.
@@ -201,10 +201,10 @@ class Recursion:
                 remaining.pop(0)
             while len(remaining) > 3 and self._orientation(*remaining[-2:], remaining[0]) == 0.0:
                 remaining.pop()
-        return _least_first(remaining)
+        return _rotate_to_lowest(remaining)
 
 
-def _least_first(cycle: list[int]) -> Corners:
+def _rotate_to_lowest(cycle: list[int]) -> Corners:
     """Rotate a cycle so that it starts with its lowest index."""
     start = cycle.index(min(cycle))
     return (*cycle[start:], *cycle[:start])

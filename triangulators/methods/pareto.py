@@ -55,7 +55,7 @@ def pareto_front(
     ring = make_cycle(outline, "pareto")
     area, count = boundary_area(outline), outline.expected_triangles
     pair = [make_cost(criteria.find(criterion), area, count) for criterion in (first, second)]
-    fronts = _fronts(ring, pair[0], pair[1])
+    fronts = _compute_fronts(ring, pair[0], pair[1])
     front = fronts[0, len(ring.cycle) - 1]
     triangles = np.array([_trace(fronts, len(ring.cycle), entry) for entry in range(len(front[0]))])
     return Front(front.costs, ring.cycle[triangles])
@@ -69,7 +69,7 @@ def triangulate(outline: Boundary, *, k: int = 0) -> np.ndarray:
     """
     if len(outline.edges) > MAX_VERTICES:
         raise SkippedError(f"pareto: {len(outline.edges)} vertices, more than {MAX_VERTICES}")
-    triangles = _front_of_a_and_d(
+    triangles = _find_front_of_a_and_d(
         polygon_of_rings(outline.points, outline.ring_offsets).wkb
     ).triangles
     if not 0 <= k < len(triangles):
@@ -80,11 +80,11 @@ def triangulate(outline: Boundary, *, k: int = 0) -> np.ndarray:
 
 
 @lru_cache(maxsize=32)
-def _front_of_a_and_d(wkb: bytes) -> Front:
+def _find_front_of_a_and_d(wkb: bytes) -> Front:
     return pareto_front(shapely.from_wkb(wkb))
 
 
-def _fronts(ring: Cycle, first: Cost, second: Cost) -> dict[tuple[int, int], _Partial]:
+def _compute_fronts(ring: Cycle, first: Cost, second: Cost) -> dict[tuple[int, int], _Partial]:
     n = len(ring.cycle)
     fronts: dict[tuple[int, int], _Partial] = {}
     below: list[list[int]] = [[] for _ in range(n)]  # below[j]: the i < j it sees, descending
@@ -115,7 +115,7 @@ def _merge(
         triangle = np.array([[i, k, j]], dtype=np.int32)
         triangle_costs = np.array([total_cost(points, triangle, cost) for cost in pair])
         sums = (first[:, None] + second[None, :]).reshape(-1, 2) + triangle_costs
-        rows = _non_dominated(sums)
+        rows = _find_non_dominated(sums)
         costs.append(sums[rows])
         origins.append(
             np.column_stack((np.full(len(rows), k), rows // len(second), rows % len(second)))
@@ -123,13 +123,13 @@ def _merge(
     if not costs:
         return _Partial(np.empty((0, 2)), np.empty((0, 3), dtype=np.int32))
     sums, origin = np.concatenate(costs), np.concatenate(origins).astype(np.int32)
-    rows = _non_dominated(sums)
+    rows = _find_non_dominated(sums)
     if len(rows) > MAX_FRONT_SIZE:
         raise TriangulationError(f"pareto: a front has more than {MAX_FRONT_SIZE} entries")
     return _Partial(sums[rows], origin[rows])
 
 
-def _non_dominated(costs: np.ndarray) -> np.ndarray:
+def _find_non_dominated(costs: np.ndarray) -> np.ndarray:
     """Return the indices of non-dominated rows of (c, 2), one of equal rows."""
     order = np.lexsort((costs[:, 1], costs[:, 0]))
     second = costs[order, 1]

@@ -23,7 +23,7 @@ MAX_LARGEST_VERTICES = 1500
 
 def fan(outline: Boundary) -> np.ndarray:
     """Return all diagonals from a vertex that sees all; raise `SkippedError` if impossible."""
-    return _apply_to_ring(outline, "fan", _fan_of, "no vertex sees the whole polygon")
+    return _apply_to_ring(outline, "fan", _find_fan, "no vertex sees the whole polygon")
 
 
 def strip(outline: Boundary) -> np.ndarray:
@@ -31,7 +31,7 @@ def strip(outline: Boundary) -> np.ndarray:
 
     Raises `SkippedError` for holes and if no start gives a valid zigzag.
     """
-    return _apply_to_ring(outline, "strip", _zigzag, "no zigzag stays inside the polygon")
+    return _apply_to_ring(outline, "strip", _find_zigzag, "no zigzag stays inside the polygon")
 
 
 def _apply_to_ring(
@@ -46,7 +46,7 @@ def _apply_to_ring(
 
 
 @njit
-def _fan_of(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
+def _find_fan(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
     """Return the first valid fan of a counter-clockwise ring, (n - 2, 3), or no rows.
 
     A fan of counter-clockwise triangles is valid: the triangles' edges add up to the boundary.
@@ -67,7 +67,7 @@ def _fan_of(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
 
 
 @njit
-def _zigzag(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
+def _find_zigzag(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
     """Return the first valid zigzag of a counter-clockwise ring, (n - 2, 3), or no rows.
 
     A zigzag starts at a side and takes the next vertex from either end alternately. A zigzag of
@@ -107,14 +107,14 @@ def greedy(outline: Boundary) -> np.ndarray:
             f"greedy: {len(outline.edges)} vertices, more than {MAX_GREEDY_VERTICES}"
         )
     if not outline.holes:
-        return _greedy_cycle(outline)
+        return _triangulate_cycle_greedily(outline)
     start = initial_triangulations(outline)[0]
     return triangulate_greedily(
         outline.points, outline.edges, find_visible_sites(outline.points, start, find_twins(start))
     )
 
 
-def _greedy_cycle(outline: Boundary) -> np.ndarray:
+def _triangulate_cycle_greedily(outline: Boundary) -> np.ndarray:
     ring = make_cycle(outline, "greedy")
     n = len(ring.cycle)
     tails = np.repeat(np.arange(n, dtype=np.int32), np.diff(ring.start))
@@ -165,11 +165,11 @@ def largest_first(outline: Boundary) -> np.ndarray:
     n = len(ring.cycle)
     sees = np.zeros((n, n), dtype=np.bool_)
     sees[np.repeat(np.arange(n), np.diff(ring.start)), ring.target] = True
-    return np.asarray(ring.cycle[_largest_of(ring.points, sees)])
+    return np.asarray(ring.cycle[_cut_largest_first(ring.points, sees)])
 
 
 @njit
-def _largest_of(points: np.ndarray, sees: np.ndarray) -> np.ndarray:
+def _cut_largest_first(points: np.ndarray, sees: np.ndarray) -> np.ndarray:
     """Return the triangles (n - 2, 3) of a counter-clockwise cycle (n, 2); sees (n, n), i < j.
 
     A stack has sub-polygons, as vertices in the cycle's order, so that every triangle i < k < j of

@@ -144,7 +144,9 @@ def _find_bridges(
         count = 0
         for position in range(len(cycle)):
             ax, ay = points[cycle[position], 0], points[cycle[position], 1]
-            if _along(ax, ay, direction) < limit and not _is_blocked(edges, x, y, ax, ay, doubt):
+            if _compute_coordinate(ax, ay, direction) < limit and not _is_blocked(
+                edges, x, y, ax, ay, doubt
+            ):
                 positions[count] = position
                 count += 1
                 if count == min_count:
@@ -157,7 +159,7 @@ def _find_bridges(
 
 
 @njit(nogil=True)
-def _along(x: float, y: float, direction: int) -> float:
+def _compute_coordinate(x: float, y: float, direction: int) -> float:
     """Return the coordinate of a point along one of eight directions; the furthest is lowest."""
     along = x if direction % 4 < 2 else y
     if direction >= 4:
@@ -173,12 +175,12 @@ def _find_furthest(
     merged: np.ndarray,
     direction: int,
 ) -> tuple[int, float]:
-    """Return the position in `ring` of the furthest vertex of unmerged holes, and its `_along`."""
+    """Return the position in `ring` of the furthest vertex of unmerged holes, and its `_compute_coordinate`."""
     furthest, min_along = -1, 0.0
     for hole in range(1, len(ring_offsets) - 1):
         if not merged[hole]:
             for k in range(ring_offsets[hole], ring_offsets[hole + 1]):
-                along = _along(points[ring[k], 0], points[ring[k], 1], direction)
+                along = _compute_coordinate(points[ring[k], 0], points[ring[k], 1], direction)
                 if furthest < 0 or along < min_along:
                     furthest, min_along = k, along
     return furthest, min_along
