@@ -144,9 +144,7 @@ def _find_bridges(
         count = 0
         for position in range(len(cycle)):
             ax, ay = points[cycle[position], 0], points[cycle[position], 1]
-            if _compute_coordinate(ax, ay, direction) < limit and not _is_blocked(
-                edges, x, y, ax, ay, doubt
-            ):
+            if _project(ax, ay, direction) < limit and not _is_blocked(edges, x, y, ax, ay, doubt):
                 positions[count] = position
                 count += 1
                 if count == min_count:
@@ -159,7 +157,7 @@ def _find_bridges(
 
 
 @njit(nogil=True)
-def _compute_coordinate(x: float, y: float, direction: int) -> float:
+def _project(x: float, y: float, direction: int) -> float:
     """Return the coordinate of a point along one of eight directions; the furthest is lowest."""
     along = x if direction % 4 < 2 else y
     if direction >= 4:
@@ -175,12 +173,12 @@ def _find_furthest(
     merged: np.ndarray,
     direction: int,
 ) -> tuple[int, float]:
-    """Return the position in `ring` of the furthest vertex of unmerged holes, and its `_compute_coordinate`."""
+    """Return the position in `ring` of the furthest vertex of unmerged holes, and its `_project`."""
     furthest, min_along = -1, 0.0
     for hole in range(1, len(ring_offsets) - 1):
         if not merged[hole]:
             for k in range(ring_offsets[hole], ring_offsets[hole + 1]):
-                along = _compute_coordinate(points[ring[k], 0], points[ring[k], 1], direction)
+                along = _project(points[ring[k], 0], points[ring[k], 1], direction)
                 if furthest < 0 or along < min_along:
                     furthest, min_along = k, along
     return furthest, min_along
