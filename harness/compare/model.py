@@ -49,7 +49,7 @@ STATUS_TEXT: dict[Status, str] = {
     "more-polygons": "with more polygons in HEAD",
     "not-measured": "measured in neither run",
 }
-"""Description of a status, for one case and for counts of cases."""
+"""Description of a status, for a case and for counts of cases."""
 
 BROKEN: tuple[Status, ...] = ("now-failing", "now-skipped", "not-done", "fewer-polygons")
 """Measured in BASE, planned and not completed in HEAD: a regression, whatever the gates."""
@@ -137,7 +137,7 @@ class Drift:
 
 @dataclass(frozen=True)
 class CaseChange:
-    """One case of either run or of both.
+    """A case of one run or of both runs.
 
     lost : gated counters of BASE that are missing from HEAD
     """
@@ -156,9 +156,9 @@ class CaseChange:
 
 @dataclass(frozen=True)
 class Total:
-    """One exact figure over all compared cases.
+    """An exact metric over all compared cases.
 
-    affected : cases in which the metric differs, `better` or `worse` among them
+    affected : cases in which the metric differs, of which `better` and `worse`
     base, head : sums
     """
 

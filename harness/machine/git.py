@@ -46,7 +46,7 @@ QUERY_TIMEOUT_S = 30.0
 
 
 def run_git(folder: Path, *arguments: str) -> str:
-    """Return the output of a git command in `folder`, without its last line break.
+    """Return the output of a git command in `folder`, without the last line break.
 
     Hooks, the file system monitor, external diff programs and the filters that the repository's
     own settings define are off. Filters of the user's settings, such as Git LFS, stay on.
@@ -68,7 +68,9 @@ def run_git(folder: Path, *arguments: str) -> str:
     }
     environment |= {"GIT_OPTIONAL_LOCKS": "0", "GIT_TERMINAL_PROMPT": "0", "LC_ALL": "C"}
     reads = arguments[0] != "worktree"
-    if reads:  # a partial clone would fetch missing objects, by a program that its settings name
+    if (
+        reads
+    ):  # a partial clone would fetch missing objects, by a program that the clone's settings name
         environment["GIT_ALLOW_PROTOCOL"] = "none"
 
     def call(*parts: str) -> bytes:
@@ -98,7 +100,7 @@ def run_git(folder: Path, *arguments: str) -> str:
 
 
 def _ask_git(folder: Path, *arguments: str) -> str | None:
-    """Return what `run_git` returns, or None on failure."""
+    """Return the result of `run_git`, or None on failure."""
     try:
         return run_git(folder, *arguments)
     except (OSError, subprocess.SubprocessError):
@@ -146,7 +148,7 @@ def check_out(top: Path, commit: str) -> Iterator[Path]:
             ) from error
         yield folder
     finally:
-        # Not `git worktree prune`: it removes work trees that are only out of reach for now.
+        # Not `git worktree prune`, which removes work trees that are only out of reach for now.
         _ask_git(top, "worktree", "remove", "--force", "--force", str(folder))
         shutil.rmtree(parent, ignore_errors=True)
 
@@ -154,7 +156,7 @@ def check_out(top: Path, commit: str) -> Iterator[Path]:
 def project_folder(triangulators: Sequence[str]) -> Path | None:
     """Return the top of the user's repository, or None if there is none.
 
-    It is the one that holds the current folder, else the first that holds a triangulator named as
+    The repository of the current folder, else the first repository of a triangulator named as
     `module:function`.
     """
     for folder in (Path.cwd(), *_list_module_folders(triangulators)):

@@ -1,6 +1,6 @@
 """Differences between Linux, macOS and Windows: process groups, signals, limits, file locks.
 
-Only this module imports platform-specific modules, and only when they are needed.
+Only this module imports platform-specific modules, and only on demand.
 """
 
 import contextlib
@@ -21,7 +21,7 @@ from platformdirs import user_cache_path
 T = TypeVar("T")
 
 TEMPORARY_PREFIX = "raster-harness-tmp-"
-"""Prefix of the folders for temporary files that `harness.supervisor` makes, one for a program."""
+"""Prefix of the temporary folder that `harness.supervisor` creates for a program."""
 
 HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", None)
 """Signal for a closed terminal; None on Windows."""
@@ -85,7 +85,7 @@ def delay_signals() -> Iterator[None]:
 
 
 def set_limits(memory_bytes: int | None, file_bytes: int) -> None:
-    """Limit the memory and the file size of this process, if the system supports it.
+    """Limit the memory and the file size of this process, if the system supports limits.
 
     Writing a larger file raises OSError (EFBIG).
     """
@@ -143,7 +143,7 @@ class RunQueueClock:
     def read(self) -> dict[str, int] | None:
         """Return the nanoseconds on a run queue by thread, or None if unavailable.
 
-        It is the second number of `schedstat`.
+        The time is the second number of `schedstat`.
         """
         if os.getpid() != self._owner:  # files inherited by a fork are of the parent
             self.close()
@@ -170,7 +170,7 @@ class RunQueueClock:
 
 
 def query_psutil(function: Callable[[], T]) -> T | None:
-    """Return what a function of psutil returns, or None if the system has no answer.
+    """Return the result of a function of psutil, or None if unsupported by the system.
 
     A container or a sandbox may have no /proc.
     """
@@ -181,12 +181,12 @@ def query_psutil(function: Callable[[], T]) -> T | None:
 
 
 def read_steal_time_s() -> float:
-    """Return the steal time of all cores, in seconds; 0 if the system does not report it."""
+    """Return the steal time of all cores, in seconds; 0 if not reported by the system."""
     return float(getattr(query_psutil(psutil.cpu_times), "steal", 0.0))
 
 
 def read_other_processes_s() -> float:
-    """Return the CPU seconds of all other processes since the system started; 0 if unknown."""
+    """Return the CPU seconds of all other processes since the start of the system; 0 if unknown."""
     total, process = (
         query_psutil(psutil.cpu_times),
         query_psutil(lambda: psutil.Process().cpu_times()),
@@ -199,7 +199,7 @@ def read_other_processes_s() -> float:
 
 
 def start_process_group() -> None:
-    """Make this process the leader of a new process group, if the system has them."""
+    """Make this process the leader of a new process group, on systems with process groups."""
     if hasattr(os, "setpgid"):
         os.setpgid(0, 0)
 
@@ -226,12 +226,12 @@ def kill_descendants(ancestor: int) -> None:
 
 
 def end_with(parent: int) -> None:
-    """Have the kernel end this process when its parent is killed; Linux only."""
+    """Have the kernel end this process when the parent is killed; Linux only."""
     if sys.platform != "linux":
         return
     pr_set_pdeathsig = 1
     ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
-    if os.getppid() != parent:  # it had ended before the call above
+    if os.getppid() != parent:  # the parent had ended before the call above
         os._exit(1)
 
 
@@ -264,12 +264,12 @@ def read_umask() -> int:
 def lock(descriptor: int, *, wait: bool = True, required: bool = False) -> bool:
     """Lock an open file; closing the file releases the lock.
 
-    wait : wait until the lock is released; otherwise return False if it is held
+    wait : wait until the lock is released; otherwise return False if the lock is held
     required : return False, not True, if the file system does not support locks
     """
     try:
         import fcntl
-    except ImportError:  # on Windows a locked range cannot be read, so lock one beyond the end
+    except ImportError:  # on Windows a locked range cannot be read, so lock a range beyond the end
         import msvcrt
 
         position = os.lseek(descriptor, 0, os.SEEK_CUR)
@@ -297,7 +297,7 @@ def lock(descriptor: int, *, wait: bool = True, required: bool = False) -> bool:
 
 
 def describe_exit(code: int | None) -> str:
-    """Return how a process ended, from its exit code as of multiprocessing."""
+    """Return the end of a process in words, from an exit code of multiprocessing."""
     if code is not None and code < 0:
         name = signal.Signals(-code).name
         hint = " (perhaps out of memory)" if name == "SIGKILL" else ""

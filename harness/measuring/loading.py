@@ -28,7 +28,7 @@ from scenes import Scene, SceneError, load, registry
 from scenes.spec import is_function
 
 Usable = tuple[Backend, tuple[Options, ...]]
-"""A backend with the plan's options that it supports."""
+"""A backend with the supported options of the plan."""
 
 MESSAGE_AFTER_S = 5.0
 """Seconds of loading after which a line says why."""
@@ -108,9 +108,9 @@ def find_broken(recipes: Iterable[Recipe], pool: MeasuringPool) -> dict[Recipe, 
 
 
 def find_backends(plan: Plan, pool: MeasuringPool, reporter: Reporter) -> list[Usable]:
-    """Return backends: each rasteriser on the plan's devices that it supports, with its options.
+    """Return backends: each rasteriser on the supported devices of the plan, with options.
 
-    A rasteriser that supports no requested device, such as the CPU reference, runs on its best
+    A rasteriser that supports no requested device, such as the CPU reference, runs on the best
     device. A third-party rasteriser that crashes is skipped, with a warning.
 
     Raises UsageError or NoRasteriserError if a name is unknown, a requested device is missing, or

@@ -1,8 +1,8 @@
 """Lower bounds of the quads that triangulations of a frame's polygons shade.
 
-Two bounds are exact: the quads of polygons drawn in one piece, and, slightly higher, the minimum
+Two bounds are exact: the quads of undivided polygons, and, slightly higher, the minimum
 quads over all triangulations. The first gives the cost of diagonals, the second the possible
-savings by other diagonals.
+savings by changed diagonals.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ MAX_SEARCH_S = 2.0
 """Budget for minimum quad counts in a frame: seconds on one core by `estimate_seconds`."""
 
 ROW_S = 6e-9
-"""Seconds for one row of pixels of one triangle. The dynamic program over n vertices evaluates
+"""Seconds for a row of pixels of a triangle. The dynamic program over n vertices evaluates
 n^3 / 6 triangles, on average half as high as the polygon (measured: 2 to 6 ns)."""
 
 HOLES_S = 2e-7
@@ -93,7 +93,7 @@ def estimate_seconds(frame: Frame) -> NDArray[np.float64]:
 def compute_min_quads(frame: Frame, database: Path | None) -> NDArray[np.int64]:
     """Return the proven minimum quads of each polygon, or -1; uses compiled code.
 
-    Polygons are solved in order of their estimated time, up to `MAX_SEARCH_S`. Views of a model are
+    Polygons are solved in order of the estimated time, up to `MAX_SEARCH_S`. Views of a model are
     not solved: a face seen at an angle is not a valid polygon on the grid.
     """
     unknown = np.full(len(frame.polygons), -1)

@@ -1,7 +1,7 @@
 """Interleaved baseline (`run --beside`): another version of the user's code, BASE, next to HEAD.
 
 Both versions triangulate the same frames, and all drawings are timed in the same rounds, so that
-machine drift affects both equally. BASE's run folder is inside HEAD's, and their records pair
+machine drift affects both equally. BASE's run folder is inside HEAD's, and the records pair
 sample by sample. Scenes and rasterisers are HEAD's.
 
 BASE triangulates in a separate interpreter, and needs only the public interface: the function
@@ -42,7 +42,7 @@ FOLDER = "base"
 
 @dataclass(frozen=True)
 class OtherVersion:
-    """Location of another version of the code, and the environment that runs it.
+    """Location of another version of the code, and the environment to run that version.
 
     name : the user's name for the version
     commit : commit of the version, or ""

@@ -1,7 +1,7 @@
 """Program that triangulates with another version of the code; `other_version.py` runs it.
 
-It imports only public interfaces, not the harness, which may be missing or different in that
-version. The question file comes from a process of the same user.
+The program imports only public interfaces, not the harness, which may be missing or different in
+that version. The question file comes from a process of the same user.
 """
 
 import importlib
@@ -51,7 +51,7 @@ def _make_answer(question: dict[str, Any]) -> dict[str, Any]:
 def _load_function(
     name: str, parameters: dict[str, Any]
 ) -> tuple[Callable[[Any], Any], str | None]:
-    """Return the triangulator as a function of a polygon, and its source file."""
+    """Return the triangulator as a function of a polygon, and the source file."""
     module, colon, attribute = name.partition(":")
     try:
         import triangulators

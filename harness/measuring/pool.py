@@ -134,7 +134,7 @@ class MeasuringPool(WorkerPool):
         polygons: Sequence[Polygon],
         tick: Callable[[float], None] | None = None,
     ) -> FrameTriangulation:
-        """Run a triangulator over polygons in px; compile it first if necessary.
+        """Run a triangulator over polygons in px; compile first if necessary.
 
         tick : called while the triangulator runs, with the seconds so far
 
@@ -209,7 +209,7 @@ class MeasuringPool(WorkerPool):
         return self.submit(SECOND, function, *arguments, timeout_s=timeout_s)
 
     def open(self, backend: Backend) -> tasks.Opened:
-        """Open the device and test its timer, once; return its details.
+        """Open the device and test the timer, once; return the details.
 
         Raises HarnessError if the device cannot be opened.
         """
@@ -240,7 +240,7 @@ class MeasuringPool(WorkerPool):
         seed: int,
         tick: Callable[[float], None] | None = None,
     ) -> tuple[dict[str, dict[str, Times]], dict[str, str]]:
-        """Time the candidates together, in shuffled rounds, in one or more processes in turn.
+        """Time the candidates together, in shuffled rounds, in one process or several in turn.
 
         If the device fails, candidates are timed one by one, so that only a failing candidate is
         lost.

@@ -27,7 +27,7 @@ DONE = ("ok", "skipped")
 """Statuses of records that a resumed run does not measure again."""
 
 BASELINE = Recipe("delaunay")
-"""Triangulator whose fragments define each polygon's coverage, as it uses all vertices."""
+"""Triangulator whose fragments define each polygon's coverage, because all vertices are used."""
 
 MESSAGE_AFTER_S = 2.0
 """Seconds of waiting after which a compilation is reported; loading compiled code takes less."""
@@ -35,7 +35,7 @@ MESSAGE_AFTER_S = 2.0
 
 @dataclass(frozen=True)
 class Group:
-    """Cases that are timed together: they differ only in the triangulator."""
+    """Cases that are timed together and differ only in the triangulator."""
 
     backend: Backend
     options: Options
@@ -69,7 +69,7 @@ class _View:
 
 @dataclass(frozen=True)
 class SceneRun:
-    """The measurement of one scene.
+    """The measurement of a scene.
 
     label : the scene's name in records
     broken : triangulators that cannot run, with the reasons
@@ -207,7 +207,7 @@ class SceneRun:
                 self.pool.compile(recipe, report_wait)
             result = self._triangulate(current.frame, recipe, tick)
         except TaskTimeoutError as error:
-            # Built-in triangulators may be slow by design; others may have hung.
+            # Built-in triangulators may be slow by design; third-party code may have hung.
             return ("skipped" if recipe.builtin else "failed"), str(error)
         except TaskError as error:
             self.reporter.detail(error.detail)
@@ -227,7 +227,7 @@ class SceneRun:
     def _triangulate(
         self, frame: Frame, recipe: Recipe, tick: Callable[[float], None]
     ) -> FrameTriangulation:
-        """Run one triangulator over the frame, the scene before its rotation, or flat faces."""
+        """Run a triangulator over the frame, the scene before the rotation, or flat faces."""
         plain_recipe = replace(recipe, upright=False)
         if frame.flat is not None:
             if recipe.base == ORIGINAL:
@@ -258,7 +258,7 @@ class SceneRun:
     # -- counts and times ------------------------------------------------------------------------
 
     def _measure(self, current: _View, group: Group) -> None:
-        """Count the group's cases, then time them together."""
+        """Count the group's cases, then time all cases together."""
         try:
             opened = self.pool.open(group.backend)
         except HarnessError as error:
@@ -283,7 +283,7 @@ class SceneRun:
     def _count(self, current: _View, group: Group, *, timed: bool) -> dict[Recipe, Record]:
         """Count the group's cases; return the records to be timed.
 
-        The baseline is counted first, even if it is not a case, for the pixels of each polygon.
+        The baseline is counted first, even if not a case, for the pixels of each polygon.
         """
         ready: dict[Recipe, Record] = {}
         covered = None

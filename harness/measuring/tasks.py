@@ -65,7 +65,7 @@ _rasterisers: dict[tuple[str, str], Rasteriser] = {}
 
 
 def open_device(name: str, device: Device) -> Opened:
-    """Open `device` with the rasteriser `name` and test its timer."""
+    """Open `device` with the rasteriser `name` and test the timer."""
     rasteriser = _get_rasteriser(name, device)
     timer = choose_timer(rasteriser) if rasteriser.timed else None
     return Opened(dict(rasteriser.device.details), timer, rasteriser.draws_indexed)

@@ -56,7 +56,7 @@ EPOCH_ROUNDS = 2
 """Minimum number of rounds of an epoch; `TimingSettings.epochs` epochs have `MIN_ROUNDS`."""
 
 Renew = Callable[[Sequence[str]], Mapping[str, Drawing]]
-"""Releases all drawings and prepares them again, in the given order of names."""
+"""Release of all drawings, and preparation in the given order of names."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class TimerTest:
 
 @dataclass
 class Times:
-    """Samples of one drawing: seconds per draw, one sample per round.
+    """Samples of a drawing: seconds per draw, a sample per round.
 
     repeats : draws per sample
     wall_s, waited_s : wall time of the same draws, and time of waiting for a core; [] if the CPU
@@ -249,7 +249,7 @@ def time_together(
         if over or rounds >= check_at or clock() >= deadline:
             # Intervals are computed at growing steps, as their cost grows with the rounds.
             check_at = rounds + max(1, rounds // 8)
-            # The empty draw is pure noise, so its precision is not required.
+            # The empty draw is pure noise, so no precision is required.
             precise = {EMPTY, *_find_precise(times, compared, settings, epochs.rounds)}
             for name, entry in times.items():
                 entry.precision_reached = name in precise or entry.is_precise(settings.precision)
