@@ -173,7 +173,7 @@ def _find_furthest(
     merged: np.ndarray,
     direction: int,
 ) -> tuple[int, float]:
-    """Return the position in `ring` of the furthest vertex of unmerged holes, and its projection."""
+    """Return the position in `ring` of the furthest vertex of unmerged holes, and `_project`."""
     furthest, min_along = -1, 0.0
     for hole in range(1, len(ring_offsets) - 1):
         if not merged[hole]:
