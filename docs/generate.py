@@ -25,7 +25,7 @@ from harness.commands.index import COMMANDS, load
 from harness.metrics.registry import list_metrics
 from harness.page.device_summaries import format_plain_cell
 from harness.page.device_summaries import format_table as summaries
-from harness.profile.report import devices_table
+from harness.profile.report import make_devices_table
 from scenes.registry import ENTRIES
 from triangulators.criteria import CRITERIA
 from triangulators.registry import BUILTIN
@@ -119,7 +119,7 @@ def devices(*columns: str) -> str:
 
 def profiles(*columns: str) -> str:
     """Return a table of the devices' laws, or some columns."""
-    headings, rows = devices_table(ROOT / "results" / "reference" / "profiles")
+    headings, rows = make_devices_table(ROOT / "results" / "reference" / "profiles")
     return _columns(_table(" | ".join(headings), rows, format_plain_cell), columns)
 
 

@@ -72,14 +72,14 @@ def profile(
             **pool.describe()[backend.label],
         }
         content = profiles.profile(draws, [counters(draw) for draw in draws], times, facts, seed)
-        add_advice(content, pool, times.trouble)
+        add_advice(content, pool, times.unreliable_reason)
     if len(times.rounds) < measured.EPOCHS:
         typer.echo(
             f"warning: slow device: {len(times.rounds)} of {measured.EPOCHS} epochs in "
             f"{timing.limit_s:g} s, so intervals are wide; increase --budget",
             err=True,
         )
-    write_profile(content, out, times.trouble)
+    write_profile(content, out, times.unreliable_reason)
 
 
 def add_advice(content: dict[str, Any], pool: MeasuringPool, trouble: str) -> None:

@@ -14,7 +14,7 @@ from harness.metrics.groups import RecordGroup, group_run
 from harness.metrics.per_polygon import rank_correlation
 from harness.metrics.processors import is_drawn_by_processor, may_be_same, read_processor
 from harness.metrics.registry import list_predictions
-from harness.profile.report import device_model
+from harness.profile.report import name_device_model
 from harness.results.run_folder import Run
 from harness.webpages import write_atomically
 
@@ -154,7 +154,7 @@ def format_table(folder: Path) -> str:
         summary = _read_summary(file)
         for view in summary["views"]:
             identity = (
-                f"`{device_model(summary['device'], summary)}`",
+                f"`{name_device_model(summary['device'], summary)}`",
                 summary["rasteriser"],
                 summary.get("cpu"),
             )

@@ -23,7 +23,7 @@ from harness.profile.advice import BASE, CRITERIA, SCENES, predict_terms
 from harness.profile.counted import PX_TERMS, TERMS, counters
 from harness.profile.design import DESIGN, make_draws, snap
 from harness.profile.draw import Draw
-from harness.profile.law import COSTS, cost_rows
+from harness.profile.law import COSTS, make_cost_rows
 from harness.profile.profile import select_fitted
 from harness.rasterisers.base import read_shader
 from harness.report.page import CHARTS, ELEMENTS, SPANS, STYLE
@@ -261,7 +261,7 @@ def make_profile_content(pool: MeasuringPool) -> ProfileContent:
 def make_grid(draws: Sequence[Draw]) -> GridContent:
     """Return the content of draws on a grid."""
     counted = [counters(draw) for draw in draws]
-    predicted = cost_rows([(draw.frame, draw.triangles) for draw in draws])
+    predicted = make_cost_rows([(draw.frame, draw.triangles) for draw in draws])
     return {
         "checksums": [draw.checksum for draw in draws],
         "counters": {name: [counts[name] for counts in counted] for name in counted[0]},
@@ -275,7 +275,7 @@ def _make_groups(draws: Sequence[Draw], positions: list[int]) -> GroupsContent:
     labels = np.unique(groups, return_inverse=True)[1]
     folds = law.assign_folds(groups).tolist()
     reach = [
-        law.interval_reach(int(labels.max()) + 1, confidence)
+        law.compute_interval_reach(int(labels.max()) + 1, confidence)
         for confidence in (law.CONFIDENCE, law.FAMILY_CONFIDENCE)
     ]
     return {"places": positions, "labels": labels.tolist(), "folds": folds, "reach": reach}

@@ -121,7 +121,7 @@ def import_profile(file: Path, result: Result, name: str) -> tuple[dict[str, Any
         warnings.append("the device is slow: epochs were skipped at the page's time limit")
     if result.differing:
         warnings.append(f"counters differ from the exact reference in {result.differing} draws")
-    return content, measurement.trouble, saved.list_warnings(result, warnings, "draws")
+    return content, measurement.unreliable_reason, saved.list_warnings(result, warnings, "draws")
 
 
 def _check_draws(file: Path, result: Result, draws: list[Draw], exact: Sequence[Counted]) -> None:

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from harness.frame import Frame, bare_frame
 from harness.grid import SUBPIXEL, coarsen
 from harness.profile import placing, stage_draws
-from harness.profile.draw import Draw, jittered_mesh, unshared
+from harness.profile.draw import Draw, make_jittered_mesh, unshared
 from harness.profile.placing import DIRECTIONS, LEVEL, SIDE, SLANTED, Direction
 
 DESIGN = 4
@@ -95,14 +95,25 @@ def make_draws(seed: int = 0) -> list[Draw]:
     The draws of design 2 come first, then those of design 3.
     """
     kinds = (
-        _equal_shapes("few", 0, FEW, seed),
-        _aspects(seed),
-        _equal_shapes("size", 200, ((side, SMALL_TRIANGLES) for side in SIZES), seed),
-        _equal_shapes("lanes", 300, EQUAL_LANES, seed),
-        *(kind(seed) for kind in (_positions, _cuts, _strips, _thin, _vertices, _work, _twice)),
-        _equal_shapes("size", 210, BALANCED_SIZES, seed),
+        _yield_equal_shapes("few", 0, FEW, seed),
+        _yield_aspects(seed),
+        _yield_equal_shapes("size", 200, ((side, SMALL_TRIANGLES) for side in SIZES), seed),
+        _yield_equal_shapes("lanes", 300, EQUAL_LANES, seed),
+        *(
+            kind(seed)
+            for kind in (
+                _yield_positions,
+                _yield_cuts,
+                _yield_strips,
+                _yield_thin,
+                _yield_vertices,
+                _yield_work,
+                _yield_repeated,
+            )
+        ),
+        _yield_equal_shapes("size", 210, BALANCED_SIZES, seed),
         stage_draws.make_stage_draws(seed),
-        _work_in_meshes(seed),
+        _yield_work_in_meshes(seed),
     )
     return [draw for kind in kinds for draw in kind]
 
@@ -113,38 +124,40 @@ def snap(draw: Draw, step: int) -> Draw:
     return draw if step == 1 else replace(draw, frame=bare_frame(SIDE, points))
 
 
-def triangle_sides(area: int, aspect: int) -> tuple[int, int]:
+def compute_triangle_sides(area: int, aspect: int) -> tuple[int, int]:
     """Return base and height, rounded down to 1/256 px, for an area in px^2 and base / height."""
     doubled = 2 * area * SUBPIXEL * SUBPIXEL
     height = isqrt(doubled // aspect)
     return doubled // height, height
 
 
-def _scattered(
+def _scatter_triangles(
     base: int, height: int, direction: Direction, count: int, numbers: tuple[int, int]
 ) -> tuple[Frame, NDArray[np.int32]]:
     """Return triangles without shared vertices; numbers : seed, and number of the draw."""
-    shape = placing.triangle_shape(base, height)
+    shape = placing.make_triangle_shape(base, height)
     points = placing.place_shapes(
         shape, (base, height), direction, placing.hash_numbers(*numbers, count)
     )
     return unshared(points)
 
 
-def _aspects(seed: int) -> Iterator[Draw]:
+def _yield_aspects(seed: int) -> Iterator[Draw]:
     variants = product(AREAS.items(), DIRECTIONS, ASPECTS)
     for number, ((area, count), direction, aspect) in enumerate(variants, 101):
-        geometry = _scattered(*triangle_sides(area, aspect), direction, count, (seed, number))
+        geometry = _scatter_triangles(
+            *compute_triangle_sides(area, aspect), direction, count, (seed, number)
+        )
         name = f"{area} px^2, {aspect}:1, turned {direction.x}/{direction.y}"
         yield Draw("aspect", name, f"aspect {area}", *geometry, aspect=aspect, area=area)
 
 
-def _equal_shapes(
+def _yield_equal_shapes(
     kind: str, first: int, shapes: Iterable[tuple[int, int]], seed: int
 ) -> Iterator[Draw]:
     """Yield draws of triangles of aspect 1; shapes : base in 1/256 px, and number of triangles."""
     for number, (side, count) in enumerate(shapes, first):
-        geometry = _scattered(side, side, SLANTED, count, (seed, number))
+        geometry = _scatter_triangles(side, side, SLANTED, count, (seed, number))
         name = f"{side / SUBPIXEL:g} px"
         yield Draw(
             kind,
@@ -154,38 +167,38 @@ def _equal_shapes(
         )
 
 
-def _positions(seed: int) -> Iterator[Draw]:
+def _yield_positions(seed: int) -> Iterator[Draw]:
     """Yield triangles in 4-px boxes at the same offset from a corner of the 8-px grid."""
     side, across = 4 * SUBPIXEL, 52  # 52 by 52 boxes, 16 px apart, fill the viewport
     number = np.arange(across * across)
     cell = np.stack([number % across, number // across], axis=-1) * 16 + 96
-    local = placing.triangle_shape(side, side)(placing.hash_numbers(seed, 320, len(number)))
+    local = placing.make_triangle_shape(side, side)(placing.hash_numbers(seed, 320, len(number)))
     for start in range(4):
         geometry = unshared((local + (cell[:, None] + start) * SUBPIXEL).astype(np.int32))
         yield Draw("places", f"boxes of 4 px from pixel {start}", "places", *geometry)
 
 
-def _rings(seed: int, index: int) -> tuple[Frame, NDArray[np.int32]]:
+def _make_rings(seed: int, index: int) -> tuple[Frame, NDArray[np.int32]]:
     """Return as many copies of one of `RINGS` as fit, and the first point of each, (k,)."""
     width, corners, flat = RINGS[index]
     size = width * SUBPIXEL, width * SUBPIXEL // flat
-    outline = placing.ellipse_ring(corners, *size)
+    outline = placing.make_ellipse_ring(corners, *size)
     count = max(1, SMALL_TRIANGLES // (corners - 2))
     numbers = placing.hash_numbers(seed, 400 + index, count)
     points = placing.place_shapes(lambda _: outline[None], size, SLANTED, numbers)
     return bare_frame(SIDE, points.reshape(-1, 2)), np.arange(len(points), dtype=np.int32) * corners
 
 
-def _cuts(seed: int) -> Iterator[Draw]:
+def _yield_cuts(seed: int) -> Iterator[Draw]:
     for index, (width, corners, flat) in enumerate(RINGS):
-        frame, starts = _rings(seed, index)
+        frame, starts = _make_rings(seed, index)
         for cut_name, cut in placing.RING_CUTS.items():
             triangles = (cut(corners) + starts[:, None, None]).reshape(-1, 3)
             name = f"rings of {width} by {width // flat} px, {corners} corners, {cut_name}"
             yield Draw("cuts", name, f"cuts {width} {corners}", *unshared(frame.points[triangles]))
 
 
-def _strips(seed: int) -> Iterator[Draw]:
+def _yield_strips(seed: int) -> Iterator[Draw]:
     width = (SIDE - 8) * SUBPIXEL
     for number, (step, height) in enumerate(STRIPS):
         steps = width // step
@@ -210,24 +223,26 @@ def _strips(seed: int) -> Iterator[Draw]:
         yield Draw("strips", name, "strips", *geometry)
 
 
-def _thin(seed: int) -> Iterator[Draw]:
+def _yield_thin(seed: int) -> Iterator[Draw]:
     for kind, sizes, directions, first in (
         ("slivers", SLIVERS, (LEVEL, SLANTED), 601),
         ("long", LONG_THIN, DIRECTIONS, 621),
     ):
         variants = product(sizes, directions)
         for number, ((length, height, count), direction) in enumerate(variants, first):
-            geometry = _scattered(length * SUBPIXEL, height, direction, count, (seed, number))
+            geometry = _scatter_triangles(
+                length * SUBPIXEL, height, direction, count, (seed, number)
+            )
             name = f"{length} by {height / SUBPIXEL:g} px, turned {direction.x}/{direction.y}"
             yield Draw(kind, name, kind, *geometry)
 
 
-def _vertices(seed: int) -> Iterator[Draw]:
+def _yield_vertices(seed: int) -> Iterator[Draw]:
     """Yield meshes and rings, with shared vertices and with three vertices per triangle."""
-    shared = [(f"a mesh of {side} px", *_mesh(seed, side)) for side in MESHES]
+    shared = [(f"a mesh of {side} px", *_make_mesh(seed, side)) for side in MESHES]
     for index in SHARED_RINGS:
         width, corners, _ = RINGS[index]
-        frame, starts = _rings(seed, index)
+        frame, starts = _make_rings(seed, index)
         triangles = (placing.cut_halves(corners) + starts[:, None, None]).reshape(-1, 3)
         # Every other triangle, so that the draw differs from those of the kind cuts.
         shared.append((f"half of rings of {width} px", frame, triangles[::2]))
@@ -237,33 +252,33 @@ def _vertices(seed: int) -> Iterator[Draw]:
         yield Draw("vertices", f"{name}, unshared", f"vertices {name}", *geometry)
 
 
-def _mesh(seed: int, side: int) -> tuple[Frame, NDArray[np.int32]]:
+def _make_mesh(seed: int, side: int) -> tuple[Frame, NDArray[np.int32]]:
     """Return a mesh of squares of `side` px."""
     across = min(40, (SIDE - 8) // side)
     numbers = placing.hash_numbers(seed, 650 + side, (across + 1) ** 2)
-    points, triangles = jittered_mesh(across, across, side * SUBPIXEL, numbers)
+    points, triangles = make_jittered_mesh(across, across, side * SUBPIXEL, numbers)
     return bare_frame(SIDE, points), triangles
 
 
-def _work(seed: int) -> Iterator[Draw]:
-    shapes = (("16 px", (4096, 4096), 300), ("8 px^2, 64:1", triangle_sides(8, 64), 800))
+def _yield_work(seed: int) -> Iterator[Draw]:
+    shapes = (("16 px", (4096, 4096), 300), ("8 px^2, 64:1", compute_triangle_sides(8, 64), 800))
     for number, (name, size, count) in enumerate(shapes):
-        geometry = _scattered(*size, SLANTED, count, (seed, 700 + number))
+        geometry = _scatter_triangles(*size, SLANTED, count, (seed, 700 + number))
         for work in (0, *WORK_ROUNDS):
             yield Draw("work", f"{name}, {work} rounds", f"work {name}", *geometry, work=work)
 
 
-def _work_in_meshes(seed: int) -> Iterator[Draw]:
+def _yield_work_in_meshes(seed: int) -> Iterator[Draw]:
     for side in WORK_MESHES:
-        geometry = _mesh(seed, side)
+        geometry = _make_mesh(seed, side)
         for work in WORK_ROUNDS:
             name = f"a mesh of {side} px, {work} rounds"
             yield Draw("work", name, f"work mesh {side}", *geometry, work=work)
 
 
-def _twice(seed: int) -> Iterator[Draw]:
+def _yield_repeated(seed: int) -> Iterator[Draw]:
     for number, (side, count) in enumerate(((1024, 2000), (8192, 300))):
-        frame, once = _scattered(side, side, SLANTED, count, (seed, 800 + number))
+        frame, once = _scatter_triangles(side, side, SLANTED, count, (seed, 800 + number))
         for times in (1, 2):
             name = f"{side / SUBPIXEL:g} px, {times} times"
             yield Draw("twice", name, f"twice {side}", frame, np.tile(once, (times, 1)))

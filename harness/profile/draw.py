@@ -44,7 +44,7 @@ def unshared(corners: NDArray[np.int32]) -> tuple[Frame, NDArray[np.int32]]:
     return bare_frame(SIDE, corners.reshape(-1, 2)), rows
 
 
-def jittered_mesh(
+def make_jittered_mesh(
     across: int, along: int, side: int, numbers: NDArray[np.int64]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Return vertices (n, 2) and triangles (2 across along, 3) of a mesh of squares, 4 px from 0.

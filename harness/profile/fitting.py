@@ -87,12 +87,12 @@ def stack_deviations(shares: Design, labels: NDArray[np.int64]) -> Design:
 
     A group's mean counts `BETWEEN_WEIGHT` times as much as its draws would.
     """
-    mean = group_means(shares, labels)
+    mean = compute_group_means(shares, labels)
     weight = BETWEEN_WEIGHT * np.sqrt(np.bincount(labels))
     return np.concatenate([shares - mean[labels], weight[:, None] * mean])
 
 
-def group_means(values: Seconds, labels: NDArray[np.int64]) -> Seconds:
+def compute_group_means(values: Seconds, labels: NDArray[np.int64]) -> Seconds:
     """Return the mean of the values of each label, along the first axis of (k,) or (k, c)."""
     members = labels == np.arange(labels.max() + 1)[:, None]
     return np.asarray(members / members.sum(axis=1)[:, None] @ values)
@@ -104,8 +104,8 @@ def r_squared(measured: Seconds, predicted: Seconds) -> float:
     return 1.0 - residual / float(((measured - measured.mean()) ** 2).sum())
 
 
-def r_squared_within(measured: Seconds, predicted: Seconds, polygons: Labels) -> float:
+def compute_r_squared_within(measured: Seconds, predicted: Seconds, polygons: Labels) -> float:
     """Return R2 after each polygon's mean (of logs) is subtracted from both."""
     labels = np.unique(np.asarray(polygons, dtype=str), return_inverse=True)[1]
     logs = np.log(measured), np.log(predicted)
-    return r_squared(*(values - group_means(values, labels)[labels] for values in logs))
+    return r_squared(*(values - compute_group_means(values, labels)[labels] for values in logs))

@@ -48,11 +48,11 @@ from harness.grid import SUBPIXEL
 from harness.profile.counted import TERMS, Design
 from harness.profile.fitting import (
     Seconds,
+    compute_group_means,
     compute_loss,
-    group_means,
+    compute_r_squared_within,
     iterate,
     r_squared,
-    r_squared_within,
     solve,
     stack_deviations,
 )
@@ -169,7 +169,7 @@ class Law:
         return np.asarray(low * self.shares.max(axis=0) > MIN_TIME_SHARE)
 
     def _intervals_at(self, confidence: float) -> Seconds:
-        width = interval_reach(self.groups, confidence) * np.sqrt(np.diag(self.covariance))
+        width = compute_interval_reach(self.groups, confidence) * np.sqrt(np.diag(self.covariance))
         low = np.clip(self.signed_costs - width, 0.0, self.costs) * self.known
         high = np.maximum(self.costs, self.signed_costs + width)
         return np.stack([low, np.where(self.known, high, self.bounds)], axis=1)
@@ -186,12 +186,12 @@ class Law:
         ratio = float(spent @ costs) / base_s
         weights = (ratio * base - spent) / base_s  # the derivative of the share by each cost
         deviation = float(np.sqrt(weights @ self.covariance @ weights))
-        error = interval_reach(self.groups, CONFIDENCE) * deviation
+        error = compute_interval_reach(self.groups, CONFIDENCE) * deviation
         moved = float(weights @ self.signed_costs)
         return 1 - ratio + min(0.0, moved - error), 1 - ratio + max(0.0, moved + error)
 
 
-def interval_reach(groups: int, confidence: float) -> float:
+def compute_interval_reach(groups: int, confidence: float) -> float:
     """Return the half-width of an interval in standard errors, for a number of groups."""
     return DEVIATION_FACTOR * float(stdtrit(groups / 2, 0.5 + confidence / 2))
 
@@ -234,12 +234,14 @@ def fit(design: Design, epochs: Seconds, groups: Sequence[str], form: str | None
         name: predict_held_out(design, seconds, labels, folds, name, binding)
         for name, (_, binding) in fits.items()
     }
-    errors = {name: group_errors(seconds, times, folds) for name, times in predicted.items()}
+    errors = {
+        name: compute_group_errors(seconds, times, folds) for name, times in predicted.items()
+    }
     chosen = choose_form(errors)
     costs, binding = fits[chosen]
     members = list_members(chosen)
     masked = design * members[binding]
-    signed_costs, covariance, known = _covariance(masked, seconds, labels)
+    signed_costs, covariance, known = _estimate_covariance(masked, seconds, labels)
     bounds = 1.0 / np.maximum((design / seconds[:, None]).max(axis=0), 1e-12)
     return Law(
         form=chosen,
@@ -253,7 +255,7 @@ def fit(design: Design, epochs: Seconds, groups: Sequence[str], form: str | None
         shares=masked / seconds[:, None],
         errors={name: float(values.mean()) for name, values in errors.items()},
         r2_over=r_squared(np.log(seconds), np.log(predicted[chosen])),
-        r2_within=r_squared_within(seconds, predicted[chosen], labels.tolist()),
+        r2_within=compute_r_squared_within(seconds, predicted[chosen], labels.tolist()),
     )
 
 
@@ -323,10 +325,10 @@ def predict_held_out(
     return predicted
 
 
-def group_errors(seconds: Seconds, predicted: Seconds, folds: Groups) -> Seconds:
+def compute_group_errors(seconds: Seconds, predicted: Seconds, folds: Groups) -> Seconds:
     """Return the mean absolute error of log time of each fold, (f,), except those always fitted."""
     held = folds >= 0
-    return group_means(np.abs(np.log(predicted / seconds))[held], folds[held])
+    return compute_group_means(np.abs(np.log(predicted / seconds))[held], folds[held])
 
 
 def choose_form(errors: Mapping[str, Seconds]) -> str:
@@ -340,7 +342,7 @@ def choose_form(errors: Mapping[str, Seconds]) -> str:
     return chosen
 
 
-def _covariance(
+def _estimate_covariance(
     design: Design, seconds: Seconds, labels: Groups
 ) -> tuple[Seconds, Seconds, NDArray[np.bool_]]:
     """Return the signed coefficients, (t,), and their covariance under errors that groups share.
@@ -383,7 +385,7 @@ their bounding boxes, the deviation D of their angles from 60 degrees, the expec
 blocks P, and R, the expected number of triangles whose bounding box holds a pixel centre."""
 
 
-def cost_rows(draws: Sequence[tuple[Frame, NDArray[np.int32]]]) -> Design:
+def make_cost_rows(draws: Sequence[tuple[Frame, NDArray[np.int32]]]) -> Design:
     """Return (k, 9) rows of `COSTS` of draws, from coordinates alone."""
     predicted = (predict(frame.points / SUBPIXEL, triangles) for frame, triangles in draws)
     return np.array([[1.0, *(sums[name] for name in COSTS[1:])] for sums in predicted])

@@ -56,7 +56,7 @@ class Measured:
         return np.asarray(np.exp(np.log(self.epochs).mean(axis=0)))
 
     @property
-    def trouble(self) -> str:
+    def unreliable_reason(self) -> str:
         """Reason why the times are unreliable, or ""."""
         if self.disturbed:
             return self.disturbed
@@ -123,7 +123,7 @@ def measure(
             f"and a law needs {MIN_EPOCHS}); increase the budget, e.g. --budget 4"
         )
     result = normalise_times(times, names)
-    state = assess_times((backend.label, f"draw {name}", _to_time(times[name])) for name in names)
+    state = assess_times((backend.label, f"draw {name}", _make_time(times[name])) for name in names)
     why = f"the times are {state.state}: {'; '.join(state.why)}"
     return replace(result, disturbed="" if state.is_quiet else why)
 
@@ -152,7 +152,7 @@ def normalise_times(times: Mapping[str, Times], names: Sequence[str]) -> Measure
     )
 
 
-def _to_time(times: Times) -> Time:
+def _make_time(times: Times) -> Time:
     """Convert times to those of a record."""
     time = make_samples(times, "cpu" if times.wall_s else "wall")
     return replace(time, stolen_s=times.stolen_s, timing_s=times.timing_s)

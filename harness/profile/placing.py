@@ -117,7 +117,7 @@ def place_shapes(
     return (rotate(local, direction) + middle + jitter[:, None]).astype(np.int32)
 
 
-def triangle_shape(base: int, height: int) -> Callable[[NDArray[np.int64]], Points]:
+def make_triangle_shape(base: int, height: int) -> Callable[[NDArray[np.int64]], Points]:
     """Return a shape for `place_shapes`: triangles of one base and height with varying apexes.
 
     Half of them hang from the top of their box. All have the area base * height / 2.
@@ -134,7 +134,7 @@ def triangle_shape(base: int, height: int) -> Callable[[NDArray[np.int64]], Poin
     return shape
 
 
-def ellipse_ring(corners: int, width: int, height: int) -> Points:
+def make_ellipse_ring(corners: int, width: int, height: int) -> Points:
     """Return (corners, 2) points on an ellipse in a box from (0, 0) to (width, height).
 
     The order is counter-clockwise from the right. Each quarter of the circle has the rational
@@ -160,9 +160,9 @@ def cut_fan(corners: int) -> Triangles:
 def cut_zigzag(corners: int) -> Triangles:
     """Return (corners - 2, 3) triangles of a convex ring: a strip from end to end."""
     step = np.arange(corners - 2)
-    left, right = (step + 1) // 2, corners - 1 - step // 2
-    third = np.where(step % 2 == 0, left + 1, right - 1)
-    return np.stack([left, third, right], axis=-1).astype(np.int32)
+    low, high = (step + 1) // 2, corners - 1 - step // 2
+    apex = np.where(step % 2 == 0, low + 1, high - 1)
+    return np.stack([low, apex, high], axis=-1).astype(np.int32)
 
 
 def cut_halves(corners: int) -> Triangles:

@@ -21,7 +21,7 @@ from harness.profile.counted import PX_TERMS, TERMS, design_of
 from harness.profile.design import DESIGN
 from harness.profile.draw import Draw
 from harness.profile.fitting import solve
-from harness.profile.law import COSTS, FORMS, Law, cost_rows
+from harness.profile.law import COSTS, FORMS, Law, make_cost_rows
 from harness.profile.measured import Measured
 
 FORMAT, VERSION = "raster-harness profile", 2
@@ -60,7 +60,7 @@ def profile(
     law = laws.fit(design[fitted], measured.epochs[:, fitted], of_fitted)
     # A triangulation changes no time of the vertices: these depend on the order of triangles.
     of_shape = [n for n in without_work if not law.is_bound_by_vertices[fitted.index(n)]]
-    predicted = cost_rows([(draws[n].frame, draws[n].triangles) for n in of_shape])
+    predicted = make_cost_rows([(draws[n].frame, draws[n].triangles) for n in of_shape])
     coefficients = solve(predicted, measured.times[of_shape], [groups[n] for n in of_shape])
     return {
         "format": FORMAT,
@@ -98,7 +98,7 @@ def profile(
         "r2_within": law.r2_within,
         "refused": not min(law.r2_over, law.r2_within) >= MIN_R2,
         "aspects": compare_aspects(draws, design, measured),
-        "second_filling": _second_filling(draws, measured),
+        "second_filling": _find_second_filling(draws, measured),
         "coefficients": dict(zip(COSTS, coefficients.tolist(), strict=True)),
         "control": [measured.control.value, measured.control.low, measured.control.high],
         "drift": measured.drift,
@@ -238,7 +238,7 @@ def select_fitted(draws: Sequence[Draw]) -> tuple[list[int], list[int]]:
     return fitted, plain
 
 
-def _second_filling(draws: Sequence[Draw], measured: Measured) -> dict[str, float]:
+def _find_second_filling(draws: Sequence[Draw], measured: Measured) -> dict[str, float]:
     """Return the relative time of filling the same pixels again, by group."""
     net = dict(zip((d.name for d in draws), measured.times - measured.empty, strict=True))
     pairs = [d.name for d in draws if d.kind == "twice"]

@@ -41,10 +41,10 @@ def format_seconds(value: float) -> str:
     if value < ZERO_S:
         return "0 s"
     step, unit = next((entry for entry in UNITS if value >= entry[0]), UNITS[-1])
-    return f"{_digits(value / step)} {unit}"
+    return f"{_format_digits(value / step)} {unit}"
 
 
-def _digits(value: float) -> str:
+def _format_digits(value: float) -> str:
     return f"{value:.0f}" if value >= 10 else f"{value:.2g}"
 
 
@@ -129,7 +129,7 @@ def make_table(profile: Mapping[str, Any]) -> Table:
     return table
 
 
-def devices_table(folder: Path) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def make_devices_table(folder: Path) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return headings and rows of a table of the profiles in a folder, one row per device.
 
     There is a column for each term that is significant on some device.
@@ -142,17 +142,19 @@ def devices_table(folder: Path) -> tuple[tuple[str, ...], list[tuple[str, ...]]]
     names = [name for name in TERMS if name in significant | {*REQUIRED_TERMS}]
     nouns = (TERMS[name].noun for name in names)
     heads = ("device", "form", "twice as long from", "triangulate by", *nouns)
-    return heads, [_row(profile, names) for profile in profiles]
+    return heads, [_make_row(profile, names) for profile in profiles]
 
 
-def device_model(device: str, details: Mapping[str, Any]) -> str:
+def name_device_model(device: str, details: Mapping[str, Any]) -> str:
     """Return a GPU's model name if `device` is only its number, such as gpu0."""
     return str(details["renderer"]).partition("/")[0] if device.startswith("gpu") else device
 
 
-def _row(profile: Mapping[str, Any], names: Sequence[str]) -> tuple[str, ...]:
+def _make_row(profile: Mapping[str, Any], names: Sequence[str]) -> tuple[str, ...]:
     device = profile["device"]
-    label = f"{device_model(device['name'], device.get('details', {}))} ({device['rasteriser']})"
+    label = (
+        f"{name_device_model(device['name'], device.get('details', {}))} ({device['rasteriser']})"
+    )
     cpu = f"; {device['cpu']}" if device["software"] and device["cpu"] else ""
     terms = {term["name"]: term for term in profile["terms"]}
     doubled = ", ".join(
@@ -171,13 +173,13 @@ def _format_cost(term: Mapping[str, Any]) -> str:
 
 def draw_chart(profile: Mapping[str, Any], file: Path) -> Path:
     """Draw the chart next to a profile's file, as PNG and SVG; return the PNG."""
-    return draw_figure(file.parent, file.stem, _figure, profile)[0]
+    return draw_figure(file.parent, file.stem, _get_figure, profile)[0]
 
 
-def _figure(profile: Mapping[str, Any]) -> Figure:
+def _get_figure(profile: Mapping[str, Any]) -> Figure:
     areas, device = profile["aspects"], profile["device"]
-    title = f"Are thin triangles slow on {device_model(device['name'], device.get('details', {}))}?"
-    heading = f"{title} Equal area, mean of four angles"
+    model = name_device_model(device["name"], device.get("details", {}))
+    heading = f"Are thin triangles slow on {model}? Equal area, mean of four angles"
     figure, axes = make_panels(len(areas), (2.6, 2.3), heading, sharey=True)
     for panel, area in zip(axes, areas, strict=True):
         x, y = (np.array(area[name]) for name in ("aspects", "ratios"))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from harness.frame import Frame, bare_frame
 from harness.grid import SUBPIXEL
 from harness.profile import placing
-from harness.profile.draw import Draw, jittered_mesh, unshared
+from harness.profile.draw import Draw, make_jittered_mesh, unshared
 from harness.profile.placing import SIDE
 
 KINDS = ("orders", "samples", "tiles", "mixed")
@@ -81,16 +81,16 @@ Population = tuple[NDArray[np.int32], NDArray[np.int32]]
 
 def make_stage_draws(seed: int) -> Iterator[Draw]:
     """Yield the draws of the kinds of the table above, in its order."""
-    yield from _orders(seed)
-    yield from _samples(seed)
-    yield from _tiles(seed)
-    yield from _mixed(seed)
+    yield from _yield_orders(seed)
+    yield from _yield_samples(seed)
+    yield from _yield_tiles(seed)
+    yield from _yield_mixed(seed)
 
 
-def _orders(seed: int) -> Iterator[Draw]:
+def _yield_orders(seed: int) -> Iterator[Draw]:
     for number, side in enumerate(MESH_SIDES, 901):
         numbers = placing.hash_numbers(seed, number, (MESH_ACROSS + 1) * (MESH_ALONG + 1))
-        points, triangles = jittered_mesh(MESH_ACROSS, MESH_ALONG, side, numbers)
+        points, triangles = make_jittered_mesh(MESH_ACROSS, MESH_ALONG, side, numbers)
         orders = {"0.78": _order_patches(), **{n: _order_runs(r) for n, r in RUNS.items()}}
         for name, rows in orders.items():
             group = f"orders {side / SUBPIXEL:g}"
@@ -114,7 +114,7 @@ def _order_runs(pattern: Sequence[int]) -> NDArray[np.int64]:
     return np.concatenate([np.arange(starts[k], starts[k] + lengths[k]) for k in runs])
 
 
-def _grid(
+def _make_grid(
     count: int, columns: int, pitch: tuple[int, int], start: tuple[int, int]
 ) -> placing.Points:
     """Return corners (count, 2) of cells in 1/256 px, row by row; pitch and start in px."""
@@ -126,7 +126,7 @@ def _jitter(numbers: NDArray[np.int64]) -> placing.Points:
     return np.stack([numbers % SAMPLE_JITTER, numbers // SUBPIXEL % SAMPLE_JITTER], axis=-1)
 
 
-def _small_triangles(
+def _make_small_triangles(
     cells: placing.Points, numbers: NDArray[np.int64], quarters: int
 ) -> Population:
     """Return an isolated triangle in each cell; `quarters` of four cover one sample each."""
@@ -137,7 +137,7 @@ def _small_triangles(
     return frame.points, triangles
 
 
-def _patches(cells: placing.Points, numbers: NDArray[np.int64], quarters: int) -> Population:
+def _make_patches(cells: placing.Points, numbers: NDArray[np.int64], quarters: int) -> Population:
     """Return a patch in each cell; in `quarters` of four every triangle covers one sample.
 
     Their squares are stretched to 1 by 2 px, and a sample is in each half; the others are shrunk to
@@ -149,38 +149,40 @@ def _patches(cells: placing.Points, numbers: NDArray[np.int64], quarters: int) -
     line = PATCH + 1
     row, column = np.divmod(np.arange(line * line), line)
     points = corners[:, None] + np.stack([column, row], axis=-1) * squares[:, None]
-    _, one = jittered_mesh(PATCH, PATCH, 2, np.zeros(line * line, np.int64))
+    _, one = make_jittered_mesh(PATCH, PATCH, 2, np.zeros(line * line, np.int64))
     starts = np.arange(len(cells)) * line * line
     triangles = (one + starts[:, None, None]).reshape(-1, 3)
     return points.reshape(-1, 2).astype(np.int32), triangles.astype(np.int32)
 
 
-def _samples(seed: int) -> Iterator[Draw]:
+def _yield_samples(seed: int) -> Iterator[Draw]:
     numbers = placing.hash_numbers(seed, 911, 3000)
-    cells = _grid(3000, 60, (4, 4), (8, 8))
+    cells = _make_grid(3000, 60, (4, 4), (8, 8))
     for quarters in SHARES:
         name = f"{quarters} of 4 isolated triangles on a sample"
-        yield _draw("samples", name, "samples isolated", _small_triangles(cells, numbers, quarters))
+        yield _draw(
+            "samples", name, "samples isolated", _make_small_triangles(cells, numbers, quarters)
+        )
     numbers = placing.hash_numbers(seed, 912, 96)
-    cells = _grid(96, 12, (8, 12), (8, 8))
+    cells = _make_grid(96, 12, (8, 12), (8, 8))
     for quarters in SHARES[::2]:
         name = f"{quarters} of 4 patches on samples"
-        yield _draw("samples", name, "samples patches", _patches(cells, numbers, quarters))
+        yield _draw("samples", name, "samples patches", _make_patches(cells, numbers, quarters))
 
 
-def _tiles(seed: int) -> Iterator[Draw]:
+def _yield_tiles(seed: int) -> Iterator[Draw]:
     for number, (side, pitch) in enumerate(TILE_BOXES, 921):
         lines, rows = SIDE // 64 - 1, SIDE // pitch - 2
         numbers = placing.hash_numbers(seed, number, lines * rows)
-        shape = placing.triangle_shape(side * SUBPIXEL, side * SUBPIXEL)(numbers)
+        shape = placing.make_triangle_shape(side * SUBPIXEL, side * SUBPIXEL)(numbers)
         for name, line in TILE_LINES.items():
             start = line - side // 2, pitch + (pitch - side) // 2
-            cells = _grid(lines * rows, lines, (64, pitch), start)
+            cells = _make_grid(lines * rows, lines, (64, pitch), start)
             geometry = unshared((shape + cells[:, None]).astype(np.int32))
             yield Draw("tiles", f"boxes of {side} px {name}", f"tiles {side}", *geometry)
 
 
-def _mixed(seed: int) -> Iterator[Draw]:
+def _yield_mixed(seed: int) -> Iterator[Draw]:
     """Yield three populations, one for each stage, alone and in pairs.
 
     On an H200 each takes 4.4 to 4.6 us: 19.9 ns per vertex batch of isolated triangles between
@@ -188,20 +190,26 @@ def _mixed(seed: int) -> Iterator[Draw]:
     quads take most.
     """
     numbers = [placing.hash_numbers(seed, number, 2200) for number in (931, 932, 933)]
-    large = placing.triangle_shape(64 * SUBPIXEL, 64 * SUBPIXEL)(numbers[2][:28])
+    large = placing.make_triangle_shape(64 * SUBPIXEL, 64 * SUBPIXEL)(numbers[2][:28])
     frame, triangles = unshared(
-        (large + _grid(28, 14, (68, 68), (8, 256))[:, None]).astype(np.int32)
+        (large + _make_grid(28, 14, (68, 68), (8, 256))[:, None]).astype(np.int32)
     )
     populations: dict[str, tuple[Population, int]] = {
-        "vertices": (_small_triangles(_grid(2200, 100, (4, 4), (8, 8)), numbers[0], 0), 10),
-        "covering": (_patches(_grid(57, 48, (8, 12), (8, 128)), numbers[1][:57], 4), 32),
+        "vertices": (
+            _make_small_triangles(_make_grid(2200, 100, (4, 4), (8, 8)), numbers[0], 0),
+            10,
+        ),
+        "covering": (_make_patches(_make_grid(57, 48, (8, 12), (8, 128)), numbers[1][:57], 4), 32),
         "quads": ((frame.points, triangles), 1),
     }
     for name, (population, _) in populations.items():
         yield _draw("mixed", f"{name} alone", "mixed", population)
     for one, other in combinations(populations, 2):
         first, second = populations[one], populations[other]
-        keys = [_interleaving_keys(first, second), _interleaving_keys(second, first)]
+        keys = [
+            _compute_interleaving_keys(first, second),
+            _compute_interleaving_keys(second, first),
+        ]
         order = np.argsort(np.concatenate(keys), kind="stable")
         joined = _join(first[0], second[0])
         yield _draw("mixed", f"{one} and {other}, interleaved", "mixed", joined, order)
@@ -209,7 +217,7 @@ def _mixed(seed: int) -> Iterator[Draw]:
     yield _draw("mixed", "vertices, then quads", "mixed", joined)
 
 
-def _interleaving_keys(
+def _compute_interleaving_keys(
     population: tuple[Population, int], other: tuple[Population, int]
 ) -> NDArray[np.int64]:
     """Return sort keys (m,) that spread blocks of a population evenly among those of another.

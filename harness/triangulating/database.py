@@ -272,7 +272,7 @@ def get_triangulators_version() -> str:
     These are the libraries that compute triangles or proofs. NumPy's arithmetic and random numbers
     are the same in all supported versions, so a database can be copied to a machine with another.
     """
-    code_hash = source_hash(Path(triangulators.__file__).parent)
+    code_hash = hash_sources(Path(triangulators.__file__).parent)
     digest = hashlib.blake2b(code_hash.encode(), digest_size=12)
     for name in ("shapely", "mapbox-earcut", "manifold3d", "highspy", "PyOpenGL"):
         try:
@@ -335,7 +335,7 @@ class CacheLookup:
         self.notes: list[str] = []
         self._name = name
         self._parameters = dict(parameters)
-        model = str(processor()["name"]).encode()
+        model = str(describe_processor()["name"]).encode()
         self._processor = hashlib.blake2b(model, digest_size=8).digest()
         self._database: ModelDatabase | None = None
         self._keys: list[bytes] = []

@@ -48,8 +48,8 @@ from harness.measuring.timing import EMPTY, REFERENCE
 from harness.profile import profile as profiles
 from harness.profile.advice import recommend
 from harness.profile.counted import TERMS, count_triangles, counters, design_of
-from harness.profile.fitting import r_squared, r_squared_within
-from harness.profile.law import COSTS, cost_rows, predict_times
+from harness.profile.fitting import compute_r_squared_within, r_squared
+from harness.profile.law import COSTS, make_cost_rows, predict_times
 from harness.profile.measured import Measured
 from harness.progress import Reporter
 from harness.rasterisers.base import Options, order_submission
@@ -151,7 +151,7 @@ def refit(profile: dict[str, Any]) -> dict[str, Any]:
     if content["form"] != "sum":
         with closing(MeasuringPool(Worker, timeout_s=600)) as pool:
             content["advice"] = recommend(pool, content["coefficients"], content["seed"])
-    content["refused"] = content["refused"] or bool(times.trouble)
+    content["refused"] = content["refused"] or bool(times.unreliable_reason)
     return content | {"design": profile["design"]}
 
 
@@ -195,7 +195,7 @@ def judge_scene(
     draws, table = measured
     seconds, empty = table["seconds"].to_numpy(), float(table["empty_s"].iloc[0])
     polygons = table["polygon"].tolist()
-    cost = cost_rows(draws)[:, 1:] @ [profile["coefficients"][name] for name in COSTS[1:]]
+    cost = make_cost_rows(draws)[:, 1:] @ [profile["coefficients"][name] for name in COSTS[1:]]
     by_law, _ = scale_prediction(seconds, empty, predict_by_law(profile, table))
     predicted, speed = scale_prediction(seconds, empty, cost)
     common = {
@@ -341,7 +341,7 @@ def format_r_squared(
 ) -> dict[str, str]:
     """Return R2 of log time over all draws and within polygons, as columns."""
     over = r_squared(np.log(seconds), np.log(predicted))
-    within = r_squared_within(seconds, predicted, polygons)
+    within = compute_r_squared_within(seconds, predicted, polygons)
     return {f"{name}_over": f"{over:.4f}", f"{name}_within": f"{within:.4f}"}
 
 

@@ -207,5 +207,5 @@ def test_markup_in_names_is_escaped(harness, saved):
     out, _ = require_ok(harness("import", saved(change), "--out", "profiles/p.json"))
     assert MARKUP not in out
     assert MARKUP not in Path("profiles/p.svg").read_text()
-    rows = report.devices_table(Path("profiles"))[1]
+    rows = report.make_devices_table(Path("profiles"))[1]
     assert "<" not in "".join(rows[0])

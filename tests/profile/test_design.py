@@ -72,7 +72,7 @@ def test_draws_depend_on_the_seed_only(counted):
 
 def test_thin_triangles_have_equal_areas_and_the_aspects_of_their_names(counted):
     for draw, counts in select_kind(counted, "aspect"):
-        base, height = design.triangle_sides(draw.area, draw.aspect)
+        base, height = design.compute_triangle_sides(draw.area, draw.aspect)
         assert base / height == pytest.approx(draw.aspect, rel=0.01)
         assert base * height == pytest.approx(2 * draw.area * SUBPIXEL**2, rel=0.005)
         doubled = np.abs(twice_areas(draw.frame.points, draw.triangles))
@@ -230,7 +230,7 @@ def test_terms_of_the_design_are_not_collinear(counted):
 def test_convex_ring_is_triangulated_completely(corners, way):
     triangles = placing.RING_CUTS[way](corners)
     assert triangles.shape == (corners - 2, 3)
-    points = placing.ellipse_ring(corners, 4096, 1024)
+    points = placing.make_ellipse_ring(corners, 4096, 1024)
     doubled = twice_areas(points, triangles)
     assert (doubled > 0).all()
     x, y = points.T

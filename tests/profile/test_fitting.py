@@ -11,7 +11,7 @@ from harness.measuring.timing import EMPTY, Times
 from harness.profile import design, fitting, law, measured
 from harness.profile.counted import TERMS, counters
 from harness.profile.draw import Draw
-from harness.profile.law import COSTS, cost_rows
+from harness.profile.law import COSTS, make_cost_rows
 from harness.profile.measured import CONTROL
 from harness.profile.profile import read_coefficients, select_fitted, write_profile
 from harness.stats.intervals import Ratio
@@ -27,7 +27,7 @@ def criteria_costs() -> tuple[np.ndarray, np.ndarray]:
     draws = design.make_draws()
     plain = [draws[index] for index in select_fitted(draws)[1]]
     groups = np.unique([draw.group for draw in plain], return_inverse=True)[1]
-    return cost_rows([(draw.frame, draw.triangles) for draw in plain]), groups
+    return make_cost_rows([(draw.frame, draw.triangles) for draw in plain]), groups
 
 
 def test_fit_is_robust_to_noise_and_outliers(criteria_costs):
@@ -44,7 +44,7 @@ def test_common_errors_of_groups_affect_the_fit_little(criteria_costs):
     rows, groups = criteria_costs
     common = np.exp(0.2 * np.random.default_rng(0).standard_normal(groups.max() + 1))
     costs = fitting.solve(rows, rows @ TRUE_COSTS * common[groups], groups)
-    r2 = fitting.r_squared_within(rows @ TRUE_COSTS, rows @ costs, groups)
+    r2 = fitting.compute_r_squared_within(rows @ TRUE_COSTS, rows @ costs, groups)
     # With a weight of 1 for common errors instead of `BETWEEN_WEIGHT`, it is 0.9996.
     assert r2 > 0.9999
 
@@ -60,9 +60,9 @@ def test_r2_within_polygons_ignores_their_size():
     sizes = np.repeat([1.0, 10.0, 100.0], 50)
     choice = np.random.default_rng(1).uniform(0.9, 1.1, 150)
     polygons = np.repeat([0, 1, 2], 50).tolist()
-    assert fitting.r_squared_within(sizes * choice, 7 * sizes * choice, polygons) > 0.999
+    assert fitting.compute_r_squared_within(sizes * choice, 7 * sizes * choice, polygons) > 0.999
     assert fitting.r_squared(np.log(sizes * choice), np.log(sizes)) > 0.99
-    assert fitting.r_squared_within(sizes * choice, sizes, polygons) < 0.01
+    assert fitting.compute_r_squared_within(sizes * choice, sizes, polygons) < 0.01
 
 
 def test_groups_are_weighted_by_their_draws():
@@ -91,7 +91,7 @@ def test_r2_is_the_explained_share_of_the_variance():
     measured, predicted = np.array([1.0, 2.0, 3.0]), np.array([1.0, 2.0, 4.0])
     assert fitting.r_squared(measured, predicted) == pytest.approx(0.5)
     logs = np.array([0.0, 2.0, 10.0, 12.0]), np.array([0.0, 1.0, 5.0, 6.0])
-    within = fitting.r_squared_within(*np.exp(logs), ["a", "a", "b", "b"])
+    within = fitting.compute_r_squared_within(*np.exp(logs), ["a", "a", "b", "b"])
     assert within == pytest.approx(0.75)
 
 
@@ -236,18 +236,20 @@ def test_times_do_not_depend_on_the_machines_speed():
     assert times.times == pytest.approx([1e-3, 2e-3, 4e-3])
     assert np.ptp(times.epochs, axis=0) == pytest.approx(0.0, abs=1e-12)
     assert times.drift == pytest.approx(1.21)
-    assert times.trouble == ""
+    assert times.unreliable_reason == ""
 
 
 def test_drift_and_a_deviating_control_are_reported():
-    assert "speed changed by a factor of 1.60" in simulate_rounds(1.0, 1.6, 1.2, 1.0).trouble
+    assert (
+        "speed changed by a factor of 1.60" in simulate_rounds(1.0, 1.6, 1.2, 1.0).unreliable_reason
+    )
     assert (
         "1.050 times its own time"
-        in simulate_rounds(1.0, 1.0, 1.0, 1.0, control_ratio=1.05).trouble
+        in simulate_rounds(1.0, 1.0, 1.0, 1.0, control_ratio=1.05).unreliable_reason
     )
     times = simulate_rounds(1.0, 1.0, 1.0, 1.0, control_ratio=1.02)
     assert isinstance(times.control, Ratio)
-    assert times.trouble == ""
+    assert times.unreliable_reason == ""
 
 
 def make_draw(points, size: int = 8) -> Draw:
@@ -264,7 +266,7 @@ def test_rows_counts_pixel_rows_with_centres_in_the_triangle():
 
 def test_features_of_criteria_are_in_pixels():
     draw = make_draw([[0, 0], [1024, 0], [0, 512]])
-    (row,) = cost_rows([(draw.frame, draw.triangles)])
+    (row,) = make_cost_rows([(draw.frame, draw.triangles)])
     features = dict(zip(COSTS, row, strict=True))
     names = ("draw", "triangles", "area", "half_perimeter", "bbox_area")
     assert [features[name] for name in names] == [1.0, 1.0, 4.0, 6.0, 8.0]
@@ -278,7 +280,7 @@ def test_covariance_of_a_mean_equals_one_way_analysis_of_variance(group_error, d
     labels, number = np.repeat(np.arange(8), sizes), sizes.sum()
     errors = random.normal(0, group_error, 8)[labels] + random.normal(0, draw_error, number)
     seconds = 3.0 * np.exp(errors)
-    (free,), ((variance,),), _ = law._covariance(np.ones((number, 1)), seconds, labels)
+    (free,), ((variance,),), _ = law._estimate_covariance(np.ones((number, 1)), seconds, labels)
     shares = seconds / seconds.mean()
     means = np.bincount(labels, shares) / sizes
     within = ((shares - means[labels]) ** 2).sum() / (number - 8)

@@ -37,7 +37,7 @@ import numpy as np
 from triangulators.certificate.candidates import Candidates
 from triangulators.certificate.skeleton import find_position, make_ring
 from triangulators.compute.kernels import njit
-from triangulators.compute.operations import grouped
+from triangulators.compute.operations import group_by_key
 from triangulators.geometry.predicates import cross, orientation
 
 MAX_CUTS = 250
@@ -183,8 +183,8 @@ def _classify(
     """
     points, edges, side = candidates.points, candidates.edges, candidates.side
     m, q, tip, upper = len(outer), len(inner), inner[0], inner[1]
-    outer_start, outer_items = grouped(outer, len(points))
-    inner_start, inner_items = grouped(inner, len(points))
+    outer_start, outer_items = group_by_key(outer, len(points))
+    inner_start, inner_items = group_by_key(inner, len(points))
     turn = np.zeros(m, dtype=np.int64)
     for k in range(1, m):
         turn[k] = turn[k - 1] + _crossings(points, outer[k - 1], outer[k], tip)
@@ -308,14 +308,14 @@ def _weigh_pockets(
     sides, count = candidates.sides, len(kind)
     pocket = np.full(count, none, dtype=weights.dtype)
     apex = np.full(count, -1, dtype=np.int64)
-    start, items = grouped(pocket_of, count + 1)
+    start, items = group_by_key(pocket_of, count + 1)
     lengths = np.zeros(count, dtype=np.int64)
     for e in range(count):
         if kind[e] == _CUT:
             pocket[e] = 0
         elif kind[e] == _POCKET:
             lengths[e] = abs(length[e])
-    by_length, in_order = grouped(lengths, lengths.max() + 1)
+    by_length, in_order = group_by_key(lengths, lengths.max() + 1)
     for e in in_order[by_length[1] :]:
         best, best_triangle = none, -1
         for index in range(start[e], start[e + 1]):
@@ -362,7 +362,7 @@ def _solve_annulus(
             first[e] -= turns * m
             second[e] -= turns * q
             sums[e] = first[e] + second[e]
-    by_sum, order = grouped(sums, period + 1)
+    by_sum, order = group_by_key(sums, period + 1)
     order = order[: by_sum[period]]
     rank = np.zeros(len(kind), dtype=np.int64)
     for k in range(len(order)):
@@ -379,7 +379,7 @@ def _solve_annulus(
         along = (o == 0 and h == size) if on_hole[c.edges[base, 0]] else (o == size and h == 0)
         if along and costs[k] < none:
             after[k] = b
-    by_target = grouped(after, len(kind) + 1)
+    by_target = group_by_key(after, len(kind) + 1)
     best, solution = none, np.empty(0, dtype=np.int64)
     walk, via = np.empty(len(kind), dtype=weights.dtype), np.empty(len(kind), dtype=np.int64)
     for s in starts:

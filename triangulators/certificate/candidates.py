@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from triangulators.compute.kernels import njit
-from triangulators.compute.operations import copy_rows, grouped
+from triangulators.compute.operations import copy_rows, group_by_key
 from triangulators.criteria.cost import Cost, cost_at
 from triangulators.criteria.features import weigh_triangles
 from triangulators.geometry.half_edges import find_twins

@@ -224,7 +224,7 @@ def _find_gap(
     return max(total - bound, factor) / max(abs(total), 1)
 
 
-def _candidate_indices(candidates: Candidates, triangles: np.ndarray) -> np.ndarray:
+def _find_candidate_indices(candidates: Candidates, triangles: np.ndarray) -> np.ndarray:
     """Return the candidate index of each triangle, -1 for other triangles."""
     n = len(candidates.points)
     keys = _make_keys(candidates.triangles, n)

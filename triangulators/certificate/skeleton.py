@@ -163,7 +163,7 @@ def make_ring(candidates: Candidates, cut: np.ndarray, root: int) -> np.ndarray:
         if side[e] < 0 or cut[e]:
             leaving[n, 0], leaving[n, 1] = edges[e, 1], edges[e, 0]
             n += 1
-    start, items = grouped(leaving[:, 0].copy(), len(points))
+    start, items = group_by_key(leaving[:, 0].copy(), len(points))
     first, second = edges[root, 0], edges[root, 1]
     if side[root] < 0:
         first, second = second, first
@@ -213,7 +213,7 @@ def _find_positions(
     -1 if an end is not in the ring.
     """
     points, edges = candidates.points, candidates.edges
-    start, items = grouped(ring, len(points))
+    start, items = group_by_key(ring, len(points))
     positions = np.empty((selected.sum(), 2), dtype=np.int64)
     row = 0
     for e in range(len(edges)):

@@ -69,20 +69,20 @@ def beauty(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> 
 
 
 @njit(forceinline=True, error_model="numpy")
-def _common_share(lost: float, doubled_area: float) -> float:
-    """Fraction of a triangle's area in common with shifted copies; lost: L in `_mean_blocks`."""
+def _find_common_share(lost: float, doubled_area: float) -> float:
+    """Fraction of a triangle's area in common with shifted copies; lost: L in `_average_blocks`."""
     side = 1.0 - lost / doubled_area
     return side * side if side > 0.0 else 0.0
 
 
 @njit(forceinline=True)
 def _triple(p: float, q: float, u: float, v: float, x: float, y: float) -> float:
-    """Return L of a triple in `_mean_blocks`: the sum of max(0, -first, -second) over edges."""
+    """Return L of a triple in `_average_blocks`: the sum of max(0, -first, -second) over edges."""
     return -(min(0.0, p, q) + min(0.0, u, v)) - min(0.0, x, y)
 
 
 @njit(forceinline=True, error_model="numpy")
-def _mean_blocks(
+def _average_blocks(
     size: float, ax: float, ay: float, bx: float, by: float, cx: float, cy: float
 ) -> float:
     """Mean number of b x b blocks, b = size, with a covered pixel centre, over all positions.
@@ -127,12 +127,12 @@ def _mean_blocks(
     height = max(ay, by, cy) - min(ay, by, cy)
     falling = max(ax - ay, bx - by, cx - cy) - min(ax - ay, bx - by, cx - cy)
     rising = max(ax + ay, bx + by, cx + cy) - min(ax + ay, bx + by, cx + cy)
-    pairs = _common_share(width, cross) + _common_share(height, cross)
-    diagonals = _common_share(falling, cross) + _common_share(rising, cross)
-    triples = _common_share(_triple(-uy, -ux, -vy, -vx, -wy, -wx), cross)
-    triples += _common_share(_triple(-uy, ux, -vy, vx, -wy, wx), cross)
-    triples += _common_share(_triple(uy, -ux, vy, -vx, wy, -wx), cross)
-    triples += _common_share(_triple(uy, ux, vy, vx, wy, wx), cross)
+    pairs = _find_common_share(width, cross) + _find_common_share(height, cross)
+    diagonals = _find_common_share(falling, cross) + _find_common_share(rising, cross)
+    triples = _find_common_share(_triple(-uy, -ux, -vy, -vx, -wy, -wx), cross)
+    triples += _find_common_share(_triple(-uy, ux, -vy, vx, -wy, wx), cross)
+    triples += _find_common_share(_triple(uy, -ux, vy, -vx, wy, -wx), cross)
+    triples += _find_common_share(_triple(uy, ux, vy, vx, wy, wx), cross)
     inner = size - 1.0
     squares = triples - diagonals - _find_common_share(width + height, cross)
     share = size * size - size * inner * pairs + inner * inner * squares

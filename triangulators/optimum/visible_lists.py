@@ -169,7 +169,7 @@ def _trace(
 
 
 @njit(nogil=True, forceinline=True, fastmath=FAST)
-def _least_of_edges(
+def _minimise_edges(
     row: np.ndarray,
     apex: np.ndarray,
     lists: np.ndarray,
@@ -189,7 +189,7 @@ def _least_of_edges(
 
 
 @njit(forceinline=True, fastmath=FAST)
-def _least_of_boxes(
+def _minimise_boxes(
     row: np.ndarray,
     apex: np.ndarray,
     lists: np.ndarray,
@@ -213,7 +213,7 @@ def _least_of_boxes(
 
 
 @njit
-def _least_of_any(
+def _minimise_any(
     row: np.ndarray,
     apex: np.ndarray,
     lists: np.ndarray,
@@ -249,7 +249,7 @@ def _least_of_any(
 
 
 @njit
-def _least_of_weights(
+def _minimise_weights(
     row: np.ndarray,
     apex: np.ndarray,
     lists: np.ndarray,
@@ -269,17 +269,17 @@ def _least_of_weights(
 
 
 @njit
-def _free(_i: int, _k: int, _j: int, _context: Any) -> int:
+def _get_zero(_i: int, _k: int, _j: int, _context: Any) -> int:
     return 0
 
 
 @njit
-def _cost_in(i: int, k: int, j: int, context: tuple[np.ndarray, Cost]) -> float:
+def _get_cost(i: int, k: int, j: int, context: tuple[np.ndarray, Cost]) -> float:
     return cost_at(context[0], i, k, j, context[1])
 
 
 @njit
-def _weight_in(
+def _get_weight(
     i: int, k: int, j: int, context: tuple[np.ndarray, np.ndarray, Cost, Units]
 ) -> np.int64:
     points, ring, cost, units = context
@@ -287,28 +287,30 @@ def _weight_in(
 
 
 @njit(nogil=True)
-def _by_edges(start: np.ndarray, target: np.ndarray, weights: np.ndarray, none: Any) -> np.ndarray:
+def _solve_edges(
+    start: np.ndarray, target: np.ndarray, weights: np.ndarray, none: Any
+) -> np.ndarray:
     extra_rows = np.empty((0, len(start) - 1), dtype=weights.dtype)
-    filled = _fill(start, target, extra_rows, none, _least_of_edges, weights)
-    return _trace(start, target, filled, none, _free, None)
+    filled = _fill(start, target, extra_rows, none, _minimise_edges, weights)
+    return _trace(start, target, filled, none, _get_zero, None)
 
 
 @njit(nogil=True)
-def _by_boxes(
+def _solve_boxes(
     start: np.ndarray, target: np.ndarray, points: np.ndarray, box: np.ndarray, in_boxes: Cost
 ) -> np.ndarray:
     context = (points, box)
-    filled = _fill(start, target, points.T.copy(), FLOAT, _least_of_boxes, context)
-    return _trace(start, target, filled, FLOAT, _cost_in, (points, in_boxes))
+    filled = _fill(start, target, points.T.copy(), FLOAT, _minimise_boxes, context)
+    return _trace(start, target, filled, FLOAT, _get_cost, (points, in_boxes))
 
 
 @njit(nogil=True)
-def _by_any(start: np.ndarray, target: np.ndarray, points: np.ndarray, cost: Cost) -> np.ndarray:
+def _solve_any(start: np.ndarray, target: np.ndarray, points: np.ndarray, cost: Cost) -> np.ndarray:
     # Corners, costs below and costs of up to n triangles, in lanes of `weigh_triangles`.
     space = np.zeros((8, len(points) + 8))
     context = (points, cost, space)
-    filled = _fill(start, target, points.T.copy(), FLOAT, _least_of_any, context)
-    return _trace(start, target, filled, FLOAT, _cost_in, (points, cost))
+    filled = _fill(start, target, points.T.copy(), FLOAT, _minimise_any, context)
+    return _trace(start, target, filled, FLOAT, _get_cost, (points, cost))
 
 
 @njit(nogil=True)
@@ -341,12 +343,12 @@ def far_costs(
     """
     context = (points, ring, cost, units)
     extra_rows = np.empty((0, len(ring)), dtype=np.int64)
-    filled = _fill(start, target, extra_rows, _UNSEEN, _least_of_weights, context)
-    return filled[0], _trace(start, target, filled, _UNSEEN, _weight_in, context)
+    filled = _fill(start, target, extra_rows, _UNSEEN, _minimise_weights, context)
+    return filled[0], _trace(start, target, filled, _UNSEEN, _get_weight, context)
 
 
 @njit(nogil=True)
-def _length_of_pairs(
+def _compute_pair_lengths(
     points: np.ndarray, by_l1: float, by_l2: float, start: np.ndarray, target: np.ndarray
 ) -> np.ndarray:
     """Return the weighted sum of each pair's L1 and L2 lengths."""
@@ -372,9 +374,9 @@ def weigh_pairs(
     if unit > 0.0:
         _, _, w, h = bounding_box(points)
         kind: Any = np.int32 if len(points) * ((w + h) / unit) < INT32_LIMIT else np.int64
-        lengths = _length_of_pairs(points, 1.0 / unit, 0.0, start, target).astype(kind)
+        lengths = _compute_pair_lengths(points, 1.0 / unit, 0.0, start, target).astype(kind)
         return lengths if box[0] >= 0.0 else kind((w + h) / unit) - lengths
-    weights = _length_of_pairs(points, box[0], 2.0 * box[2], start, target)
+    weights = _compute_pair_lengths(points, box[0], 2.0 * box[2], start, target)
     lowest = weights.min()
     return weights if lowest >= 0.0 else weights - lowest
 
@@ -387,14 +389,14 @@ def solve_visible_pairs(
     start, target: its `find_visible_pairs`, all of them.
     """
     if not cost["is_box"]:
-        triangles: np.ndarray = _by_any(start, target, points, cost)
+        triangles: np.ndarray = _solve_any(start, target, points, cost)
     elif cost["box"][1] == 0.0:
         weights = weigh_pairs(points, start, target, cost["box"])
-        triangles = _by_edges(start, target, weights, _NONE[weights.dtype])
+        triangles = _solve_edges(start, target, weights, _NONE[weights.dtype])
     else:
-        # `_least_of_boxes` counts edges with the pairs, and constants of the ring are omitted.
+        # `_minimise_boxes` counts edges with the pairs, and constants of the ring are omitted.
         boxes = np.zeros_like(cost["weights"])
         boxes[HALF_PERIMETER], boxes[BBOX_AREA] = cost["box"][0], cost["box"][1]
         in_boxes = replace_fields(cost, weights=boxes)
-        triangles = _by_boxes(start, target, points, cost["box"], in_boxes)
+        triangles = _solve_boxes(start, target, points, cost["box"], in_boxes)
     return triangles
