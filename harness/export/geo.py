@@ -136,7 +136,7 @@ class GeoParquetWriter:
         crs = about.crs if about.crs is not None else about.units
         return json.dumps({"crs": crs, "triangulator": about.triangulator, "credit": about.credit})
 
-    def _geo_metadata(self) -> str:
+    def _make_geo_metadata(self) -> str:
         kind = "GeometryCollection" if self._collection else "MultiPolygon"
         column: dict[str, Any] = {"encoding": "WKB", "geometry_types": [kind]}
         if self._about.crs not in ("EPSG:4326", "OGC:CRS84"):  # the default
