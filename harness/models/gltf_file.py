@@ -71,7 +71,7 @@ class GltfEditor(GltfFile):
                 and users == len(primitives)
                 and not self._shares_bytes(number)
             ):
-                self._view(accessor, component_type(accessor), 1, len(indices))[:, 0] = indices
+                self._read_view(accessor, component_type(accessor), 1, len(indices))[:, 0] = indices
                 self._changed.add(self.json["bufferViews"][accessor["bufferView"]]["buffer"])
                 return
         number = self._append(indices, accessor)
