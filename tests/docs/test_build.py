@@ -95,6 +95,8 @@ def test_formulas_are_typeset():
     assert typeset.count('<svg class="formula"') == 2
     assert 'aria-label="Q \\leq \\frac{S}{4}"' in typeset
     assert "```" not in typeset
+    assert "currentColor" in typeset
+    assert "#010203" not in typeset
     assert re.search(r"^   <svg", typeset, flags=re.MULTILINE)
     with pytest.raises(ValueError, match="Unknown symbol"):
         generate.typeset("```math\n\\nosuch\n```")

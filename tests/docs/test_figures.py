@@ -104,10 +104,11 @@ def test_the_polygons_of_pictures_are_at_their_quantiles():
 
 
 def test_a_picture_shows_every_lane_and_every_edge():
-    frame = picture_frame("city", 0.5)
+    frame = picture_frame("city", 1.0)
     triangles = triangulate_frame(frame, "ear-clipping")
     covered, helpers = make_lane_maps(frame, triangles)
     lanes = covered + helpers
+    assert lanes.max() >= 4
     for level, path in enumerate(draw_levels(lanes), start=1):
         runs = re.findall(r"M(\d+) (\d+)h(\d+)", path)
         drawn = {(int(x) + i, int(y)) for x, y, length in runs for i in range(int(length))}

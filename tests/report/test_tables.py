@@ -10,6 +10,7 @@ from harness.errors import InputError
 from harness.metrics.decision import decide_all
 from harness.report.tables import write_table
 from harness.results.run_folder import read_run
+from harness.style import format_latex_table
 from tests.report.conftest import NAMES, VIEWS
 
 CASES = len(NAMES) * len(VIEWS)
@@ -32,6 +33,12 @@ def test_markdown_and_latex_have_a_row_for_each_case(folder: Path, tmp_path: Pat
         row[2:].split(" | ")[:3] for row in rows
     ]
     assert "95 \\% CI" in lines[2]
+
+
+def test_characters_of_latex_are_escaped():
+    table = format_latex_table(["50 %", "a_b"], [["#1 & $2", "x"]], 1)
+    assert "50 \\% & a\\_b \\\\" in table
+    assert "\\#1 \\& \\$2 & x \\\\" in table
 
 
 def test_bencher_gets_times_with_intervals_and_counters(folder: Path, tmp_path: Path):
