@@ -78,13 +78,13 @@ def choose_triangulator(costs: Mapping[str, Mapping[str, NDArray[np.float64]]]) 
         for name in (BASE, *CRITERIA, CALIBRATED_OPTIMUM)
     }
     best = min(CRITERIA, key=lambda name: regret[name])
-    chosen = best if regret[best] <= MAX_REGRET else CALIBRATED_OPTIMUM
+    recommended = best if regret[best] <= MAX_REGRET else CALIBRATED_OPTIMUM
     saved = {}
     for scene, times in costs.items():
-        logs = np.log(times[chosen] / times[BASE])
+        logs = np.log(times[recommended] / times[BASE])
         low, high = mean_interval(logs)
         saved[scene] = (1.0 - np.exp([logs.mean(), high, low])).tolist()
-    return {"triangulator": chosen, "regret": regret, "saved": saved}
+    return {"triangulator": recommended, "regret": regret, "saved": saved}
 
 
 def predict_terms(

@@ -278,7 +278,7 @@ def _yield_work_in_meshes(seed: int) -> Iterator[Draw]:
 
 def _yield_repeated(seed: int) -> Iterator[Draw]:
     for number, (side, count) in enumerate(((1024, 2000), (8192, 300))):
-        frame, once = _scatter_triangles(side, side, SLANTED, count, (seed, 800 + number))
+        frame, triangles = _scatter_triangles(side, side, SLANTED, count, (seed, 800 + number))
         for times in (1, 2):
             name = f"{side / SUBPIXEL:g} px, {times} times"
-            yield Draw("twice", name, f"twice {side}", frame, np.tile(once, (times, 1)))
+            yield Draw("twice", name, f"twice {side}", frame, np.tile(triangles, (times, 1)))

@@ -237,14 +237,14 @@ def fit(design: Design, epochs: Seconds, groups: Sequence[str], form: str | None
     errors = {
         name: compute_group_errors(seconds, times, folds) for name, times in predicted.items()
     }
-    chosen = choose_form(errors)
-    costs, binding = fits[chosen]
-    members = list_members(chosen)
+    form = choose_form(errors)
+    costs, binding = fits[form]
+    members = list_members(form)
     masked = design * members[binding]
     signed_costs, covariance, known = _estimate_covariance(masked, seconds, labels)
     bounds = 1.0 / np.maximum((design / seconds[:, None]).max(axis=0), 1e-12)
     return Law(
-        form=chosen,
+        form=form,
         costs=costs,
         signed_costs=signed_costs,
         covariance=covariance,
@@ -254,8 +254,8 @@ def fit(design: Design, epochs: Seconds, groups: Sequence[str], form: str | None
         binding=binding,
         shares=masked / seconds[:, None],
         errors={name: float(values.mean()) for name, values in errors.items()},
-        r2_over=r_squared(np.log(seconds), np.log(predicted[chosen])),
-        r2_within=compute_r_squared_within(seconds, predicted[chosen], labels.tolist()),
+        r2_over=r_squared(np.log(seconds), np.log(predicted[form])),
+        r2_within=compute_r_squared_within(seconds, predicted[form], labels.tolist()),
     )
 
 
@@ -332,14 +332,14 @@ def compute_group_errors(seconds: Seconds, predicted: Seconds, folds: Groups) ->
 
 
 def choose_form(errors: Mapping[str, Seconds]) -> str:
-    """Return the form to use, for the errors of each fold by form, the simplest form first."""
-    chosen, *others = errors
-    for name in others:
-        smaller = errors[chosen] - errors[name]
+    """Return the form to use; errors : errors of each fold by form, the simplest form first."""
+    form, *further_forms = errors
+    for name in further_forms:
+        smaller = errors[form] - errors[name]
         error = float(smaller.std(ddof=1)) / np.sqrt(len(smaller))
         if smaller.mean() > error:
-            chosen = name
-    return chosen
+            form = name
+    return form
 
 
 def _estimate_covariance(

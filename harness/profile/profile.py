@@ -165,8 +165,8 @@ def check_profile(content: Any) -> None:
     for name, supported in (("unit", "s"), ("format", FORMAT), ("version", VERSION)):
         value = content.get(name)
         if value != supported or isinstance(value, bool):
-            again = "; make it again: raster-harness profile" if value == 1 else ""
-            raise ValueError(f"unsupported {name} {value!r} (supported: {supported!r}){again}")
+            remedy = "; create the profile again: raster-harness profile" if value == 1 else ""
+            raise ValueError(f"unsupported {name} {value!r} (supported: {supported!r}){remedy}")
     if content["form"] not in FORMS:
         raise ValueError(f"unknown form {content['form']!r:.40} (choose from {', '.join(FORMS)})")
     for name in ("name", "rasteriser", "cpu"):
@@ -243,6 +243,6 @@ def _find_second_filling(draws: Sequence[Draw], measured: Measured) -> dict[str,
     net = dict(zip((d.name for d in draws), measured.times - measured.empty, strict=True))
     pairs = [d.name for d in draws if d.kind == "twice"]
     return {
-        once.partition(",")[0]: float(net[again] / net[once] - 1.0)
-        for once, again in zip(pairs[::2], pairs[1::2], strict=True)
+        single.partition(",")[0]: float(net[double] / net[single] - 1.0)
+        for single, double in zip(pairs[::2], pairs[1::2], strict=True)
     }

@@ -211,7 +211,7 @@ def set_cost(cost: object) -> dict[str, object]:
         ({"coefficients": {**GOOD["coefficients"], "triangles": math.nan}}, "cost of triangles"),
         ({"coefficients": dict.fromkeys(GOOD["coefficients"], 0)}, "coefficients are 0"),
         ({"format": "another"}, "unsupported format 'another'"),
-        ({"version": 1}, "unsupported version 1 (supported: 2); make it again"),
+        ({"version": 1}, "unsupported version 1 (supported: 2); create the profile again"),
         ({"form": "a product"}, "unknown form 'a product' (choose from sum, maximum of two"),
         ({"version": True}, "unsupported version True"),
         ({"unit": "ms"}, "unsupported unit 'ms'"),

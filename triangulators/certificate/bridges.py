@@ -117,14 +117,15 @@ def _list_bridges(
     usable: np.ndarray,
     bridges: np.ndarray,
 ) -> tuple[int, int]:
-    """Write the bridges of an extreme vertex to `bridges`; return their number and its hole.
+    """Write the bridges of an extreme vertex to `bridges`; return their number and the hole.
 
-    Of the unmerged holes, the vertex that is furthest left, right, down or up is taken that has the
-    fewest usable edges which lead further. One of them is in every triangulation.
+    The vertex is the extreme vertex of all unmerged holes, to the left, right, bottom or top, from
+    which the fewest usable edges lead further in that direction. Every triangulation contains at
+    least one of these edges.
     """
     points, edges = candidates.points, candidates.edges
-    fewest, chosen = len(edges) + 1, 0
-    places = np.empty(len(edges), dtype=np.int32)
+    min_count, tip_owner = len(edges) + 1, 0
+    indices = np.empty(len(edges), dtype=np.int32)
     for direction in range(4):
         axis, sign = direction // 2, 1.0 if direction % 2 == 0 else -1.0
         tip, tip_hole = -1, 0
@@ -139,13 +140,13 @@ def _list_bridges(
             if usable[e] and (a == tip or b == tip):
                 end = b if a == tip else a
                 if sign * points[end, axis] < limit:
-                    places[count] = e
+                    indices[count] = e
                     count += 1
-        if count < fewest:
-            fewest, chosen = count, tip_hole
+        if count < min_count:
+            min_count, tip_owner = count, tip_hole
             for k in range(count):
-                bridges[k] = places[k]
-    return fewest, chosen
+                bridges[k] = indices[k]
+    return min_count, tip_owner
 
 
 @njit(nogil=True)

@@ -227,19 +227,19 @@ def _minimise_any(
     best = none
     if cost.custom:
         for r in range(first, end):
-            left = row[apex[r]]
-            if left < none:
+            first_cost = row[apex[r]]
+            if first_cost < none:
                 triangle = triangle_cost(cost, xi, yi, lists[1, r], lists[2, r], xj, yj)
-                best = min(best, left + lists[0, r] + triangle)
+                best = min(best, first_cost + lists[0, r] + triangle)
         return best
     # Collect the apexes that both vertices see, so that their triangles are weighed in SIMD lanes.
     ax, ay, bx, by, cx, cy = space[0], space[1], space[2], space[3], space[4], space[5]
     below, totals = space[6], space[7]
     count = 0
     for r in range(first, end):
-        left = row[apex[r]]
-        below[count], bx[count], by[count] = left + lists[0, r], lists[1, r], lists[2, r]
-        count += left < none
+        first_cost = row[apex[r]]
+        below[count], bx[count], by[count] = first_cost + lists[0, r], lists[1, r], lists[2, r]
+        count += first_cost < none
     for k in range(np.uint64((count + 7) & ~7)):
         ax[k], ay[k], cx[k], cy[k] = xi, yi, xj, yj
     weigh_triangles(cost.weights, (ax, ay, bx, by, cx, cy), count, totals)
