@@ -11,65 +11,41 @@ import math
 import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from harness import atomic
 from harness.errors import UsageError
 from harness.frame import View, frame_of
-from harness.metrics.decision import MIN_PIXELS, MIN_SAVED_SHARE
-from harness.profile.counted import TERMS, count_triangles, design_of
-from harness.profile.law import FORMS, VERTICES, Law, compute_stage_times
-from harness.profile.profile import is_of_this_machine, origin_of, read_law, read_profile
-from harness.rasterisers.base import Options, order_submission
-from harness.rasterisers.vertex_batches import count_vertices
+from harness.metrics.decision import (
+    MIN_PIXELS,
+    MIN_SAVED_SHARE,
+    choose_cheapest,
+    describe_cheapest,
+    find_best,
+)
+from harness.profile.device_costs import (
+    Cost,
+    DeviceCosts,
+    compute_saved,
+    count_orders,
+    describe_stage,
+    format_saving,
+    predict_draws,
+)
 from harness.style import ONE_COLUMN, STYLE, choose_looks, format_count, make_grid, make_plain_table
 from harness.triangulating.recipes import Recipe
 from harness.triangulating.triangulate import time_in_rounds, triangulate_polygons
 from scenes import Scene
 from scenes.spec import import_optional
-from triangulators.errors import suggest
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-MAIN_PART = 0.8
-"""Minimum part of the largest saving that the recommended triangulator reaches."""
-
 MIN_TIMED_S, TIMED_ROUNDS = 0.2, 3
 """Shorter triangulations are timed in several rounds, of which the minimum counts."""
-
-CONTRIBUTED = Path(__file__).parents[1] / "results" / "reference" / "profiles"
-"""Contributed profiles; an installed wheel has none."""
-
-
-@dataclass(frozen=True)
-class DeviceCosts:
-    """A device's law, from a profile.
-
-    costs : seconds for each of `counted.TERMS`, (t,)
-    form : one of `law.FORMS`
-    law : the law with its covariance, or None if the profile stores no times
-    origin : the device and processor on which the profile was measured
-    is_here : True if this machine has the device and processor
-    """
-
-    name: str
-    costs: NDArray[np.float64]
-    form: str = "sum"
-    law: Law | None = None
-    origin: str = ""
-    is_here: bool = True
-
-    @property
-    def stages(self) -> list[str]:
-        """The names of its stages."""
-        return list(FORMS[self.form])
-
 
 COUNTED = (
     "fragments",
@@ -80,22 +56,8 @@ COUNTED = (
     "vertex_batches",
     "transformed_vertices",
 )
-"""Counters, see `count_triangles`."""
-
-Cost = dict[str, Any]
-"""Cost of one triangulator's triangles: `COUNTED`; `triangulate_s`, CPU seconds; `draw`, the
-modelled draw time in seconds, and `draw_walk`, that in the order of a walk; `stage`, which of the
-device's stages is slowest; and `saved_95`, the 95 % interval of the saved share of the base's draw
-time. All from `draw` on are None without a device."""
-
-REMEDIES = {
-    "triangles": "fewer covering triangles",
-    "pixels": "fewer quads",
-    "triangles and pixels": "fewer covering triangles and quads",
-    "arithmetic": "fewer quads",
-}
-"""What shortens a stage that depends on the triangulation; that of vertices depends on the order
-of triangles."""
+"""Counters, see `count_triangles`. The cost of a triangulator has these, `triangulate_s` in CPU
+seconds, and those of `predict_draws`, which are None without a device."""
 
 
 @dataclass(frozen=True)
@@ -124,8 +86,7 @@ class Size:
     def saved(self) -> dict[str, float]:
         """Saved share, by triangulator, of the base's draw time, or of its lanes without device."""
         spent = {n: c["quads"] if c["draw"] is None else c["draw"] for n, c in self.costs.items()}
-        base = next(iter(spent.values()))
-        return {name: 1.0 - cost / base if base else 0.0 for name, cost in spent.items()}
+        return compute_saved(spent)
 
     @property
     def matters(self) -> bool:
@@ -154,12 +115,12 @@ class Sizes:
 
     @property
     def recommended(self) -> str:
-        """The fastest triangulator with `MAIN_PART` of the largest saving, or the base."""
+        """The cheapest triangulator with most of the largest saving, or the base."""
         if self.largest is None:
             return next(iter(self.sizes[0].costs))
-        saved, costs = self.largest.saved, self.largest.costs
-        enough = [n for n, share in saved.items() if share >= MAIN_PART * max(saved.values())]
-        return min(enough, key=lambda name: float(costs[name]["triangulate_s"]))
+        costs = self.largest.costs
+        seconds = {name: cost["triangulate_s"] for name, cost in costs.items()}
+        return choose_cheapest(self.largest.saved, seconds)
 
     @property
     def measure(self) -> str:
@@ -183,33 +144,6 @@ class Sizes:
         }
 
 
-def read_costs(name: str, *folders: Path) -> DeviceCosts:
-    """Return the costs of a profile: a file, or the name of a profile in `folders` or contributed.
-
-    Raises UsageError if the profile is missing, invalid or refused.
-    """
-    profiles = {
-        file.stem: file
-        for folder in (CONTRIBUTED, *folders)
-        for file in sorted(folder.glob("*.json"))
-        if not file.stem.endswith(".refused")
-    }
-    if name not in profiles and not Path(name).exists():
-        hint = suggest(
-            name, sorted(profiles), cutoff=0.4, fallback="raster-harness profile makes one"
-        )
-        raise UsageError(f"--profile {name}: neither a file nor a known name; {hint}")
-    return read_profile(profiles.get(name, Path(name)), _make_costs)
-
-
-def _make_costs(profile: Any) -> DeviceCosts:
-    costs = {term["name"]: float(term["cost"]) for term in profile["terms"]}
-    device, law = profile["device"], read_law(profile)
-    seconds = np.array([costs[term] for term in TERMS])
-    origin = origin_of(device), is_of_this_machine(device)
-    return DeviceCosts(str(device["name"]), seconds, profile["form"], law, *origin)
-
-
 def count_size(
     scene: Scene, recipes: Sequence[Recipe], view: View, device: DeviceCosts | None
 ) -> Size:
@@ -229,13 +163,10 @@ def count_size(
     if sum(seconds) < MIN_TIMED_S:
         rounds = time_in_rounds(recipes, frame.polygons, TIMED_ROUNDS, 0)
         seconds = [min(samples) for samples in rounds]
-    counters, walk = [], Options(order="walk")
+    counters = []
     for result in results.values():
         parts = [part if ok else None for part, ok in zip(result.parts, drawn, strict=True)]
-        triangles = frame.join(parts)
-        walked = count_vertices(frame, order_submission(frame, triangles, walk))
-        counts = count_triangles(frame, triangles)
-        counters.append(counts | {f"{name}_walk": value for name, value in walked.items()})
+        counters.append(count_orders(frame, frame.join(parts)))
     costs = dict(zip(results, _list_costs(counters, seconds, device), strict=True))
     low, high = frame.polygons.bounds()
     polygon_px = float(np.median((high - low)[drawn].max(axis=1)))
@@ -247,25 +178,12 @@ def _list_costs(
     counters: Sequence[dict[str, int]], seconds: Sequence[float], device: DeviceCosts | None
 ) -> list[Cost]:
     """Return the cost of each triangulator from counters and seconds, the base first."""
-    costs: list[Cost] = [
-        {name: counts[name] for name in COUNTED}
-        | {"triangulate_s": cpu_s}
-        | dict.fromkeys(("draw", "draw_walk", "stage", "saved_95"))
-        for counts, cpu_s in zip(counters, seconds, strict=True)
+    unknown: list[Cost] = [dict.fromkeys(("draw", "draw_walk", "stage", "saved_95"))]
+    draws = predict_draws(counters, device) if device else unknown * len(counters)
+    return [
+        {name: counts[name] for name in COUNTED} | {"triangulate_s": cpu_s} | draw
+        for counts, cpu_s, draw in zip(counters, seconds, draws, strict=True)
     ]
-    if device is not None:
-        design = design_of(counters)
-        walked = design_of(
-            [counts | {n: counts[f"{n}_walk"] for n in VERTICES} for counts in counters]
-        )
-        times = compute_stage_times(design, device.costs, device.form)
-        walk_times = compute_stage_times(walked, device.costs, device.form)
-        for cost, row, draw, walk in zip(costs, design, times, walk_times, strict=True):
-            cost["draw"], cost["draw_walk"] = float(draw.max()), float(walk.max())
-            cost["stage"] = device.stages[int(draw.argmax())]
-            if device.law is not None and times[0].max() > 0:
-                cost["saved_95"] = device.law.saved_interval(row, design[0], device.costs)
-    return costs
 
 
 def summarise(sizes: Sizes) -> str:
@@ -283,7 +201,7 @@ def summarise(sizes: Sizes) -> str:
             f"{MIN_SAVED_SHARE:.0%} of {base}'s {sizes.measure}."
         )
     largest = sizes.largest or mattering[0]
-    best = max(largest.saved.items(), key=itemgetter(1))[0]
+    best = find_best(largest.saved)
     text = (
         f"It matters at {across} px, most at {largest.resolution} px "
         f"({_format_pixels(largest.polygon_px, 2)} per polygon): "
@@ -299,27 +217,14 @@ def summarise(sizes: Sizes) -> str:
 
 def list_stages(sizes: Sizes) -> Iterator[str]:
     """Yield for each size the base's slowest stage, if the device has several, and its remedy."""
-    if sizes.device is None or len(sizes.device.stages) == 1:
-        return
-    for size in sizes.sizes:
-        base, cost = next(iter(size.costs.items()))
-        best = max(size.saved, key=lambda name: size.saved[name])
-        text = f"At {size.resolution} px {base} is bound by {cost['stage']}: "
-        if cost["stage"] in REMEDIES:
-            saving = f"use {best}, which saves {_format_saving(size, best)}"
-            text += f"{REMEDIES[cost['stage']]}; {saving if best != base else f'keep {base}'}"
-        else:
-            walk = 1.0 - cost["draw_walk"] / cost["draw"]
-            saving = f"use --order walk, which saves {walk:.1%}"
-            text += f"the order of triangles decides; {saving if walk > 0 else 'keep its order'}"
-        yield f"{text}."
+    if sizes.device is not None and len(sizes.device.stages) > 1:
+        for size in sizes.sizes:
+            yield describe_stage(f"{size.resolution} px", size.costs, sizes.device)
 
 
 def _format_saving(size: Size, name: str) -> str:
     """Format the saved share of the base's cost, with the interval if known."""
-    interval = size.costs[name].get("saved_95")
-    text = f"{size.saved[name]:.1%}"
-    return f"{text} (95 % CI {100 * interval[0]:.1f} to {interval[1]:.1%})" if interval else text
+    return format_saving(size.saved[name], size.costs[name].get("saved_95"))
 
 
 def format_next_step(sizes: Sizes) -> str:
@@ -328,8 +233,8 @@ def format_next_step(sizes: Sizes) -> str:
     if size is None:
         return f"Next: keep {name}."
     return (
-        f"Next: use {name}, the fastest triangulator with most of the saving "
-        f"({_format_saving(size, name)}): raster-harness triangulate "
+        f"Next: use {describe_cheapest(name)}, {_format_saving(size, name)}: "
+        f"raster-harness triangulate "
         f"{shlex.quote(sizes.source)} -o OUT.glb --triangulator {name}, or in Python "
         f'triangulators.triangulate(polygon, "{name}").'
     )

@@ -184,8 +184,9 @@ def _compare_sizes(
 ) -> None:
     """Count a file at several sizes, and print the savings of each triangulator."""
     from harness import viewport_sizes
+    from harness.profile.device_costs import find_profile, read_costs
 
-    costs = viewport_sizes.read_costs(profile, options.PROFILES) if profile else None
+    costs = read_costs(find_profile(profile, options.PROFILES)) if profile else None
     if len(recipes) < 2:
         raise UsageError(f"{recipes[0]}: nothing to compare with; give two or more triangulators")
     file = _prepare_file(out, ".png", ".svg") if out else None

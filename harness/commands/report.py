@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from harness.commands.options import Base
+from harness.commands.options import PROFILES, Base
 from harness.progress import Reporter
 from harness.webpages import is_stream
 
@@ -23,6 +23,13 @@ def report(
         ),
     ] = None,
     base: Base = None,
+    profile: Annotated[
+        str | None,
+        typer.Option(
+            help="Profile of a device, whose draw times the report predicts: a file, or the name "
+            "of a contributed profile, e.g. opengl-h200; if absent, that of run --profile.",
+        ),
+    ] = None,
 ) -> None:
     """Write the report of a run: one HTML file, which needs no network.
 
@@ -30,6 +37,7 @@ def report(
     """
     from harness.metrics.decision import decide_all
     from harness.metrics.groups import set_base
+    from harness.profile.device_costs import find_profile, read_costs
     from harness.report.page import write_report
     from harness.report.tables import FORMATS, write_table
     from harness.results.run_folder import read_latest
@@ -39,7 +47,8 @@ def report(
     if out is not None and out.suffix.lower() in FORMATS:
         write_table(decide_all(run_with_base), out)
         return
-    file = write_report(run_with_base, out)
+    device = read_costs(find_profile(profile, PROFILES)) if profile else None
+    file = write_report(run_with_base, out, device=device)
     if out is None and "plan" in stored.facts and not (stored.path / "plots").exists():
         from harness.report.plots import plot_run
 

@@ -69,10 +69,11 @@ def run(
     resume: options.Resume = None,
     force: options.Force = False,
     profile: Annotated[
-        Path | None,
+        str | None,
         typer.Option(
-            help="Profile of a device, whose costs optimal:calibrated minimises; see: "
-            "raster-harness profile.",
+            help="Profile of a device, a file or a contributed name, e.g. opengl-h200: the report "
+            "predicts its times, and optimal:calibrated minimises its costs. See: raster-harness "
+            "profile.",
         ),
     ] = None,
     baseline_reference: Annotated[
@@ -123,6 +124,7 @@ def run(
 
     timing = QUICK if quick else TimingSettings(precision=precision, budget_s=budget)
     timing = replace(timing, processes=repeats)
+    profile_file = run_inputs.find_profile_file(profile, resume)
     if resume and not scene:
         plan = run_inputs.read_plan(resume)
     elif not scene:
@@ -134,7 +136,7 @@ def run(
         plan = Plan(
             scene=join_name(scene, layer=layer, where=condition, limit=limit),
             seed=seed,
-            triangulators=run_inputs.parse_recipes(triangulators, seed, profile),
+            triangulators=run_inputs.parse_recipes(triangulators, seed, profile_file),
             rasterisers=options.choose_rasterisers(rasterisers),
             devices=tuple(device or ()),
             views=tuple(View(size, angle, fit) for size in resolution for angle in rotation),
@@ -159,6 +161,7 @@ def run(
             database=database_path() if cached else None,
             baseline=baseline,
             base=run_inputs.resolve_base_name(base, plan),
+            **run_inputs.read_profile_options(profile_file),
         )
         result = carry_out(plan, folder, reporter, run_options)
     if as_json:

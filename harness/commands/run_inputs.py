@@ -3,16 +3,19 @@
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import typer
 
-from harness.commands.options import is_given
+from harness import atomic
+from harness.commands.options import PROFILES, is_given
 from harness.errors import HarnessError, InputError, UsageError
 from harness.frame import ITS_OWN_VIEW, OWN_VIEWS
 from harness.measuring.other_version import OtherVersion, open_version
 from harness.measuring.plan import Plan
-from harness.results.run_folder import read_run
+from harness.results.run_folder import STORED_PROFILE, read_run
 from harness.triangulating.recipes import CALIBRATED, Recipe, parse, parse_all
 from harness.viewing import is_model_with_views
 from scenes.registry import is_tiled
@@ -49,8 +52,6 @@ def parse_recipes(triangulators: Sequence[str], seed: int, file: Path | None) ->
     """Parse --triangulators; --profile has the coefficients of optimal:calibrated."""
     recipes = parse_all(triangulators, seed=seed)
     if not any(recipe.base.endswith(CALIBRATED) for recipe in recipes):
-        if file is not None:
-            raise UsageError("--profile requires optimal:calibrated among --triangulators")
         return recipes
     if file is None:
         raise UsageError(
@@ -59,6 +60,35 @@ def parse_recipes(triangulators: Sequence[str], seed: int, file: Path | None) ->
     from harness.profile.profile import read_coefficients
 
     return parse_all(triangulators, seed=seed, calibration=read_coefficients(file))
+
+
+def find_profile_file(name: str | None, resume: Path | None) -> Path | None:
+    """Return the file of --profile, otherwise the one in the folder of the resumed run, or None.
+
+    Raises UsageError if the name is unknown.
+    """
+    from harness.profile.device_costs import find_profile
+
+    if name:
+        return find_profile(name, PROFILES)
+    stored = resume and resume / STORED_PROFILE
+    return stored if stored and stored.is_file() else None
+
+
+def read_profile_options(file: Path | None) -> dict[str, Any]:
+    """Return the fields `profile` and `calibrate` of `RunOptions`, {} without a profile.
+
+    Raises InputError if the profile is invalid.
+    """
+    if file is None:
+        return {}
+    from harness.profile.device_costs import read_costs
+    from harness.profile.stage_optimum import minimise_slowest_stage
+
+    device = read_costs(file)
+    has_stages = len(device.stages) > 1
+    calibrate = partial(minimise_slowest_stage, device) if has_stages else None
+    return {"profile": atomic.read(file), "calibrate": calibrate}
 
 
 def refuse_another_view(context: typer.Context, scene: str) -> None:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import shapely
 
+from harness import atomic
 from harness.errors import (
     HarnessError,
     IncompatibleRunsError,
@@ -30,12 +31,19 @@ from harness.measuring.plan import Plan
 from harness.measuring.pool import MeasuringPool
 from harness.measuring.records import RunWriter
 from harness.measuring.reference_draws import get_default_path, update_reference_draws
-from harness.measuring.scene import SceneRun
+from harness.measuring.scene import Calibrate, SceneRun
 from harness.metrics.decision import Decided, decide_all
 from harness.metrics.processors import may_be_same, read_processor
 from harness.progress import Reporter, detach_terminal
 from harness.results.record import Record, RunFacts
-from harness.results.run_folder import FACTS, SCHEMA_VERSION, Run, read_counted, read_run
+from harness.results.run_folder import (
+    FACTS,
+    SCHEMA_VERSION,
+    STORED_PROFILE,
+    Run,
+    read_counted,
+    read_run,
+)
 from harness.results.run_writer import RunFolder
 from harness.stats.run_quality import assess_records
 from harness.supervisor import allow_cleanup
@@ -107,6 +115,8 @@ class RunOptions:
     database : cache of triangulations, or None
     baseline : interleaved baseline, or None
     base : triangulator to which tables and reports compare the others
+    profile : content of a profile to store with the run, or None
+    calibrate : see `SceneRun`
     """
 
     resume: bool = False
@@ -115,6 +125,8 @@ class RunOptions:
     database: Path | None = None
     baseline: OtherVersion | None = None
     base: str | None = None
+    profile: bytes | None = None
+    calibrate: Calibrate | None = None
 
 
 def run(
@@ -233,6 +245,8 @@ def _measure(
         for warning in facts["warnings"]:
             reporter.warn(warning)
         writer = RunWriter(stores, records, reporter, with_drawings=not options.split)
+        if options.profile is not None:
+            atomic.write(out / STORED_PROFILE, options.profile)
         writer.write_facts({**facts, "interrupted": True})  # until the run has finished
         # BASE's code triangulates in another process, not in HEAD's rounds.
         rounds = not (options.split or options.baseline)
@@ -252,6 +266,7 @@ def _measure(
                         writer=writer,
                         counted=counted,
                         rounds=rounds,
+                        calibrate=options.calibrate,
                     ).measure()
         except KeyboardInterrupt:
             aborted = pool.stopping = True

@@ -49,6 +49,7 @@ class _View:
     triangulations, triangles : results by recipe, and their triangles (m, 3) in the frame
     limits : quads (p,) by name, see `lower_limits`; {} unless the baseline was triangulated
     vertices : results of `count_vertices` by recipe, order and seed
+    calibrated : recipes that `SceneRun.calibrate` chose for this view, by recipe of the plan
     """
 
     frame: Frame
@@ -56,6 +57,7 @@ class _View:
     triangles: dict[Recipe, NDArray[np.int32]] = field(default_factory=dict)
     limits: dict[str, NDArray[np.int64]] = field(default_factory=dict)
     vertices: dict[tuple[Recipe, str, int], Counters] = field(default_factory=dict)
+    calibrated: dict[Recipe, Recipe] = field(default_factory=dict)
 
     def count_vertices(self, recipe: Recipe, options: Options) -> Counters:
         """Return the counters of a recipe's index buffer, which all rasterisers share."""
@@ -67,6 +69,13 @@ class _View:
         return self.vertices[key]
 
 
+Calibrate = Callable[
+    [Frame, Recipe, Callable[[Recipe], FrameTriangulation]], tuple[Recipe, FrameTriangulation]
+]
+"""Function of a frame, optimal:calibrated, and a function that triangulates the frame; returns the
+recipe for this frame and the result."""
+
+
 @dataclass(frozen=True)
 class SceneRun:
     """The measurement of a scene.
@@ -76,6 +85,7 @@ class SceneRun:
     writer : has the records of finished cases, which are not measured again
     counted : records of counted cases without times, by key
     rounds : True to time triangulators in rounds, like drawings
+    calibrate : for a device of several stages, chooses what optimal:calibrated minimises, or None
     """
 
     plan: Plan
@@ -88,6 +98,7 @@ class SceneRun:
     writer: records.RunWriter
     counted: Mapping[str, Record]
     rounds: bool = False
+    calibrate: Calibrate | None = None
 
     def measure(self) -> None:
         """Measure the cases until all are done, or `pool.stopping` is set."""
@@ -205,7 +216,12 @@ class SceneRun:
                     return current.triangulations[head]
             if recipe.base != ORIGINAL:
                 self.pool.compile(recipe, report_wait)
-            result = self._triangulate(current.frame, recipe, tick)
+            if self.calibrate is not None and recipe.calibration is not None:
+                current.calibrated[recipe], result = self.calibrate(
+                    current.frame, recipe, lambda each: self._triangulate(current.frame, each, tick)
+                )
+            else:
+                result = self._triangulate(current.frame, recipe, tick)
         except TaskTimeoutError as error:
             # Built-in triangulators may be slow by design; third-party code may have hung.
             return ("skipped" if recipe.builtin else "failed"), str(error)
@@ -243,16 +259,20 @@ class SceneRun:
 
     def _time_triangulating(self, current: _View) -> None:
         """Triangulate again in rounds, to measure the variation of the triangulation time."""
-        seconds_by_recipe = {
-            recipe: result.seconds
-            for recipe, result in current.triangulations.items()
+        plan_recipes = {
+            current.calibrated.get(recipe, recipe): recipe
+            for recipe in current.triangulations
             if not recipe.upright and recipe.base != ORIGINAL
+        }
+        seconds_by_recipe = {
+            recipe: current.triangulations[original].seconds
+            for recipe, original in plan_recipes.items()
         }
         polygons = (current.frame.flat or current.frame).polygons
         budget_s, seed = self.plan.timing.budget_s, self.plan.seed
         samples_s = self.pool.time_triangulating(seconds_by_recipe, polygons, budget_s, seed)
         for recipe, samples in samples_s.items():
-            triangulation = current.triangulations[recipe]
+            triangulation = current.triangulations[plan_recipes[recipe]]
             triangulation.samples_s, triangulation.seconds = samples, float(np.median(samples))
 
     # -- counts and times ------------------------------------------------------------------------

@@ -4,7 +4,8 @@ The terminal's table, summary.csv, the report and the recommendation all use the
 so that none contradicts another.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -30,6 +31,9 @@ MIN_SAVED_SHARE = 0.01
 """Smallest saved share of a cost that is a reason to change the triangulator, in `run` and
 `inspect`. If quads were counted, the cost is the shaded lanes: on large triangles, a large share of
 the helper lanes is a negligible share of the shaded lanes."""
+
+MAIN_PART = 0.8
+"""Minimum part of the largest saving that the recommended triangulator reaches."""
 
 
 @dataclass(frozen=True)
@@ -72,13 +76,13 @@ class Decision:
         saves `MIN_SAVED_SHARE`; "undecided": no relevant difference; "few pixels": fewer than
         `MIN_PIXELS` are covered; "single": only one candidate; "incomplete": every triangulator
         skipped polygons. The last three give no recommendation
-    choice : the recommended triangulator; the base unless another is better
-    not_slower : if the reason is "faster": other triangulators that are not significantly slower
-        than the choice
+    choice : the recommended triangulator: the base, or the cheapest of those that are better and
+        reach `MAIN_PART` of the largest saving
+    best : the triangulator with the largest saving
     measure : the main counter, or None without counters
     timed : whether times of two or more are compared
     saving : if the reason is "faster": the choice's ratio to the base, with a simultaneous interval
-        over all candidates, because the minimum of several noisy ratios is biased
+        over all candidates, because a choice among several noisy ratios is biased
     """
 
     group: RecordGroup
@@ -86,7 +90,7 @@ class Decision:
     base: Standing
     reason: Reason
     choice: Standing
-    not_slower: tuple[str, ...]
+    best: Standing
     measure: str | None
     timed: bool
     saving: Ratio | None = None
@@ -109,17 +113,13 @@ def decide(group: RecordGroup) -> Decision | None:
     base = next(standing for standing in ranked if standing.record is base_record)
     rivals = [standing for standing in ranked if standing.complete]
     if not rivals and len(ranked) > 1:
-        return Decision(group, ranked, base, "incomplete", ranked[0], (), measure, timed=False)
+        first = ranked[0]
+        return Decision(group, ranked, base, "incomplete", first, first, measure, timed=False)
     rivals = rivals or standings
-    reason, choice, saving = _choose(rivals, base, measure)
-    ratios = {
-        rival.name: group.compare(rival.record, choice.record)
-        for rival in rivals
-        if reason == "faster" and rival is not choice and rival is not base
-    }
-    not_slower = tuple(name for name, ratio in ratios.items() if ratio and ratio.verdict != SLOWER)
+    reason, choice, best = _choose(rivals, base, measure)
+    saving = _joint_ratio(choice) if reason == "faster" else None
     timed = any(rival.ratio is not None and rival is not base for rival in rivals)
-    return Decision(group, ranked, base, reason, choice, not_slower, measure, timed, saving)
+    return Decision(group, ranked, base, reason, choice, best, measure, timed, saving)
 
 
 Decided = tuple[RecordGroup, Decision | None]
@@ -154,22 +154,26 @@ def _rank(
 
 def _choose(
     rivals: Sequence[Standing], base: Standing, measure: str | None
-) -> tuple[Reason, Standing, Ratio | None]:
+) -> tuple[Reason, Standing, Standing]:
+    """Return the reason, the choice, and the triangulator with the largest saving."""
     # Strongest reason first: too little data, then times, then counters.
     challengers = [rival for rival in rivals if rival is not base]
     if not challengers:
-        return "single", rivals[0], None
+        return "single", rivals[0], rivals[0]
     default = base if base in rivals else rivals[0]
     covered = default.record.counters.get(COVERED)
     if covered is not None and covered < MIN_PIXELS:
-        return "few pixels", default, None
-    for rival in challengers:
-        if rival.verdict == FASTER:
-            saving = rival.ratio and (rival.ratio.joint or rival.ratio)
-            if saving is not None and saving.verdict == FASTER:
-                return "faster", rival, saving
+        return "few pixels", default, default
+    faster = {
+        rival.name: rival
+        for rival in challengers
+        if (ratio := _joint_ratio(rival)) is not None and rival.verdict == ratio.verdict == FASTER
+    }
+    if faster:
+        saved = {name: 1.0 - rival.ratio.value for name, rival in faster.items() if rival.ratio}
+        return "faster", *_take_cheapest(faster, saved)
     if all(rival.verdict == SLOWER for rival in challengers):
-        return "others slower", base, None
+        return "others slower", base, base
     candidates = [rival for rival in rivals if rival.verdict != SLOWER]
     counts = [
         (count, rival)
@@ -179,11 +183,55 @@ def _choose(
     # The base first: it is the choice if no count is lower.
     counts.sort(key=lambda pair: (pair[0], pair[1] is not base))
     if counts:
-        choice = counts[0][1]
-        other = base if base in rivals and base is not choice else counts[-1][1]
-        if _compute_saved_share(choice.record, other.record, measure) >= MIN_SAVED_SHARE:
-            return "counter", choice, None
-    return "undecided", base if base in rivals else candidates[0], None
+        fewest = counts[0][1]
+        other = base if base in rivals and base is not fewest else counts[-1][1]
+        saved = {s.name: _compute_saved_share(s.record, other.record, measure) for _, s in counts}
+        if saved[fewest.name] >= MIN_SAVED_SHARE:
+            better = {s.name: s for _, s in counts[: 1 if fewest is base else None]}
+            return "counter", *_take_cheapest(better, {name: saved[name] for name in better})
+    equal = base if base in rivals else candidates[0]
+    return "undecided", equal, equal
+
+
+def _joint_ratio(standing: Standing) -> Ratio | None:
+    """Return the ratio to the base with a simultaneous interval, if there is one."""
+    return standing.ratio and (standing.ratio.joint or standing.ratio)
+
+
+def _take_cheapest(
+    standings: Mapping[str, Standing], saved: Mapping[str, float]
+) -> tuple[Standing, Standing]:
+    """Return the standings of the cheapest with most of the saving, and of the best."""
+    seconds = {name: standing.record.triangulate_s for name, standing in standings.items()}
+    return standings[choose_cheapest(saved, seconds)], standings[find_best(saved)]
+
+
+def find_best(saved: Mapping[str, float]) -> str:
+    """Return the name with the largest saved share, the first of equal ones."""
+    return max(saved, key=lambda name: saved[name])
+
+
+def choose_cheapest(saved: Mapping[str, float], seconds: Mapping[str, float | None]) -> str:
+    """Return the cheapest triangulator with most of the saving.
+
+    That is the one with the least triangulation time among those with `MAIN_PART` of the largest
+    saving. If no time is known, it is the one with the largest saving.
+
+    saved : saved share of a cost by triangulator; seconds : triangulation times
+    """
+    best = find_best(saved)
+    enough = [name for name, share in saved.items() if share >= MAIN_PART * saved[best]]
+
+    def key(name: str) -> tuple[float, bool]:
+        cost = seconds[name]
+        return math.inf if cost is None else cost, name != best
+
+    return min(enough, key=key)
+
+
+def describe_cheapest(name: str) -> str:
+    """Return the name with the reason of its choice, for sentences."""
+    return f"{name}, the cheapest triangulator with most of the saving"
 
 
 def _compute_saved_share(record: Record, base: Record, measure: str | None) -> float:
@@ -223,19 +271,25 @@ _SAVES_ENOUGH = f"saves {100 * MIN_SAVED_SHARE:g} % by exact count"
 def _format_choice(decision: Decision) -> str:
     choice, base, ratio = decision.choice, decision.base, decision.saving
     if ratio is not None:
-        text = (
-            f"{choice.name} saves {_format_percent(1 - ratio.value)} % of {base.name}'s draw time "
-        )
-        text += f"(95 % CI {_format_percent(1 - ratio.high)}-{_format_percent(1 - ratio.low)} %)"
+        text = f"{describe_cheapest(choice.name)}: {_percent(1 - ratio.value)} % of {base.name}'s "
+        text += f"draw time (95 % CI {_percent(1 - ratio.high)}-{_percent(1 - ratio.low)} %)"
         if choice.break_even is not None and choice.break_even.kind in ("at once", "after"):
             text += f", break-even {choice.break_even.text}"
-        if decision.not_slower:
-            text += f"; not significantly different from {join_names(decision.not_slower)}"
+        best = decision.best
+        if best is not choice and best.ratio is not None:
+            text += f"; {best.name} saves the most, {_percent(1 - best.ratio.value)} %"
         return text
     if decision.reason == "others slower":
         return f"{choice.name}; all other triangulators are significantly slower"
     if decision.reason == "counter":
-        text = f"{choice.name} has the lowest exact count, {_format_count(decision)}"
+        count = _format_count(decision, choice)
+        if choice is base:
+            text = f"{base.name} has the lowest exact count, {count}"
+        else:
+            text = f"{describe_cheapest(choice.name)}: {count}"
+        best = decision.best
+        if best is not choice:
+            text += f"; {best.name} has the lowest exact count, {_format_count(decision, best)}"
         return text + (f"; {_explain_times(decision)}" if decision.timed else "")
     if decision.timed and decision.group.state != QUIET:
         return f"{choice.name}; no other {_SAVES_ENOUGH}, {_explain_times(decision)}"
@@ -253,12 +307,12 @@ def _explain_times(decision: Decision) -> str:
     return "no time is significantly lower"
 
 
-def _format_count(decision: Decision) -> str:
-    measure, choice, base = decision.measure, decision.choice, decision.base
+def _format_count(decision: Decision, standing: Standing) -> str:
+    measure, base = decision.measure, decision.base
     assert measure is not None
-    count, base_count = choice.record.counters[measure], base.record.counters.get(measure)
+    count, base_count = standing.record.counters[measure], base.record.counters.get(measure)
     text = f"{count:,} {find_metric(measure).label}"
-    if base is choice or not base_count or choice.record.polygons != base.record.polygons:
+    if base is standing or not base_count or standing.record.polygons != base.record.polygons:
         return text
     return f"{text}, {_format_percent(1 - count / base_count)} % fewer than {base.name}"
 

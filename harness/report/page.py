@@ -5,8 +5,10 @@ from pathlib import Path
 
 from harness import __version__
 from harness.errors import InputError
-from harness.metrics.decision import Decided
+from harness.metrics.decision import Decided, decide_all
+from harness.profile.device_costs import DeviceCosts
 from harness.report.content import make_content
+from harness.report.prediction import make_prediction
 from harness.results.run_folder import Run
 from harness.webpages import load_template, pack_json, read_static, write_atomically
 
@@ -33,7 +35,10 @@ CHARTS = "echarts.common.min.js"
 
 
 def write_report(
-    run: Run, file: Path | None = None, decided: Sequence[Decided] | None = None
+    run: Run,
+    file: Path | None = None,
+    decided: Sequence[Decided] | None = None,
+    device: DeviceCosts | None = None,
 ) -> Path:
     """Write the report of a run as one HTML file.
 
@@ -45,6 +50,8 @@ def write_report(
         File to write, by default `report.html` in the run's folder.
     decided : sequence of Decided, optional
         Result of `decide_all` for the run, computed by default.
+    device : DeviceCosts, optional
+        Costs by which draw times are predicted, by default those of the stored profile.
 
     Returns
     -------
@@ -56,7 +63,10 @@ def write_report(
     InputError
         If the run has no case and no study.
     """
+    decided = list(decide_all(run) if decided is None else decided)
     content = make_content(run, decided)
+    prediction, warnings = make_prediction(run, decided, device)
+    content["warnings"] += warnings
     if not content["cases"] and not content["matrices"]:
         detail = f" ({run.problems[0]})" if run.problems else ""
         raise InputError(f"{run.path}: neither a case nor a study{detail}; run or --resume first")
@@ -67,6 +77,7 @@ def write_report(
         answer=content["study"] or (first["answer"] if first else "The study has no correlation."),
         failed=sum(case["row"]["status"] == "failed" for case in content["cases"]),
         key_facts=content["key_facts"],
+        prediction=prediction,
         created=run.facts.get("created", ""),
         version=__version__,
         style=read_static(PACKAGE, STYLE),

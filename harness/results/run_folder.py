@@ -34,6 +34,9 @@ CASES = "cases.jsonl"
 COUNTED = "counted.jsonl"
 """Files of finished records, and of records that are counted but not timed."""
 
+STORED_PROFILE = "profile.json"
+"""File with the profile of `run --profile`."""
+
 WRITTEN = "written"
 """Part of the facts of a complete run: length and digest of its records, and `ARRAYS`."""
 

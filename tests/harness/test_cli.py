@@ -223,7 +223,7 @@ def test_unused_options_are_refused(harness, block):
     run = ("run", "--scene", str(block), *MOCK)
     assert_refused(
         harness(*run, "--triangulators", "fan", "--profile", "c.json"),
-        "--profile requires optimal:calibrated",
+        "--profile c.json: neither a file nor a known name",
     )
     assert_refused(harness("run", "--scene", "city", "--layer", "x"), "layer")
     assert_refused(harness("inspect", str(block), "--out", "a.foo"), ".png")

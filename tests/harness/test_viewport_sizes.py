@@ -10,12 +10,12 @@ from shapely import Polygon, box
 
 from harness import viewport_sizes as sizes
 from harness.frame import View, frame_of
-from harness.profile.counted import TERMS
+from harness.profile.counted import TERMS, count_triangles
+from harness.profile.device_costs import DeviceCosts
 from harness.profile.law import VERTICES
 from harness.rasterisers.reference import SHADED
 from harness.results.run_folder import read_run
 from harness.triangulating.recipes import parse_all
-from harness.viewport_sizes import DeviceCosts
 from scenes import load
 from tests.conftest import assert_refused, require_ok, write_geojson
 from tests.records import lines_of
@@ -72,7 +72,7 @@ def test_the_sentence_reports_that_the_choice_does_not_matter(harness):
 
 def test_laws_convert_counters_to_seconds(city_of_12):
     frame, triangles = city_of_12
-    counts = sizes.count_triangles(frame, triangles)
+    counts = count_triangles(frame, triangles)
     counters = [counts | {f"{name}_walk": counts[name] // 2 for name in VERTICES}]
 
     def list_cost(form: str, **costs: float) -> sizes.Cost:
@@ -114,7 +114,8 @@ def test_stages_say_what_shortens_a_draw():
     assert list(sizes.list_stages(sizes.Sizes("s", device, counted))) == [
         "At 256 px a is bound by vertices: the order of triangles decides; use --order walk, which "
         "saves 6.0%.",
-        "At 1024 px a is bound by triangles: fewer covering triangles; use b, which saves 25.0%.",
+        "At 1024 px a is bound by triangles: fewer covering triangles; use b, the cheapest "
+        "triangulator with most of the saving: 25.0%.",
         "At 4096 px a is bound by pixels: fewer quads; keep a.",
     ]
     of_a_sum = sizes.Sizes("s", DeviceCosts("CPU", np.zeros(0)), counted)
@@ -153,7 +154,7 @@ def test_the_sentence_has_the_range_of_sizes_that_matter():
     assert (result.recommended, result.largest.resolution) == ("b", 64)
     for entry in result.sizes:  # c saves nearly as much, and b takes longer
         entry.costs["b"]["triangulate_s"] = 1.0
-    assert "Next: use c, the fastest triangulator with most" in sizes.format_next_step(result)
+    assert "Next: use c, the cheapest triangulator with most" in sizes.format_next_step(result)
     assert "triangulate FILE -o OUT.glb --triangulator c" in sizes.format_next_step(result)
     timed = {"a": cost(4000, 4e-3, 1e-3), "b": cost(4000, 3e-3, 6.5e-3)}
     result = sizes.Sizes(

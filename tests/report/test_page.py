@@ -37,7 +37,7 @@ def read_table(page: Chromium, name: str) -> list[dict[str, str]]:
 
 
 def test_report_renders_without_errors_or_requests(page, folder):
-    assert read_texts(page, "h1") == ["city: what its triangulations cost to rasterise"]
+    assert read_texts(page, "h1") == ["city: cost of its triangulations when rasterised"]
     assert read_texts(page, "#answer")[0].startswith(
         "Recommendation for city:buildings=60 on cpu (reference, 256 px): "
     )
