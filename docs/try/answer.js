@@ -8,8 +8,9 @@ const METHODS = [
   ["refined", "earcut’s refine", "Delaunay flips: fewer small angles"],
   ["flipped", "Flips", "to diagonals of smaller |dx| + |dy|"],
   ["optimal", "The optimum for H", "minimum width + height of all boxes"],
+  ["quads", "The optimum for Q", "minimum expected quads: few triangles cover a pixel"],
 ];
-const NAMES = { refined: "earcut’s refine", flipped: "flips", optimal: "the optimum for H" };
+const NAMES = { refined: "earcut’s refine", flipped: "flips", optimal: "the optimum for H", quads: "the optimum for Q" };
 
 const percent = (value) => `${(100 * value).toFixed(1)} %`;
 

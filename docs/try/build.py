@@ -7,11 +7,13 @@ of reports, the page that measures a device (compressed), and the scripts in thi
 import base64
 import gzip
 import json
+import math
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
+import pandas as pd
 import shapely
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
@@ -37,14 +39,19 @@ GEOMETRY = (
 VIEW = (HERE / "view.js", HERE / "main.js")
 ELEMENTS = ROOT / "harness/report/static/elements.js"
 
+SAVINGS = ROOT / "results" / "reference" / "polygon-savings-city.csv"
+BASE, OPTIMUM = "ear-clipping", "optimal:expected-quads"
+
 EXAMPLES = (
-    ("A footprint", "city", 438),
+    ("A footprint that gains much", "city", 438),
     ("A letter", "glyphs:text=S", 0),
     ("A county", "counties", 5),
     ("Nine vertices", "paper", 0),
 )
-"""Name, scene and index of each example."""
+"""Name, scene and index of each example but the first."""
 
+EXAMPLE_PX = 64
+"""Side of the viewport of these examples."""
 
 SCENES = {"city": "city", "helsinki": "Helsinki", "glyphs": "letters", "counties": "counties"}
 """Scenes whose total saving the page reports, with their labels."""
@@ -52,9 +59,14 @@ SCENES = {"city": "city", "helsinki": "Helsinki", "glyphs": "letters", "counties
 
 def render_page() -> str:
     """Return the text of docs/try.html."""
+    number, size, sentence = choose_typical()
     examples = [
-        (name, shapely.to_wkt(load(scene, attributes=False).polygons[number], rounding_precision=3))
-        for name, scene, number in EXAMPLES
+        (name, shapely.to_wkt(polygon, rounding_precision=3), px)
+        for name, scene, index, px in (
+            ("A typical footprint", "city", number, size),
+            *((*example, EXAMPLE_PX) for example in EXAMPLES),
+        )
+        for polygon in [load(scene, attributes=False).polygons[index]]
     ]
     data = (
         f"const EXAMPLES = {json.dumps(examples, ensure_ascii=False)};\n"
@@ -63,6 +75,7 @@ def render_page() -> str:
     parts = {
         "style": join_files(*STYLES),
         "scenes": describe_scenes(),
+        "typical": sentence,
         "earcut": json.loads((EARCUT / "package.json").read_text())["version"],
         "script": f"{join_files(*GEOMETRY, ELEMENTS)}\n{data}\n{join_files(*VIEW)}",
     }
@@ -75,6 +88,31 @@ def render_page() -> str:
 def join_files(*files: Path) -> str:
     """Return the concatenated texts of files."""
     return "\n".join(file.read_text().strip() for file in files)
+
+
+def choose_typical() -> tuple[int, int, str]:
+    """Return a polygon of the city with the median saving, and a sentence about its scene.
+
+    Returns the polygon's number, and the side in px of a viewport that shows it as large as in the
+    scene.
+    """
+    table = pd.read_csv(SAVINGS)
+    saved = 1.0 - table[OPTIMUM] / table[BASE]
+    distance = (saved - saved.median()).abs()
+    row = table.assign(distance=distance).sort_values(["distance", BASE], ascending=[True, False])
+    typical = row.index[0]
+    number, saving = int(table["polygon"][typical]), saved[typical]
+    polygon = load("city", attributes=False).polygons[number]
+    west, south, east, north = polygon.bounds
+    # page: the circle about the centre of the bounding box fills the viewport.
+    size = round(float(table["scale"][typical]) * math.hypot(east - west, north - south)) + 2
+    share, total = (saved >= saving).mean(), 1.0 - table[OPTIMUM].sum() / table[BASE].sum()
+    sentence = (
+        f"A typical footprint of the city at 1024 px: the optimum for Q saves {100 * saving:.1f} % "
+        f"of ear clipping's lanes for this footprint, and {100 * total:.1f} % for the scene. "
+        f"{100 * share:.0f} % of the {len(table)} footprints gain at least as much as this one."
+    )
+    return number, size, sentence
 
 
 def describe_scenes() -> str:

@@ -1,5 +1,5 @@
 "use strict";
-/* The page's state and events. EXAMPLES: [name, WKT] pairs; PROFILE: the page that measures a device, compressed. */
+/* The page's state and events. EXAMPLES: [name, WKT, side of the viewport in px] of each; PROFILE: the page that measures a device, compressed. */
 
 const SIZES = [16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512];
 const MAX_HISTORY = 200;
@@ -75,14 +75,22 @@ async function loadFile(file) {
   else loadText(await file.text());
 }
 
-const loadExample = (name, text) => loadPolygon(readPolygon(text).rings, { example: name });
+function loadExample(name, text, size) {
+  setSize(size);
+  loadPolygon(readPolygon(text).rings, { example: name });
+}
+
+/* Set the viewport to the nearest of the possible sizes. */
+function setSize(size) {
+  state.size = SIZES.reduce((best, other) => (Math.abs(other - size) < Math.abs(best - size) ? other : best));
+  $("size").value = SIZES.indexOf(state.size);
+}
 
 function loadLink(text) {
   const link = fromLink(text);
   if (!link) return false;
-  state.size = SIZES.reduce((best, size) => (Math.abs(size - link.size) < Math.abs(best - link.size) ? size : best));
+  setSize(link.size);
   state.rotation = link.rotation;
-  $("size").value = SIZES.indexOf(state.size);
   $("rotation").value = state.rotation;
   loadPolygon(link.rings);
   return true;
@@ -267,6 +275,14 @@ function copyWkt() {
   copyText(toWkt(toSource ? rings.map((ring) => ring.map(toSource)) : rings, degrees), toSource ? "WKT in the original coordinates" : "WKT in this page’s coordinates");
 }
 
+async function savePicture() {
+  const blob = await new Promise((resolve) => { drawPicture(state.result).toBlob(resolve); });
+  const link = element("a", { href: URL.createObjectURL(blob), download: "triangulations.png" });
+  link.click();
+  URL.revokeObjectURL(link.href);
+  $("copied").textContent = "Picture saved.";
+}
+
 /* Measure this device in a frame, by the page of `raster-harness page --profile`. */
 async function measureDevice() {
   $("profile").disabled = true;
@@ -282,9 +298,9 @@ async function measureDevice() {
 }
 
 function buildExamples() {
-  EXAMPLES.forEach(([name, wkt]) => {
+  EXAMPLES.forEach(([name, ...example]) => {
     const button = element("button", { type: "button", "aria-pressed": "false", "data-example": name }, name);
-    button.addEventListener("click", () => loadExample(name, wkt));
+    button.addEventListener("click", () => loadExample(name, ...example));
     $("examples").append(button);
   });
 }
@@ -305,7 +321,10 @@ function listenToControls() {
   $("remove").addEventListener("click", removeVertex);
   $("undo").addEventListener("click", undo);
   $("degrees").addEventListener("change", () => loadText(state.text, $("degrees").checked, state.choice));
-  $("choices").addEventListener("change", () => loadText(state.text, state.degrees, Number($("choices").value)));
+  const choose = (choice) => loadText(state.text, state.degrees, choice);
+  $("choices").addEventListener("change", () => choose(Number($("choices").value)));
+  $("previous").addEventListener("click", () => choose(state.choice - 1));
+  $("next").addEventListener("click", () => choose(state.choice + 1));
   $("choose").addEventListener("click", () => $("file").click());
   $("file").addEventListener("change", () => { if ($("file").files[0]) loadFile($("file").files[0]); });
   $("profile").addEventListener("click", measureDevice);
@@ -315,6 +334,7 @@ function listenToControls() {
   $("rotation").addEventListener("input", () => { state.rotation = Number($("rotation").value); requestUpdate(); });
   $("copy").addEventListener("click", () => copyText(`${location.href.split("#")[0]}#${currentLink()}`, "Link"));
   $("wkt").addEventListener("click", copyWkt);
+  $("picture").addEventListener("click", savePicture);
 }
 
 function listenToWindow() {

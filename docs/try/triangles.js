@@ -30,13 +30,35 @@ function place(rings, size, degrees) {
   return { rings: placed, points: placed.flat(2), ends: endsOf(placed), lost: rings[0].length - placed[0].length };
 }
 
-/* The triangulation of a ring without holes with the minimum sum of half-perimeters of its triangles' bounding boxes.
+/* Half the perimeter of a triangle's bounding box. */
+function halfPerimeterOf(ax, ay, bx, by, cx, cy) {
+  return Math.max(ax, bx, cx) - Math.min(ax, bx, cx) + Math.max(ay, by, cy) - Math.min(ay, by, cy);
+}
+
+/* The mean number of quads with a covered pixel centre over all positions of a triangle on the pixel grid, for coordinates in
+   1/256 px: `expected_quads` of triangulators/criteria/features.py, which derives the formula. */
+function expectedQuads(ax, ay, bx, by, cx, cy) {
+  const cross = Math.abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax)) / UNIT ** 2;
+  if (cross === 0) return 0;
+  const sign = (bx - ax) * (cy - ay) > (by - ay) * (cx - ax) ? 1 : -1;
+  const edges = [[bx - ax, by - ay], [cx - bx, cy - by], [ax - cx, ay - cy]].map(([x, y]) => [sign * x / UNIT, sign * y / UNIT]);
+  const common = (lost) => Math.max(0, 1 - lost / cross) ** 2;
+  const extent = (p, q, r) => (Math.max(p, q, r) - Math.min(p, q, r)) / UNIT;
+  const width = extent(ax, bx, cx), height = extent(ay, by, cy);
+  let squares = -common(extent(ax - ay, bx - by, cx - cy)) - common(extent(ax + ay, bx + by, cx + cy)) - common(width + height);
+  for (const r of [-1, 1]) {
+    for (const u of [-1, 1]) squares += common(-edges.reduce((sum, [x, y]) => sum + Math.min(0, r * y, u * x), 0));
+  }
+  return cross / 8 * (4 - 2 * (common(width) + common(height)) + squares);
+}
+
+/* The triangulation of a ring without holes with the minimum sum of a cost, a function of three vertices.
 
    The optimum of the vertices i..j is a triangle i, k, j and the optima on both sides of the triangle: G. T. Klincsek, "Minimal
    triangulations of polygonal domains", Annals of Discrete Mathematics 9, 1980. It is sufficient that every triangle turns
    left: the winding numbers of the triangles add up to the ring's winding number, which is 1 inside and 0 outside, and each
    triangle has winding number 1 inside. So the triangles cover the interior once, and diagonals need no visibility test. */
-function optimalTriangles({ points, ends }) {
+function optimalTriangles({ points, ends }, costOf) {
   const n = points.length / 2;
   if (ends.length > 1 || n > MAX_OPTIMUM_VERTICES) return null;
   const x = Float64Array.from({ length: n }, (_, i) => points[2 * i]), y = Float64Array.from({ length: n }, (_, i) => points[2 * i + 1]);
@@ -45,13 +67,12 @@ function optimalTriangles({ points, ends }) {
   for (let span = 2; span < n; span++) {
     for (let i = 0, j = span; j < n; i++, j++) {
       const ax = x[i], ay = y[i], bx = x[j], by = y[j], u = bx - ax, v = by - ay;
-      const left = Math.min(ax, bx), right = Math.max(ax, bx), low = Math.min(ay, by), high = Math.max(ay, by);
       let best = Infinity, apex = -1;
       for (let k = i + 1; k < j; k++) {
         const sides = minimum[i * n + k] + minimum[k * n + j];
         // The triangle i, k, j turns left.
         if (sides >= best || (x[k] - ax) * v - (y[k] - ay) * u <= 0) continue;
-        const cost = sides + Math.max(right, x[k]) - Math.min(left, x[k]) + Math.max(high, y[k]) - Math.min(low, y[k]);
+        const cost = sides + costOf(ax, ay, bx, by, x[k], y[k]);
         if (cost < best) [best, apex] = [cost, k];
       }
       minimum[i * n + j] = best;
@@ -70,18 +91,6 @@ function optimalTriangles({ points, ends }) {
   return triangles;
 }
 
-/* Sum of the half-perimeters of the triangles' bounding boxes, in the unit of the points. */
-function halfPerimeter(points, triangles) {
-  let total = 0;
-  for (let t = 0; t < triangles.length; t += 3) {
-    for (const axis of [0, 1]) {
-      const values = [0, 1, 2].map((k) => points[2 * triangles[t + k] + axis]);
-      total += Math.max(...values) - Math.min(...values);
-    }
-  }
-  return total;
-}
-
 /* Whether triangles have the area of the polygon, in exact arithmetic: overlaps and gaps change the sum. */
 function hasArea(triangles, points, rings) {
   const vertex = (index) => [points[2 * index], points[2 * index + 1]];
@@ -97,8 +106,28 @@ function triangulations(placed) {
   const refined = [...ears], flipped = [...ears];
   earcut.refine(refined, points);
   flipTriangles(flipped, points);
-  const methods = { ears, refined, flipped, optimal: optimalTriangles(placed) };
+  const methods = { ears, refined, flipped, optimal: optimalTriangles(placed, halfPerimeterOf), quads: optimalTriangles(placed, expectedQuads) };
   return Object.fromEntries(Object.entries(methods).map(([name, triangles]) => [name, triangles && hasArea(triangles, points, rings) ? triangles : null]));
+}
+
+/* The number of batches in which a GPU transforms the vertices of triangles: a batch has up to 32 distinct vertices and 32
+   triangles, as in harness/rasterisers/vertex_batches.py. */
+function countBatches(triangles, maxVertices = 32, maxTriangles = 32) {
+  const batchOf = new Map();
+  let batches = triangles.length ? 1 : 0, vertices = 0, size = 0;
+  for (let t = 0; t < triangles.length; t += 3) {
+    const corners = [0, 1, 2].map((k) => triangles[t + k]);
+    let added = corners.filter((vertex) => batchOf.get(vertex) !== batches);
+    if (size === maxTriangles || vertices + added.length > maxVertices) {
+      batches++;
+      vertices = size = 0;
+      added = corners;
+    }
+    for (const vertex of added) batchOf.set(vertex, batches);
+    vertices += added.length;
+    size++;
+  }
+  return batches;
 }
 
 /* The counters of triangles. shaded, if given, receives counts for each pixel of a viewport of `size` px, row 0 at the bottom:
@@ -114,7 +143,7 @@ function countLanes(points, triangles, size = 0, shaded = null) {
     if (shaded) walkTriangle(...vertices, (row, below, above) => markLanes(row, below, above, size, shaded));
   }
   const [fragments, quads, partial_quads] = totals;
-  return { triangles: triangles.length / 3, fragments, quads, helper_lanes: 4 * quads - fragments, partial_quads, covering_triangles };
+  return { triangles: triangles.length / 3, fragments, quads, helper_lanes: 4 * quads - fragments, partial_quads, covering_triangles, vertex_batches: countBatches(triangles) };
 }
 
 /* Count the lanes of the quads of two rows of a triangle. */

@@ -74,15 +74,58 @@ function showMethods(result) {
       panel.caption.textContent = "";
       continue;
     }
-    const { triangles, covering_triangles: covering, quads, helper_lanes: helpers, fragments } = method.counts;
+    const { triangles, covering_triangles: covering, quads, helper_lanes: helpers, fragments, vertex_batches: batches } = method.counts;
     if (name !== "ears") {
-      panel.saving.textContent = method.saving === 0 ? "±0 %" : `${method.saving > 0 ? "−" : "+"}${percent(Math.abs(method.saving))}`;
+      panel.saving.textContent = formatSaving(method.saving);
       panel.saving.className = method.saving > 0 ? "less" : method.saving < 0 ? "more" : "";
     }
-    panel.caption.replaceChildren(element("b", {}, `${format(4 * quads)} lanes`), ` for ${format(fragments)} pixels: ${format(helpers)} helper lanes; ${format(quads)} quads; ${format(covering)} of ${format(triangles)} triangles cover a pixel`);
+    panel.caption.replaceChildren(element("b", {}, `${format(4 * quads)} lanes`), ` for ${format(fragments)} pixels: ${format(helpers)} helper lanes; ${format(quads)} quads; ${format(covering)} of ${format(triangles)} triangles cover a pixel; ${format(batches)} vertex ${batches === 1 ? "batch" : "batches"}`);
     panel.canvas.setAttribute("aria-label", `${triangles} triangles, ${format(helpers)} helper lanes`);
     drawMethod(panel.canvas, method, result.placed.points, state.size, colours, edgeColour);
   }
+}
+
+const formatSaving = (saving) => (saving === 0 ? "±0 %" : `${saving > 0 ? "−" : "+"}${percent(Math.abs(saving))}`);
+
+const PICTURE = { cell: 400, gap: 24, line: 26 };
+
+/* A picture of all triangulations with the answer, to share. */
+function drawPicture(result) {
+  const { cell, gap, line } = PICTURE, shown = METHODS.filter(([name]) => result.methods[name]);
+  const columns = Math.min(3, shown.length), width = columns * (cell + gap) + gap, rowHeight = cell + 3 * line + gap;
+  const canvas = element("canvas"), context = canvas.getContext("2d");
+  const answer = wrapText(context, $("answer").textContent, width - 2 * gap, `20px ${getComputedStyle(document.body).fontFamily}`);
+  const top = gap + (answer.length + 0.5) * line;
+  Object.assign(canvas, { width, height: top + Math.ceil(shown.length / columns) * rowHeight + line });
+  const write = (text, x, y, colour = "--ink", size = 18) => {
+    context.font = `${size}px ${getComputedStyle(document.body).fontFamily}`;
+    context.fillStyle = styled(colour);
+    context.fillText(text, x, y);
+  };
+  context.fillStyle = styled("--paper");
+  context.fillRect(0, 0, canvas.width, canvas.height);
+  answer.forEach((text, i) => write(text, gap, gap + (i + 0.6) * line, "--ink", 20));
+  shown.forEach(([name, title], i) => {
+    const { counts, saving } = result.methods[name], x = gap + (i % columns) * (cell + gap), y = top + Math.floor(i / columns) * rowHeight;
+    write(`${title}${name === "ears" ? "" : `: ${formatSaving(saving)}`}`, x, y + line / 2);
+    context.drawImage(panels[name].canvas, x, y + line, cell, cell);
+    write(`${format(4 * counts.quads)} lanes, ${format(counts.helper_lanes)} helper lanes`, x, y + cell + 1.9 * line, "--soft", 16);
+    write(`${format(counts.covering_triangles)} of ${format(counts.triangles)} triangles cover a pixel`, x, y + cell + 2.7 * line, "--soft", 16);
+  });
+  write("Exact counts by raster-harness; helper lanes in orange and red", gap, canvas.height - line / 2, "--soft", 16);
+  return canvas;
+}
+
+/* The lines of a text in a font that are not wider than `width` px. */
+function wrapText(context, text, width, font) {
+  context.font = font;
+  const lines = [""];
+  for (const word of text.split(" ")) {
+    const longer = `${lines.at(-1)} ${word}`.trim();
+    if (context.measureText(longer).width <= width) lines[lines.length - 1] = longer;
+    else lines.push(word);
+  }
+  return lines;
 }
 
 function showAnswer(result) {
@@ -144,6 +187,8 @@ function showControls() {
   $("remove").disabled = isDrawing ? !state.drawing.length : !canRemoveVertex();
   $("undo").disabled = !isDrawing && !state.history.length;
   $("copy").disabled = $("wkt").disabled = isDrawing;
+  $("picture").disabled = isDrawing || !state.result?.methods.ears;
+  $("typical").hidden = isDrawing || state.example !== EXAMPLES[0][0];
   for (const button of $("examples").querySelectorAll("[data-example]")) button.setAttribute("aria-pressed", String(!isDrawing && button.dataset.example === state.example));
   $("degrees-label").hidden = isDrawing || state.text === null || state.degrees === null;
   $("degrees").checked = Boolean(state.degrees);
@@ -152,6 +197,8 @@ function showControls() {
   if (isChoice) {
     $("choices").replaceChildren(...state.choices.map((label, i) => element("option", { value: i }, label)));
     $("choices").value = state.choice;
+    $("previous").disabled = state.choice === 0;
+    $("next").disabled = state.choice === state.choices.length - 1;
   }
   if (document.activeElement !== $("text")) $("text").value = state.text ?? "";
 }
@@ -172,6 +219,6 @@ function buildPanels() {
   for (const [name, title, description] of METHODS) {
     const panel = { saving: element("span"), best: element("span", { class: "best", hidden: "" }, "best"), canvas: element("canvas", { role: "img" }), missing: element("p", { class: "missing", hidden: "" }), caption: element("figcaption") };
     panels[name] = panel;
-    $("methods").append(element("figure", { "data-method": name }, element("h3", {}, element("span", {}, title, " ", panel.best), panel.saving), element("div", { class: "quiet" }, description), panel.canvas, panel.missing, panel.caption));
+    $("methods").lastElementChild.before(element("figure", { "data-method": name }, element("h3", {}, element("span", {}, title, " ", panel.best), panel.saving), element("div", { class: "quiet" }, description), panel.canvas, panel.missing, panel.caption));
   }
 }

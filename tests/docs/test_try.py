@@ -6,10 +6,13 @@ import json
 import re
 from typing import Any
 
+import numpy as np
+import pandas as pd
 import pytest
 import shapely
 from shapely import Polygon
 
+from scenes import load
 from tests.chromium import REPORT_READY, Chromium
 from tests.docs.test_try_geometry import build
 from tests.paths import ROOT
@@ -66,7 +69,7 @@ def test_a_pasted_polygon_is_compared(browser):
         "Object.entries(state.result.methods).map(([name, method]) => [name, method.counts.quads])"
     )
     quads = dict(browser.evaluate(counters))
-    saved = [1 - quads[name] / quads["ears"] for name in ("refined", "flipped", "optimal")]
+    saved = [1 - quads[name] / quads["ears"] for name in ("refined", "flipped", "optimal", "quads")]
     assert max(saved) > 0.01
     shares = {f"{100 * abs(each):.1f} % {'more' if each < 0 else 'fewer'}" for each in saved}
     shares = {share for share in shares if not share.startswith("0.0 %")}  # "as many"
@@ -96,6 +99,14 @@ def test_a_drawing_with_several_elements_offers_a_choice(browser):
     after(browser, "$('choices').value = 1; $('choices').dispatchEvent(new Event('change'))")
     assert text_of(browser, "vertex-count").startswith("4 vertices,")
     assert not browser.evaluate("$('choices-label').hidden")
+    for button, number, count in (("previous", 0, 3), ("next", 1, 4)):
+        after(browser, f"$('{button}').click()")
+        assert browser.evaluate("[$('choices').value, state.choice]") == [str(number), number]
+        assert text_of(browser, "vertex-count").startswith(f"{count} vertices,")
+        assert browser.evaluate("[$('previous').disabled, $('next').disabled]") == [
+            number == 0,
+            number == 1,
+        ]
     after(browser, "$('remove').click()")
     assert browser.evaluate("$('choices-label').hidden")
     after(browser, "$('undo').click()")
@@ -108,8 +119,52 @@ def test_hostile_links_are_reported_as_invalid(browser):
     for fragment in (f"64/{'9' * 400}/{polygon}", f"{'9' * 400}/0/{polygon}"):
         open_page(browser, fragment=fragment)
         assert "truncated or invalid" in text_of(browser, "notice")
-        assert text_of(browser, "vertex-count").startswith("67 vertices,")
+        assert text_of(browser, "vertex-count").startswith("8 vertices,")
         assert "NaN" not in browser.evaluate("document.body.innerText")
+
+
+def test_the_page_opens_with_a_typical_polygon(browser):
+    """Half of the city's footprints save at least as much; other polygons have no such sentence."""
+    table = pd.read_csv(build.SAVINGS)
+    saved = 1 - table[build.OPTIMUM] / table[build.BASE]
+    number, size, sentence = build.choose_typical()
+    assert saved[number] == pytest.approx(saved.median(), abs=0.001)
+    share = f"{100 * (saved >= saved[number]).mean():.0f} % of the {len(saved)} footprints"
+    assert share in sentence
+    open_page(browser)
+    assert text_of(browser, "typical") == sentence
+    assert not browser.evaluate("$('typical').hidden")
+    width, height = browser.evaluate("sizeOf(state.result.placed.rings)")
+    west, south, east, north = load("city").polygons[number].bounds
+    in_scene = table["scale"][0] * np.array([east - west, north - south])
+    sizes = browser.evaluate("SIZES")
+    assert browser.evaluate("state.size") == min(sizes, key=lambda side: abs(side - size))
+    assert np.array([width, height]) == pytest.approx(in_scene, rel=0.25)
+    assert browser.evaluate("state.result.methods.quads.saving") > 0
+    after(browser, "document.querySelector('[data-example=\"A letter\"]').click()")
+    assert browser.evaluate("$('typical').hidden")
+    assert browser.evaluate("state.size") == 64
+
+
+def test_a_picture_is_saved(browser):
+    """All triangulations, with the answer."""
+    open_page(browser)
+    wrapped = "wrapText(document.createElement('canvas').getContext('2d'), 'a b c', 14, '9px mono')"
+    assert len(browser.evaluate(wrapped)) > 1
+    shape = browser.evaluate("(({width, height}) => [width, height])(drawPicture(state.result))")
+    assert shape[0] == 3 * 424 + 24
+    assert shape[1] > 2 * 400
+    drawn = """(() => {
+        const canvas = drawPicture(state.result), {data} = canvas.getContext("2d")
+            .getImageData(24, 0, 400, canvas.height);
+        return new Set(Array.from({length: data.length / 4}, (_, i) =>
+            data.slice(4 * i, 4 * i + 3).join())).size;
+    })()"""
+    assert browser.evaluate(drawn) > 10
+    browser.evaluate("savePicture().then(() => null)")
+    browser.wait("$('copied').textContent === 'Picture saved.'")
+    browser.evaluate("$('draw').click(); null")
+    browser.wait("$('picture').disabled")
 
 
 def test_size_rotation_and_link_go_together(browser):
@@ -193,7 +248,7 @@ def test_a_polygon_is_drawn_by_keys(browser):
     after(browser, "onKeyDown(new KeyboardEvent('keydown', {key: 'Enter'}))")
     assert text_of(browser, "vertex-count").startswith("3 vertices,")
     browser.press("z", modifiers=2)
-    browser.wait("$('vertex-count').textContent.startsWith('67 vertices,')")
+    browser.wait("$('vertex-count').textContent.startsWith('8 vertices,')")
     assert browser.evaluate("state.rings") == before
 
 
@@ -209,7 +264,7 @@ def test_invalid_polygons_and_texts_are_reported(browser):
     ):
         paste(browser, f"POLYGON {wkt}")
         assert text_of(browser, "answer").startswith(f"Invalid: this polygon {fault}")
-        for method in ("ears", "refined", "flipped", "optimal"):
+        for method in ("ears", "refined", "flipped", "optimal", "quads"):
             shown = browser.evaluate(f"panels.{method}.missing.textContent")
             assert shown == "the polygon is invalid"
     paste(browser, "POLYGON ((0 0, 9 0, 9 9, 0 9, 0 0), (3 3, 6 3, 6 6, 3 6, 3 3))")

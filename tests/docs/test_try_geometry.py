@@ -14,6 +14,7 @@ from shapely import Polygon, box
 from harness.frame import View, make_frame
 from harness.grid import SUBPIXEL
 from harness.rasterisers.reference import SHADED, predict
+from harness.rasterisers.vertex_batches import count_batches
 from scenes import load
 from scenes.files import read
 from tests.conftest import make_geojson
@@ -37,6 +38,9 @@ MEASURE = """
         const {points} = placed, valid = !faultOf(placed.rings), ways = {};
         for (const [name, rows] of Object.entries(valid ? triangulations(placed) : {})) {
             if (rows) ways[name] = {rows, counts: countLanes(points, rows)};
+            for (const limit of rows ? [5, 32] : []) {
+                ways[name][`batches ${limit}`] = countBatches(rows, limit, limit + 2);
+            }
         }
         return {rings, link: toLink(rings, size, rotation), points, valid, ways};
     });
@@ -113,20 +117,31 @@ def test_counts_are_those_of_the_reference():
             counts = way["counts"]
             for name in SHADED:
                 assert counts[name] == expected[name]
+            assert (
+                counts["covering_triangles"] == (predict(points, triangles)["fragments"] > 0).sum()
+            )
+            assert counts["vertex_batches"] == count_batches(triangles)[0]
+            for limit in (5, 32):
+                batches, _ = count_batches(triangles, limit, limit + 2)
+                assert way[f"batches {limit}"] == batches
             ways += 1
     assert ways > 800
 
 
-def test_the_optimum_has_the_cost_of_pythons_optimum():
+@pytest.mark.parametrize(
+    ("way", "criterion", "error"),
+    [("optimal", "half_perimeter", 0), ("quads", "expected_quads", 1e-12)],
+)
+def test_optima_have_the_cost_of_pythons_optimum(way, criterion, error):
     compared = 0
     for result in cases()[1]:
-        if "optimal" not in result["ways"]:
+        if way not in result["ways"]:
             continue
         polygon = Polygon(points_of(result) / SUBPIXEL)
-        own = np.array(result["ways"]["optimal"]["rows"]).reshape(-1, 3)
-        rows = triangulate(polygon, "optimal:half-perimeter")
-        costs = [criteria.predict(vertices(polygon), r)["half_perimeter"] for r in (own, rows)]
-        assert costs[0] == costs[1]
+        own = np.array(result["ways"][way]["rows"]).reshape(-1, 3)
+        rows = triangulate(polygon, f"optimal:{criterion.replace('_', '-')}")
+        costs = [criteria.predict(vertices(polygon), r)[criterion] for r in (own, rows)]
+        assert costs[0] == pytest.approx(costs[1], rel=error, abs=0)
         compared += 1
     assert compared > 180
 
