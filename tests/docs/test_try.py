@@ -63,6 +63,7 @@ def paste(browser: Chromium, text: str) -> None:
 def test_a_pasted_polygon_is_compared(browser):
     """Three quarters of a disc: the answer names the best method and all savings."""
     open_page(browser)
+    after(browser, "setSize(64); requestUpdate()")
     arc = shapely.get_coordinates(shapely.Point(0, 0).buffer(9, quad_segs=14))[:42]
     paste(browser, Polygon([(0, 0), *arc[:41]]).wkt)
     counters = (
