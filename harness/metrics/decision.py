@@ -271,13 +271,13 @@ _SAVES_ENOUGH = f"saves {100 * MIN_SAVED_SHARE:g} % by exact count"
 def _format_choice(decision: Decision) -> str:
     choice, base, ratio = decision.choice, decision.base, decision.saving
     if ratio is not None:
-        text = f"{describe_cheapest(choice.name)}: {_percent(1 - ratio.value)} % of {base.name}'s "
-        text += f"draw time (95 % CI {_percent(1 - ratio.high)}-{_percent(1 - ratio.low)} %)"
+        text = f"{describe_cheapest(choice.name)}: {_format_percent(1 - ratio.value)} % of {base.name}'s "
+        text += f"draw time (95 % CI {_format_percent(1 - ratio.high)}-{_format_percent(1 - ratio.low)} %)"
         if choice.break_even is not None and choice.break_even.kind in ("at once", "after"):
             text += f", break-even {choice.break_even.text}"
         best = decision.best
         if best is not choice and best.ratio is not None:
-            text += f"; {best.name} saves the most, {_percent(1 - best.ratio.value)} %"
+            text += f"; {best.name} saves the most, {_format_percent(1 - best.ratio.value)} %"
         return text
     if decision.reason == "others slower":
         return f"{choice.name}; all other triangulators are significantly slower"
