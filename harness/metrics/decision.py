@@ -271,8 +271,11 @@ _SAVES_ENOUGH = f"saves {100 * MIN_SAVED_SHARE:g} % by exact count"
 def _format_choice(decision: Decision) -> str:
     choice, base, ratio = decision.choice, decision.base, decision.saving
     if ratio is not None:
-        text = f"{describe_cheapest(choice.name)}: {_format_percent(1 - ratio.value)} % of {base.name}'s "
-        text += f"draw time (95 % CI {_format_percent(1 - ratio.high)}-{_format_percent(1 - ratio.low)} %)"
+        saved, low, high = (
+            _format_percent(1 - end) for end in (ratio.value, ratio.high, ratio.low)
+        )
+        text = f"{describe_cheapest(choice.name)}: {saved} % of {base.name}'s draw time "
+        text += f"(95 % CI {low}-{high} %)"
         if choice.break_even is not None and choice.break_even.kind in ("at once", "after"):
             text += f", break-even {choice.break_even.text}"
         best = decision.best
