@@ -79,7 +79,7 @@ def format_os_error(error: OSError) -> str:
     return reason
 
 
-def unknown_name_error(kind: str, name: str, names: Iterable[str]) -> UsageError:
+def make_unknown_name_error(kind: str, name: str, names: Iterable[str]) -> UsageError:
     """Return the error for an unknown name, e.g. of a "device", which suggests names of `names`."""
     return UsageError(f"unknown {kind} '{name}'; {suggest(name, sorted(names), cutoff=0.4)}")
 

@@ -12,7 +12,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from harness.errors import InputError, UsageError, unknown_name_error
+from harness.errors import InputError, UsageError, make_unknown_name_error
 from harness.grid import SUBPIXEL, snap_polygons, to_grid
 from harness.settings import FITS, RESOLUTIONS, Fit
 from harness.viewing import Viewing, viewing_of
@@ -63,7 +63,7 @@ class View:
         if not low <= self.resolution <= high:
             raise UsageError(f"resolution {self.resolution}: out of range ({low} to {high} pixels)")
         if self.fit not in FITS:
-            raise unknown_name_error("fit", self.fit, FITS)
+            raise make_unknown_name_error("fit", self.fit, FITS)
         if not math.isfinite(self.rotation):
             raise UsageError(f"rotation {self.rotation}: not a finite number of degrees")
         if self.fit in OWN_VIEWS and (self.rotation or self.resolution % 2):

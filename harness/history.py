@@ -22,7 +22,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from harness.compare.times import compute_low_quantile
-from harness.errors import InputError, UsageError, unknown_name_error
+from harness.errors import InputError, UsageError, make_unknown_name_error
 from harness.machine.git import get_commit
 from harness.metrics.processors import mark_processors
 from harness.metrics.registry import find_metric, find_metrics, list_metrics
@@ -130,7 +130,7 @@ def read_series(runs: Sequence[Run], metrics: Sequence[str] = HISTORY_METRICS) -
     )
     for metric in metrics:
         if metric != TIME and metric not in metrics_by_name:
-            raise unknown_name_error("metric", metric, [TIME, *metrics_by_name])
+            raise make_unknown_name_error("metric", metric, [TIME, *metrics_by_name])
     cases = _group_by_case(runs)
     series = []
     for metric in metrics:
@@ -221,7 +221,7 @@ def filter_series(series: Sequence[Series], names: Mapping[str, Sequence[str]]) 
         existing = {_get_name(entry.id, kind) for entry in selected}
         for value in values:
             if value not in existing:
-                raise unknown_name_error(kind, value, existing)
+                raise make_unknown_name_error(kind, value, existing)
         selected = [entry for entry in selected if _get_name(entry.id, kind) in values]
     return selected
 

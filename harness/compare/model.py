@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from harness import errors
-from harness.errors import UsageError, unknown_name_error
+from harness.errors import UsageError, make_unknown_name_error
 from harness.metrics.registry import find_metric, list_metrics
 from harness.results.record import CaseGroup, CaseId
 
@@ -341,7 +341,7 @@ def check_thresholds(thresholds: Mapping[str, float], metrics: Iterable[str]) ->
     names = {"time", "counters", *exact, *metrics}
     for name in thresholds:
         if name not in names:
-            raise unknown_name_error("threshold", name, names)
+            raise make_unknown_name_error("threshold", name, names)
 
 
 def read_project_settings(folder: Path) -> Settings:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
 
-from harness.errors import unknown_name_error
+from harness.errors import make_unknown_name_error
 from harness.results.record import CaseGroup, Record
 from harness.results.run_folder import Run
 from harness.stats.intervals import FASTER, Ratio, add_run_scatter, paired_ratio
@@ -91,7 +91,7 @@ def set_base(run: Run, name: str) -> Run:
     """
     names = dict.fromkeys(record.name for record in run.records)
     if run.records and name not in names:
-        raise unknown_name_error("base", name, names)
+        raise make_unknown_name_error("base", name, names)
     return replace(run, facts={**run.facts, "base": name})
 
 

@@ -160,15 +160,15 @@ class Law:
     @property
     def intervals(self) -> Seconds:
         """Ends of the 95 % interval of each cost, (t, 2): not negative, and around the cost."""
-        return self._intervals_at(CONFIDENCE)
+        return self._compute_intervals(CONFIDENCE)
 
     @property
     def significant(self) -> NDArray[np.bool_]:
         """Whether each cost takes more than `MIN_TIME_SHARE` of some draw's time, (t,)."""
-        low = self._intervals_at(FAMILY_CONFIDENCE)[:, 0]
+        low = self._compute_intervals(FAMILY_CONFIDENCE)[:, 0]
         return np.asarray(low * self.shares.max(axis=0) > MIN_TIME_SHARE)
 
-    def _intervals_at(self, confidence: float) -> Seconds:
+    def _compute_intervals(self, confidence: float) -> Seconds:
         width = compute_interval_reach(self.groups, confidence) * np.sqrt(np.diag(self.covariance))
         low = np.clip(self.signed_costs - width, 0.0, self.costs) * self.known
         high = np.maximum(self.costs, self.signed_costs + width)

@@ -5,7 +5,7 @@ from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from harness.errors import NoRasteriserError, UsageError, unknown_name_error
+from harness.errors import NoRasteriserError, UsageError, make_unknown_name_error
 from harness.machine.user_modules import allow_user_module
 from harness.rasterisers.base import (
     Counters,
@@ -81,7 +81,7 @@ def get(name: str) -> type[Rasteriser]:
         except Exception as error:
             raise UsageError(f"rasteriser '{name}': import failed ({error})") from error
     else:
-        raise unknown_name_error("rasteriser", name, names())
+        raise make_unknown_name_error("rasteriser", name, names())
     if not (isinstance(rasteriser, type) and issubclass(rasteriser, Rasteriser)):
         raise UsageError(f"rasteriser '{name}' is not a subclass of harness.rasterisers.Rasteriser")
     register(rasteriser.new_counters)
@@ -114,6 +114,6 @@ def find_device(rasteriser: str, name: str | None = None) -> Device:
         return device
     if kind.is_device_name(name):
         raise NoRasteriserError(f"{rasteriser}: device '{name}' not found; {kind.remedy(name)}")
-    raise unknown_name_error(
+    raise make_unknown_name_error(
         "device", name, [device.name for device in kind.devices()] or kind.device_names
     )

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.errors import NoRasteriserError, UsageError, unknown_name_error
+from harness.errors import NoRasteriserError, UsageError, make_unknown_name_error
 from harness.machine import system
 from harness.rasterisers.counters import Counter
 from harness.settings import MAX_LOOKUPS, MAX_WORK, ORDERS, SAMPLES, Order
@@ -64,7 +64,7 @@ class Options:
         if not 0 <= self.texture <= MAX_LOOKUPS:
             raise UsageError(f"{self.texture} texture lookups: out of range (0 to {MAX_LOOKUPS})")
         if self.order not in ORDERS:
-            raise unknown_name_error("order", self.order, ORDERS)
+            raise make_unknown_name_error("order", self.order, ORDERS)
 
     def to_json(self) -> dict[str, Any]:
         """Return the options by name, without a `texture` of 0, as in older records."""

@@ -180,7 +180,9 @@ class Projection:
             along = (np.array(self._to_metres.transform(lon + dlon, lat)) - projected) / dlon
             up = (np.array(self._to_metres.transform(lon, lat + dlat)) - projected) / dlat
             residual = np.array([x, y]) - projected
-            steps = np.array([_cross(residual, up), _cross(along, residual)]) / _cross(along, up)
+            steps = np.array(
+                [_compute_cross(residual, up), _compute_cross(along, residual)]
+            ) / _compute_cross(along, up)
             # At a pole the longitude is undefined.
             steps[:, ~(np.abs(steps).max(axis=0) < 1e-4)] = 0.0
         return np.column_stack([lon + steps[0], lat + steps[1]])
@@ -224,7 +226,7 @@ def compute_mean_direction(degrees: NDArray[np.float64]) -> tuple[float, float]:
     return float(centre[0]), float(centre[1])
 
 
-def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def _compute_cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     product: NDArray[np.float64] = a[0] * b[1] - a[1] * b[0]
     return product
 

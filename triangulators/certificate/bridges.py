@@ -150,7 +150,7 @@ def _list_bridges(
 
 
 @njit(nogil=True)
-def _crossings(points: np.ndarray, a: int, b: int, tip: int) -> int:
+def _count_crossings(points: np.ndarray, a: int, b: int, tip: int) -> int:
     """Return 1 if a-b crosses the ray to the left of `tip` downwards, -1 if upwards, else 0."""
     y = points[tip, 1]
     above, other_above = points[a, 1] > y, points[b, 1] > y
@@ -188,7 +188,7 @@ def _classify(
     inner_start, inner_items = group_by_key(inner, len(points))
     turn = np.zeros(m, dtype=np.int64)
     for k in range(1, m):
-        turn[k] = turn[k - 1] + _crossings(points, outer[k - 1], outer[k], tip)
+        turn[k] = turn[k - 1] + _count_crossings(points, outer[k - 1], outer[k], tip)
     kind = np.full(len(edges), _UNUSED, dtype=np.int8)
     first, second = np.zeros(len(edges), dtype=np.int64), np.zeros(len(edges), dtype=np.int64)
     for e in range(len(edges)):
@@ -218,7 +218,7 @@ def _classify(
             around, length = _count_turns(points, a, b, i, j, tip, upper), (j - i) % q
             first[e] = length if around == 0 else length - q
         else:
-            around = _crossings(points, b, a, tip) + turn[j] - turn[i] + (1 if i > j else 0)
+            around = _count_crossings(points, b, a, tip) + turn[j] - turn[i] + (1 if i > j else 0)
             length = (j - i) % m
             first[e] = length if around == 0 else length - m
     return kind, first, second
@@ -235,7 +235,7 @@ def _find_hole_position(
     tip, q = inner[0], len(inner)
     if index == 0:
         return q if _is_above(points, outer_end, tip, inner[1]) else 0
-    return q * _crossings(points, outer_end, end, tip) + q - index
+    return q * _count_crossings(points, outer_end, end, tip) + q - index
 
 
 @njit(nogil=True)
@@ -244,7 +244,7 @@ def _count_turns(points: np.ndarray, a: int, b: int, i: int, j: int, tip: int, u
 
     a, b: the sites at positions i and j. The hole's first vertex, on the ring, is passed upwards.
     """
-    around = _crossings(points, b, a, tip)
+    around = _count_crossings(points, b, a, tip)
     if i == 0:
         return around if _is_above(points, b, tip, upper) else around - 1
     if j == 0:

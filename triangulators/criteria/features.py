@@ -76,7 +76,7 @@ def _find_common_share(lost: float, doubled_area: float) -> float:
 
 
 @njit(forceinline=True)
-def _triple(p: float, q: float, u: float, v: float, x: float, y: float) -> float:
+def _sum_triple(p: float, q: float, u: float, v: float, x: float, y: float) -> float:
     """Return L of a triple in `_average_blocks`: the sum of max(0, -first, -second) over edges."""
     return -(min(0.0, p, q) + min(0.0, u, v)) - min(0.0, x, y)
 
@@ -129,10 +129,10 @@ def _average_blocks(
     rising = max(ax + ay, bx + by, cx + cy) - min(ax + ay, bx + by, cx + cy)
     pairs = _find_common_share(width, cross) + _find_common_share(height, cross)
     diagonals = _find_common_share(falling, cross) + _find_common_share(rising, cross)
-    triples = _find_common_share(_triple(-uy, -ux, -vy, -vx, -wy, -wx), cross)
-    triples += _find_common_share(_triple(-uy, ux, -vy, vx, -wy, wx), cross)
-    triples += _find_common_share(_triple(uy, -ux, vy, -vx, wy, -wx), cross)
-    triples += _find_common_share(_triple(uy, ux, vy, vx, wy, wx), cross)
+    triples = _find_common_share(_sum_triple(-uy, -ux, -vy, -vx, -wy, -wx), cross)
+    triples += _find_common_share(_sum_triple(-uy, ux, -vy, vx, -wy, wx), cross)
+    triples += _find_common_share(_sum_triple(uy, -ux, vy, -vx, wy, -wx), cross)
+    triples += _find_common_share(_sum_triple(uy, ux, vy, vx, wy, wx), cross)
     inner = size - 1.0
     squares = triples - diagonals - _find_common_share(width + height, cross)
     share = size * size - size * inner * pairs + inner * inner * squares

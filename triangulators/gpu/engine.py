@@ -175,7 +175,7 @@ def attempt(name: str, batch: Batch, selected: np.ndarray, max_vertices: int, wo
     """
     try:
         wrong = (
-            _context_thread()
+            _get_context_thread()
             .submit(_solve_batch, name, batch, selected, max_vertices, worst)
             .result()
         )
@@ -199,18 +199,18 @@ def describe(name: str) -> tuple[str, str]:
 
     Raises `DeviceError`.
     """
-    compute = _context_thread().submit(_open_engine, name).result().compute
+    compute = _get_context_thread().submit(_open_engine, name).result().compute
     return compute.renderer, compute.version
 
 
 def close_all() -> None:
     """Close all devices and clear the warnings; the next batch opens a device again."""
-    _context_thread().submit(_close_all).result()
+    _get_context_thread().submit(_close_all).result()
     _warned.clear()
 
 
 @cache
-def _context_thread() -> ThreadPoolExecutor:
+def _get_context_thread() -> ThreadPoolExecutor:
     """Return the executor whose single thread uses all OpenGL contexts."""
     return ThreadPoolExecutor(1, thread_name_prefix="triangulators-gpu")
 
@@ -233,7 +233,7 @@ def _open_engine(name: str) -> "Engine":
 
 def _after_fork() -> None:
     """Clear the context thread and the devices: a forked process has no threads of its parent."""
-    _context_thread.cache_clear()
+    _get_context_thread.cache_clear()
     _open_engines.clear()
 
 
