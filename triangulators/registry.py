@@ -186,7 +186,8 @@ BUILTIN = {
         ),
         _make_method_entry(
             "refined",
-            "the better of flips from ear clipping and from Delaunay, half-perimeter by default",
+            "ear clipping, improved by flips for half-perimeter (default) and edge-length, and in"
+            " windows for other criteria",
             "flips:triangulate_refined",
             criteria=True,
             default_criterion="half-perimeter",

@@ -16,7 +16,7 @@ from triangulators.certificate.proof import minimise
 from triangulators.checking.units import compute_costs
 from triangulators.criteria.cost import make_cost, total_cost
 from triangulators.initial import find_any_triangulation
-from triangulators.optimum.visible_lists import FLOAT
+from triangulators.optimum.any_cost import FLOAT
 from triangulators.polygon import boundary, boundary_area
 from triangulators.verify import verify
 

@@ -106,12 +106,15 @@ def test_unfold_and_fold_back_are_inverse(depth_first):
     twin = find_twins(triangles)
     for root in range(0, 58, 7):
         tree, rows = np.zeros((58, 3), dtype=bool), np.empty(20, dtype=np.int32)
-        assert grow(twin, root, 20, depth_first, root % 3, tree, rows) == 20
+        visited, position_of = np.zeros(58, dtype=bool), np.full(174, -1, dtype=np.int32)
+        assert grow(twin, root, 20, depth_first, root % 3, tree, rows, visited) == 20
         cycle, local, around = unfold(triangles, twin, tree, root, 20)
         assert sorted(map(sorted, cycle[local].tolist())) == sorted(
             map(sorted, triangles[rows].tolist())
         )
-        fold_back(triangles, twin, rows, cycle, around, local)
+        fold_back(triangles, twin, rows, cycle, around, local, position_of)
+        assert not visited.any()
+        assert (position_of == -1).all()
         assert np.array_equal(twin, find_twins(triangles))
     assert verify(polygon, triangles).conforming
 

@@ -13,8 +13,7 @@ import numpy as np
 
 from triangulators.compute.kernels import njit
 from triangulators.compute.operations import copy_rows, group_by_key
-from triangulators.criteria.cost import Cost, cost_at
-from triangulators.criteria.features import weigh_triangles
+from triangulators.criteria.cost import Cost, allocate_block, weigh_block
 from triangulators.geometry.half_edges import find_twins
 from triangulators.geometry.predicates import orientation
 from triangulators.geometry.visibility import find_visible_sites
@@ -137,29 +136,17 @@ def _list_triangles(
 
 @njit(nogil=True)
 def weigh_candidates(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.ndarray:
-    """Return the cost (t,) of each triangle (t, 3), in blocks for `weigh_triangles`."""
+    """Return the cost (t,) of each triangle (t, 3), by blocks."""
     result = np.empty(len(triangles))
-    if cost.custom:
-        for t in range(len(triangles)):
-            result[t] = cost_at(points, triangles[t, 0], triangles[t, 1], triangles[t, 2], cost)
-        return result
-    corners = (
-        np.zeros(_BLOCK),
-        np.zeros(_BLOCK),
-        np.zeros(_BLOCK),
-        np.zeros(_BLOCK),
-        np.zeros(_BLOCK),
-        np.zeros(_BLOCK),
-    )
+    corners, costs = allocate_block(_BLOCK)
     ax, ay, bx, by, cx, cy = corners
-    costs = np.empty(_BLOCK)
     for first in range(0, len(triangles), _BLOCK):
         count = min(_BLOCK, len(triangles) - first)
         for k in range(count):
             a, b, c = triangles[first + k, 0], triangles[first + k, 1], triangles[first + k, 2]
             ax[k], ay[k], bx[k] = points[a, 0], points[a, 1], points[b, 0]
             by[k], cx[k], cy[k] = points[b, 1], points[c, 0], points[c, 1]
-        weigh_triangles(cost.weights, corners, count, costs)
+        weigh_block(cost, corners, count, costs)
         for k in range(count):
             result[first + k] = costs[k]
     return result

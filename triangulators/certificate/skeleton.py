@@ -193,7 +193,7 @@ def find_position(
 ) -> int:
     """Return the position in the ring at which `site` sees `other`, or -1.
 
-    start, items: `grouped` sites of the ring.
+    start, items: the ring by `group_by_key`.
     """
     n = len(ring)
     for item in range(start[site], start[site + 1]):

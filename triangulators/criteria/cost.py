@@ -14,7 +14,13 @@ import numpy as np
 from triangulators.compute.kernels import intrinsic, njit
 from triangulators.criteria import exact_quads_of
 from triangulators.criteria.criterion import FEATURES, Criterion
-from triangulators.criteria.features import COUNT, SIGNATURE, exact_quads, weighted
+from triangulators.criteria.features import (
+    COUNT,
+    SIGNATURE,
+    exact_quads,
+    weigh_triangles,
+    weighted,
+)
 from triangulators.errors import TriangulationError
 
 TRIANGLES, AREA, HALF_PERIMETER, BBOX_AREA, EDGE_LENGTH = range(5)
@@ -147,6 +153,34 @@ def cost_at(points: np.ndarray, a: int, b: int, c: int, cost: Cost) -> float:
     """`triangle_cost` of three rows of `points`."""
     ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
     return triangle_cost(cost, ax, ay, bx, by, points[c, 0], points[c, 1])
+
+
+@njit(nogil=True)
+def weigh_block(
+    cost: Cost, corners: tuple[np.ndarray, ...], count: int, totals: np.ndarray
+) -> None:
+    """Write `triangle_cost` of many triangles to `totals`; arrays as for `weigh_triangles`."""
+    if not cost.custom:
+        weigh_triangles(cost.weights, corners, count, totals)
+        return
+    ax, ay, bx, by, cx, cy = corners
+    for k in range(count):
+        totals[k] = triangle_cost(cost, ax[k], ay[k], bx[k], by[k], cx[k], cy[k])
+
+
+@njit(nogil=True)
+def allocate_block(size: int) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
+    """Return corners and totals for `weigh_block` of up to `size` triangles."""
+    lanes = size + 8
+    corners = (
+        np.zeros(lanes),
+        np.zeros(lanes),
+        np.zeros(lanes),
+        np.zeros(lanes),
+        np.zeros(lanes),
+        np.zeros(lanes),
+    )
+    return corners, np.empty(lanes)
 
 
 @njit

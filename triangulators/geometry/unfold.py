@@ -27,19 +27,20 @@ def grow(
     first_edge: int,
     tree: np.ndarray,
     rows: np.ndarray,
+    visited: np.ndarray,
 ) -> int:
     """Grow a tree of up to `max_size` adjacent triangles from `root`; return the size.
 
     Breadth first gives a compact region, depth first a long region; the edges of a triangle are
     tried from index `first_edge` on. Uncrossed edges are the cuts. Writes the triangles to `rows`,
     and marks the crossed edges, from both sides, in `tree` (m, 3), which has no marks before.
+    visited (m,): workspace, False before and after.
     """
     # Half-edges over which to enter triangles. A triangle may occur three times, and is skipped
     # after the first. The root's half-edge only encodes the root's index.
     entries = np.empty(3 * max_size + 3, dtype=np.int32)
     entries[0] = 3 * root
     first, last, size = 0, 1, 0
-    visited = np.zeros(len(twin), dtype=np.bool_)
     while first < last and size < max_size:
         if depth_first:
             last -= 1
@@ -61,6 +62,8 @@ def grow(
             if other >= 0 and not visited[other // 3]:
                 entries[last] = other
                 last += 1
+    for index in range(size):
+        visited[rows[index]] = False
     return size
 
 
@@ -133,19 +136,20 @@ def fold_back(
     cycle: np.ndarray,
     outline: np.ndarray,
     better: np.ndarray,
+    position_of: np.ndarray,
 ) -> None:
     """Replace the triangles `rows` by `better` (positions in `cycle`), twins included.
 
     Row r of `better` replaces triangle rows[r]. `inner` has the twins inside `better`; a half-edge
     without such a twin is a side of the cycle, from a position to the next, and gets the twin of
     the old half-edge on the outline. That twin is outside the piece or, across a cut, at another
-    position of the outline, and then is replaced as well.
+    position of the outline, and then is replaced as well. position_of (3 m,): workspace for the
+    positions of old half-edges, -1 before and after.
     """
     size = len(cycle)
     inner = link(better.reshape(-1))
     fresh = np.empty(size, dtype=np.int32)  # the new half-edge at each position
     beyond = np.empty(size, dtype=np.int32)  # the twin of the old half-edge
-    position_of = np.full(twin.size, -1, dtype=np.int32)  # of each old half-edge
     for index in range(len(rows)):
         for e in range(3):
             if inner[3 * index + e] < 0:
@@ -166,3 +170,5 @@ def fold_back(
         twin[side // 3, side % 3] = other
         if other >= 0:
             twin[other // 3, other % 3] = side
+    for position in range(size):
+        position_of[outline[position]] = -1

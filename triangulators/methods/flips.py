@@ -9,6 +9,7 @@ Source: C. L. Lawson, "Software for C1 surface interpolation", 1977, with the in
 """
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,7 @@ from triangulators.geometry.half_edges import is_triangulation, link
 from triangulators.geometry.order import is_walk, walk_along
 from triangulators.initial import initial_triangulations
 from triangulators.libraries import ear_clipping
+from triangulators.optimum.windows import optimise_windows
 from triangulators.polygon import Boundary, boundary_area
 from triangulators.polygon_arrays import Batch, rings_at
 from triangulators.verify import check_rows
@@ -69,23 +71,44 @@ def flip_by(points: np.ndarray, corner: np.ndarray, twin: np.ndarray, test: int,
 def refine(
     points: np.ndarray, corner: np.ndarray, twin: np.ndarray, test: int, cost: Cost
 ) -> np.ndarray:
-    """Return the better local optimum of flips from two initial solutions, (m, 3), in walk order.
+    """Return a triangulation (m, 3) that no flip improves, in walk order.
 
-    The local optimum depends on the initial solution. One is the given triangulation; the other is
-    the constrained Delaunay triangulation, reached from it by flips with the in-circle test. Both
-    are flipped by the cost's test, and the better result is returned: it is never worse than the
-    given one. corner, twin: (3 m,) half-edges, see `geometry.half_edges`; both are overwritten.
+    corner, twin: (3 m,) half-edges, see `geometry.half_edges`; both are overwritten. The result is
+    never worse than these triangles.
+
+    Lengths: the local optimum of flips depends on the initial solution. One is the given
+    triangulation; the other is the constrained Delaunay triangulation, reached from it by flips
+    with the in-circle test. Both are flipped, and the better result is returned.
+
+    Other costs: windows are optimised, then diagonals are flipped. A flip evaluates four triangles,
+    so that flips alone, from both initial solutions, take as long and leave the expected quads of
+    letters 3.5 % above the optimum in place of 0.4 %.
     """
+    rows = corner.reshape(-1, 3)
+    if test == COST:
+        if not optimise_windows(points, rows, twin.reshape(-1, 3), cost):
+            flip_by(points, corner, twin, test, cost)
+        return walk_along(rows, twin, len(points))
     delaunay, delaunay_twin = corner.copy(), twin.copy()
     use_delaunay = by_delaunay(points, delaunay, delaunay_twin) > 0
     flip_by(points, corner, twin, test, cost)
-    rows, delaunay_rows = corner.reshape(-1, 3), delaunay.reshape(-1, 3)
     if use_delaunay:
+        delaunay_rows = delaunay.reshape(-1, 3)
         flip_by(points, delaunay, delaunay_twin, test, cost)
-        use_delaunay = total_cost(points, delaunay_rows, cost) < total_cost(points, rows, cost)
-    if use_delaunay:
-        return walk_along(delaunay_rows, delaunay_twin, len(points))
+        if total_cost(points, delaunay_rows, cost) < total_cost(points, rows, cost):
+            return walk_along(delaunay_rows, delaunay_twin, len(points))
     return walk_along(rows, twin, len(points))
+
+
+@njit(nogil=True)
+def _refine_if_valid(
+    points: np.ndarray, ring_offsets: np.ndarray, corner: np.ndarray, test: int, cost: Cost
+) -> np.ndarray:
+    """Return `refine` of corners (3 m,), which are overwritten; no rows if they are invalid."""
+    twin = link(corner)
+    if is_triangulation(points, ring_offsets, corner, twin):
+        return refine(points, corner, twin, test, cost)
+    return corner.reshape(-1, 3)[:0]
 
 
 @njit(nogil=True)
@@ -247,14 +270,20 @@ def triangulate_refined(
 ) -> np.ndarray:
     """Return a triangulation (m, 3) that no flip improves, never worse than ear clipping."""
     resolved = criteria.find(criterion, **parameters)
-    cost = plain_cost(resolved) or make_cost(
-        resolved, boundary_area(outline), outline.expected_triangles
-    )
-    points = outline.points
-    corner = np.array(ear_clipping(outline), dtype=np.int32).reshape(-1)
-    twin = link(corner)
-    if not is_triangulation(points, outline.ring_offsets, corner, twin):
-        corner = np.array(initial_triangulations(outline)[0], dtype=np.int32).reshape(-1)
-        twin = link(corner)
-    test = find_test(cost)
-    return refine(points, corner, twin, test, cost)
+    cost, test = _plain_cost_and_test(resolved)
+    if cost is None:
+        cost = make_cost(resolved, boundary_area(outline), outline.expected_triangles)
+        test = find_test(cost)
+    points, rings = outline.points, outline.ring_offsets
+    ears = ear_clipping(outline).astype(np.int32).reshape(-1)
+    rows: np.ndarray = _refine_if_valid(points, rings, ears, test, cost)
+    if len(rows) > 0:
+        return rows
+    corner = np.array(initial_triangulations(outline)[0], dtype=np.int32).reshape(-1)
+    return refine(points, corner, link(corner), test, cost)
+
+
+@lru_cache(maxsize=64)
+def _plain_cost_and_test(criterion: criteria.Criterion) -> tuple[Cost | None, int]:
+    cost = plain_cost(criterion)
+    return cost, NONE if cost is None else find_test(cost)

@@ -23,6 +23,7 @@ from triangulators.initial import (
     find_best_initial,
     find_ring_triangulation,
 )
+from triangulators.optimum.any_cost import FLOAT
 from triangulators.optimum.best_way import (
     PIECE,
     optimum,
@@ -30,7 +31,6 @@ from triangulators.optimum.best_way import (
     solve_small,
     sweep_windows,
 )
-from triangulators.optimum.visible_lists import FLOAT
 from triangulators.polygon import Boundary, boundary_area
 
 LIMIT = 2000  # vertices up to which a polygon is optimised in one piece

@@ -1,7 +1,7 @@
 """Choose the fastest exact solver for one polygon; local search for polygons without one.
 
 full_table     box and edge costs, dense: small rings, and rings where most vertices see each other
-visible_lists  any cost, sparse: over the pairs of vertices that see each other
+visible_lists  any cost, sparse: over the pairs of vertices that see each other, with `any_cost`
 cut_holes      small polygons with few holes, over all ways to cut them into one ring
 
 If no dynamic program applies to the polygon, a triangulation is improved by optimising pieces of it
@@ -109,19 +109,23 @@ class Patchwork:
         self.twin = find_twins(self.triangles)
         self.cost = cost
         self._tree = np.zeros(self.twin.shape, dtype=np.bool_)
+        self._visited = np.zeros(len(self.twin), dtype=np.bool_)
+        self._position_of = np.full(self.twin.size, -1, dtype=np.int32)
 
     def optimise_piece(
         self, root: int, max_size: int, *, depth_first: bool = False, first_edge: int = 0
     ) -> np.ndarray:
         """Replace a piece grown from `root` by its optimum; return the indices of its triangles."""
         rows = np.empty(max_size, dtype=np.int32)
-        size = grow(self.twin, root, max_size, depth_first, first_edge, self._tree, rows)
+        size = grow(
+            self.twin, root, max_size, depth_first, first_edge, self._tree, rows, self._visited
+        )
         rows = rows[:size]
         cycle, local, outline = unfold(self.triangles, self.twin, self._tree, root, size)
         self._tree[rows] = False
         if size > 1:
             better = optimum(self.points[cycle], local, self.cost)
-            fold_back(self.triangles, self.twin, rows, cycle, outline, better)
+            fold_back(self.triangles, self.twin, rows, cycle, outline, better, self._position_of)
         return rows
 
     def total(self) -> float:

@@ -16,7 +16,7 @@ lengths are counted in advance. The inner loop reads one list from front to back
 one row of n numbers, which fits the first-level cache; entries that i does not see are `none` and
 drop out of the minimum without a branch.
 
-Four costs share the loop, each with its own inner loop:
+Three costs share the loop, each with its own inner loop; `any_cost` has all others:
 
 edges    only edges have a cost, triangles have none. For three numbers a <= b <= c,
          |a - b| + |b - c| + |a - c| = 2 (c - a), so twice the half-perimeter of a triangle's box is
@@ -27,7 +27,6 @@ edges    only edges have a cost, triangles have none. For three numbers a <= b <
          The optimum for the half-perimeter is the minimum-weight triangulation under L1, that for
          the edge length the one under L2.
 boxes    half-perimeters and areas of boxes, and edges
-any      any function of three points
 weights  integers, whose minimum costs are evidence of optimality (see `far_costs`)
 
 The loops of edges and boxes are inlined (`forceinline`): passing four arrays for each pair of
@@ -54,13 +53,11 @@ from triangulators.criteria.cost import (
     Cost,
     cost_at,
     replace_fields,
-    triangle_cost,
 )
-from triangulators.criteria.features import weigh_triangles
 from triangulators.geometry.predicates import bounding_box, grid_unit
+from triangulators.optimum.any_cost import FLOAT, solve_any
 
 INT32_LIMIT = 1 << 30  # n (w + h), in units of the grid, below which sums fit int32
-FLOAT = 1e300
 _NONE: dict[np.dtype, Any] = {
     np.dtype(np.int32): np.int32((1 << 30) - 1),
     np.dtype(np.int64): np.int64((1 << 61) - 1),
@@ -213,42 +210,6 @@ def _minimise_boxes(
 
 
 @njit
-def _minimise_any(
-    row: np.ndarray,
-    apex: np.ndarray,
-    lists: np.ndarray,
-    between: tuple[np.uint64, np.uint64],
-    pair: tuple[int, int, int],
-    none: float,
-    context: tuple[np.ndarray, Cost, np.ndarray],
-) -> float:
-    (first, end), (i, j, _), (points, cost, space) = between, pair, context
-    xi, yi, xj, yj = points[i, 0], points[i, 1], points[j, 0], points[j, 1]
-    best = none
-    if cost.custom:
-        for r in range(first, end):
-            first_cost = row[apex[r]]
-            if first_cost < none:
-                triangle = triangle_cost(cost, xi, yi, lists[1, r], lists[2, r], xj, yj)
-                best = min(best, first_cost + lists[0, r] + triangle)
-        return best
-    # Collect the apexes that both vertices see, so that their triangles are weighed in SIMD lanes.
-    ax, ay, bx, by, cx, cy = space[0], space[1], space[2], space[3], space[4], space[5]
-    below, totals = space[6], space[7]
-    count = 0
-    for r in range(first, end):
-        first_cost = row[apex[r]]
-        below[count], bx[count], by[count] = first_cost + lists[0, r], lists[1, r], lists[2, r]
-        count += first_cost < none
-    for k in range(np.uint64((count + 7) & ~7)):
-        ax[k], ay[k], cx[k], cy[k] = xi, yi, xj, yj
-    weigh_triangles(cost.weights, (ax, ay, bx, by, cx, cy), count, totals)
-    for k in range(count):
-        best = min(best, below[k] + totals[k])
-    return best
-
-
-@njit
 def _minimise_weights(
     row: np.ndarray,
     apex: np.ndarray,
@@ -302,15 +263,6 @@ def _solve_boxes(
     context = (points, box)
     filled = _fill(start, target, points.T.copy(), FLOAT, _minimise_boxes, context)
     return _trace(start, target, filled, FLOAT, _get_cost, (points, in_boxes))
-
-
-@njit(nogil=True)
-def _solve_any(start: np.ndarray, target: np.ndarray, points: np.ndarray, cost: Cost) -> np.ndarray:
-    # Corners, costs below and costs of up to n triangles, in lanes of `weigh_triangles`.
-    space = np.zeros((8, len(points) + 8))
-    context = (points, cost, space)
-    filled = _fill(start, target, points.T.copy(), FLOAT, _minimise_any, context)
-    return _trace(start, target, filled, FLOAT, _get_cost, (points, cost))
 
 
 @njit(nogil=True)
@@ -389,7 +341,7 @@ def solve_visible_pairs(
     start, target: its `find_visible_pairs`, all of them.
     """
     if not cost["is_box"]:
-        triangles: np.ndarray = _solve_any(start, target, points, cost)
+        triangles: np.ndarray = solve_any(start, target, points, cost)
     elif cost["box"][1] == 0.0:
         weights = weigh_pairs(points, start, target, cost["box"])
         triangles = _solve_edges(start, target, weights, _NONE[weights.dtype])

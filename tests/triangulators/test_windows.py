@@ -1,0 +1,59 @@
+"""Windows of a triangulation, optimised for any cost."""
+
+import numpy as np
+import pytest
+
+from harness.frame import View, make_frame
+from scenes import load
+from tests.triangulators.cases import glyphs, smooth, star
+from triangulators import criteria, triangulate, vertices
+from triangulators.criteria.cost import make_cost, plain_cost, total_cost
+from triangulators.geometry.half_edges import find_twins
+from triangulators.libraries import ear_clipping
+from triangulators.optimum.windows import optimise_windows
+from triangulators.polygon import boundary
+from triangulators.verify import verify
+
+
+@pytest.mark.parametrize("name", ["expected-quads", "shape", "exact-quads", "overdraw"])
+def test_windows_are_valid_and_never_worse(name):
+    cost = make_cost(criteria.find(name), 1.0, 1)
+    gains = 0
+    for polygon in [star(200, spread=0.4), smooth(300), *(p for _, p in glyphs("B8g%"))]:
+        outline = boundary(polygon)
+        triangles = ear_clipping(outline).astype(np.int32)
+        before = total_cost(outline.points, triangles, cost)
+        twin = find_twins(triangles)
+        is_optimal = optimise_windows(outline.points, triangles, twin, cost)
+        after = total_cost(outline.points, triangles, cost)
+        assert is_optimal == (len(triangles) <= 24 and not polygon.interiors)
+        assert verify(polygon, triangles).conforming
+        assert np.array_equal(twin, find_twins(triangles))
+        assert after <= before * (1 + 1e-12)
+        gains += after < before * 0.999
+    assert gains >= 3
+
+
+def test_one_window_is_the_optimum():
+    cost = plain_cost(criteria.find("expected-quads"))
+    for seed in range(20):
+        polygon = star(24, seed=seed, spread=0.3)
+        outline = boundary(polygon)
+        triangles = ear_clipping(outline).astype(np.int32)
+        assert optimise_windows(outline.points, triangles, find_twins(triangles), cost)
+        best = triangulate(polygon, "optimal:expected-quads")
+        assert total_cost(outline.points, triangles, cost) == pytest.approx(
+            total_cost(outline.points, best, cost), rel=1e-12
+        )
+
+
+@pytest.mark.parametrize("scene", ["city", "glyphs", "stress"])
+def test_refined_quads_are_within_one_percent(scene):
+    polygons = make_frame(load(scene).polygons, View(1024)).polygons
+    sums = dict.fromkeys(("refined:expected-quads", "optimal:expected-quads"), 0.0)
+    criterion = criteria.find("expected-quads")
+    for polygon in polygons[:: 1 if scene == "stress" else 5]:
+        for name in sums:
+            sums[name] += criterion.total(vertices(polygon), triangulate(polygon, name))
+    refined, optimal = sums.values()
+    assert optimal <= refined <= 1.01 * optimal
