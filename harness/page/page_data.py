@@ -99,12 +99,16 @@ class GridContent(TypedDict):
 
 
 class GroupsContent(TypedDict):
-    """Positions of draws, their groups and folds, and quantiles of intervals."""
+    """Positions of draws, their groups and folds, and quantiles of intervals.
+
+    standard_errors : `law.STANDARD_ERRORS`
+    """
 
     places: list[int]
     labels: list[int]
     folds: list[int]
     reach: list[float]
+    standard_errors: dict[str, float]
 
 
 class ProfileContent(TypedDict):
@@ -278,7 +282,13 @@ def _make_groups(draws: Sequence[Draw], positions: list[int]) -> GroupsContent:
         law.compute_interval_reach(int(labels.max()) + 1, confidence)
         for confidence in (law.CONFIDENCE, law.FAMILY_CONFIDENCE)
     ]
-    return {"places": positions, "labels": labels.tolist(), "folds": folds, "reach": reach}
+    return {
+        "places": positions,
+        "labels": labels.tolist(),
+        "folds": folds,
+        "reach": reach,
+        "standard_errors": law.STANDARD_ERRORS,
+    }
 
 
 def _round_rows(rows: Any) -> list[list[float]]:

@@ -207,6 +207,9 @@ def test_form_with_more_stages_must_predict_significantly_better():
     # The standard error of the mean of `noise` is 0.0071.
     assert law.choose_form({"sum": errors, "maximum": errors + noise - 0.007}) == "sum"
     assert law.choose_form({"sum": errors, "maximum": errors + noise - 0.0072}) == "maximum"
+    for improvement, chosen in ((0.0105, "sum"), (0.0107, "maximum of four stages")):
+        more = {"maximum of four stages": errors + noise - improvement}
+        assert law.choose_form({"sum": errors, **more}) == chosen
 
 
 def test_deviations_from_the_law_widen_intervals(layout):

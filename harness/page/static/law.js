@@ -170,13 +170,13 @@ function heldOut(design, seconds, labels, folds, members, binding) {
 const foldErrors = (seconds, predicted, folds) => range(Math.max(...folds) + 1).map((fold) =>
   mean(range(folds.length).filter((k) => folds[k] === fold).map((k) => Math.abs(Math.log(predicted[k] / seconds[k])))));
 
-/* The form to use: one with more stages if its errors are smaller by more than one standard error. */
-function chooseForm(errors) {
+/* The form to use: one with more stages if its errors are smaller by more than one standard error, or by `least`. */
+function chooseForm(errors, least) {
   const [first, ...others] = Object.keys(errors);
   return others.reduce((chosen, name) => {
     const smaller = errors[chosen].map((error, fold) => error - errors[name][fold]), middle = mean(smaller);
     const deviation = Math.sqrt(sum(smaller.map((value) => (value - middle) ** 2)) / (smaller.length - 1));
-    return middle > deviation / Math.sqrt(smaller.length) ? name : chosen;
+    return middle > ((least[name] ?? 1) * deviation) / Math.sqrt(smaller.length) ? name : chosen;
   }, first);
 }
 
@@ -244,13 +244,13 @@ function covarianceOf(design, seconds, labels) {
 }
 
 /* The law of (draws, terms) rows and seconds of each epoch; forms: the members of each form, the simplest first. */
-function lawOf(design, epochs, { labels, folds, reach }, forms) {
+function lawOf(design, epochs, { labels, folds, reach, standard_errors: least }, forms) {
   const logs = epochs.map((row) => row.map(Math.log));
   const seconds = design.map((_, k) => Math.exp(mean(logs.map((row) => row[k]))));
   const fits = mapValues(forms, (members) => fitForm(design, seconds, labels, members));
   const predicted = mapValues(forms, (members, name) => heldOut(design, seconds, labels, folds, members, fits[name].binding));
   const errors = mapValues(predicted, (times) => foldErrors(seconds, times, folds));
-  const form = chooseForm(errors), members = forms[form], { costs, binding } = fits[form];
+  const form = chooseForm(errors, least), members = forms[form], { costs, binding } = fits[form];
   const masked = keepBinding(design, members, binding), { free, known, covariance } = covarianceOf(masked, seconds, labels);
   const largest = (rows) => transposed(rows.map((row, k) => row.map((value) => value / seconds[k]))).map((column) => Math.max(...column));
   const bounds = largest(design).map((share) => 1 / Math.max(share, 1e-12)), shares = largest(masked);
