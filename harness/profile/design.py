@@ -88,6 +88,10 @@ An H200 shades the quads of neighbouring triangles together: a round in a lane t
 scenes and for triangles of 16 px, but 21 ps for scattered thin triangles.
 """
 
+MESH_ROUNDS = (8, 16)
+"""Rounds of arithmetic in meshes: on an H200 it then takes about as long as triangles or pixels, so
+that the sum and the maximum of the stages differ most."""
+
 
 def make_draws(seed: int = 0) -> list[Draw]:
     """Return the draws of the design, in the order of the tables here and in `stage_draws`.
@@ -271,7 +275,7 @@ def _yield_work(seed: int) -> Iterator[Draw]:
 def _yield_work_in_meshes(seed: int) -> Iterator[Draw]:
     for side in WORK_MESHES:
         geometry = _make_mesh(seed, side)
-        for work in WORK_ROUNDS:
+        for work in MESH_ROUNDS:
             name = f"a mesh of {side} px, {work} rounds"
             yield Draw("work", name, f"work mesh {side}", *geometry, work=work)
 
