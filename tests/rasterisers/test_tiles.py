@@ -142,7 +142,9 @@ def test_rasterisers_without_scissor_refuse_tiles(tiles):
     rasteriser: Rasteriser = UnclippedRasteriser()
     with pytest.raises(UsageError, match="pyrender does not support map tiles"):
         rasteriser.count(*tiles, NATIVE)
-    assert rasteriser._ready(replace(tiles[0], scissor=None), tiles[1], NATIVE) is not None
+    assert (
+        rasteriser._check_and_order(replace(tiles[0], scissor=None), tiles[1], NATIVE) is not None
+    )
 
 
 def test_record_has_the_sum_of_each_counter_by_tile(tiles):

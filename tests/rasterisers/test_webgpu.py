@@ -92,19 +92,19 @@ def test_every_repeat_is_drawn(on_device, software, drawn):
 def count_on_coarse_grid(name: str, device: Device, *case: Any) -> tuple[int, Any, Any]:
     """Count and draw in the worker on a device that snaps to 1/16 px."""
     opened = tasks._get_rasteriser(name, device)
-    tally = opened._tally_once
+    tally = opened._count_batch
 
     def coarse(frame: Any, part: Any) -> Any:
         return tally(frame.with_points(coarsen(frame.points, 16)), part)
 
-    opened._tally_once = coarse
+    opened._count_batch = coarse
     try:
         step = opened._find_step()
         opened._step = step
         return step, opened.count(*case), pictures.image_of(opened, *case)
     finally:
         opened._step = 1
-        del opened._tally_once
+        del opened._count_batch
 
 
 def test_coarse_grid_is_detected_and_used(on_device, reference):
