@@ -250,11 +250,18 @@ def moved_on_another_cpu() -> float:
     return math.ceil(100 * (another / first.reindex(another.index) - 1).abs().max()) / 100
 
 
-def flips_ms(scene: str, language: str, candidate: str, base: str = "", add: int = 0) -> str:
+def flips_ms(
+    scene: str,
+    language: str,
+    candidate: str,
+    base: str = "",
+    add: int = 0,
+    file: str = "flips-times.csv",
+) -> str:
     """Return milliseconds of `scripts/flips_times.py`, with the ratio to a base in brackets."""
     selection = {"scene": scene, "language": language}
     ms, before = (
-        csv("flips-times.csv", "ms", candidate=name.replace("_", " "), **selection)[0]
+        csv(file, "ms", candidate=name.replace("_", " "), **selection)[0]
         for name in (candidate, base or candidate)
     )
     if not base:

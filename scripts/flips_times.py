@@ -42,6 +42,7 @@ def time_python(scene: str, polygons: list[Any], rings: list[Any], rounds: int) 
             triangulate_float64(*polygon, order="native") for polygon in rings
         ],
         "batch with flips": lambda: triangulate_many(arrays, "flips:l1"),
+        "batch with quads": lambda: triangulate_many(arrays, "flips:expected-quads"),
         "batch with flips native": lambda: triangulate_many(arrays, "flips:l1", order="native"),
     }
     minima = dict.fromkeys(candidates, float("inf"))

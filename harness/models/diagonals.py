@@ -11,11 +11,10 @@ from harness.errors import UsageError
 from harness.models.flat_faces import MIN_HEIGHT, Faces, Ints
 from triangulators import TriangulationError, criteria
 from triangulators.compute.kernels import njit
-from triangulators.criteria.cost import Cost, plain_cost, total_cost
+from triangulators.criteria.cost import Cost, cost_at, plain_cost, total_cost
 from triangulators.geometry.flips import convex, run
 from triangulators.geometry.half_edges import link
 from triangulators.many import attempt_many
-from triangulators.methods.flips import cheaper
 from triangulators.polygon_arrays import PolygonArray, offsets_of
 
 _ROUNDING = 1e-6
@@ -47,8 +46,16 @@ def _is_allowed_flip(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool
 
 
 @njit(nogil=True)
+def _reduces_cost(points: np.ndarray, a: int, b: int, c: int, d: int, cost: Cost) -> bool:
+    """Return whether a cost is lower with the diagonal a-d than with b-c, beyond rounding."""
+    old = cost_at(points, a, b, c, cost) + cost_at(points, d, c, b, cost)
+    new = cost_at(points, a, b, d, cost) + cost_at(points, a, d, c, cost)
+    return new < old - 1e-12 * (abs(old) + abs(new))
+
+
+@njit(nogil=True)
 def _flip(points: np.ndarray, corner: np.ndarray, twin: np.ndarray, cost: Cost) -> int:
-    return run(points, corner, twin, cheaper, _is_allowed_flip, cost)
+    return run(points, corner, twin, _reduces_cost, _is_allowed_flip, cost)
 
 
 @dataclass

@@ -6,14 +6,16 @@
 //
 // Two triangles that share an edge form a quadrilateral. If it is strictly convex, a flip replaces
 // the shared edge by the other diagonal. Then the triangles are put in a walk from neighbour to
-// neighbour. ORDER.md specifies the order of flips and the walk, so that this file,
+// neighbour. ORDER.md specifies the tests, the order of flips and the walk, so that this file,
 // flip-triangles.js and Python's triangulators.flip return the same triangles.
 
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <initializer_list>
 #include <limits>
 #include <stdexcept>
 #include <tuple>
@@ -37,8 +39,9 @@
 namespace flip_triangles {
 
 /** The test of a flip: l1 and euclidean require a shorter diagonal, by |dx| + |dy| or Euclidean
- *  length; delaunay requires a vertex inside the circumcircle of the other triangle. */
-enum class By { l1, euclidean, delaunay };
+ *  length; delaunay a vertex inside the circumcircle of the other triangle; quads fewer expected
+ *  2x2 pixel quads, for which the scale is the number of pixels per unit. */
+enum class By { l1, euclidean, delaunay, quads };
 
 /** The order of the result: a walk from neighbour to neighbour, in which a GPU transforms few vertices
  *  twice, or native: a flip's two triangles are at the positions of the old two. */
@@ -49,105 +52,102 @@ class Flipper {
 public:
     /** Flip diagonals in place until no flip is an improvement; then put the triangles in an order.
      *  Return the number of flips.
-     *
      *  triangles: `length` indices, three per triangle, in the same orientation, as from earcut.
-     *  coordinates: x and y of `points` points, beginning every `stride` numbers. Integers above
-     *  2^53 in magnitude are treated as NaN: no diagonal at such a point is flipped.
-     *  Throws std::out_of_range if an index is out of range; the triangles are then unchanged. */
+     *  coordinates: x and y of `count` points, beginning every `stride` numbers. Integers of
+     *  2^53 or more in magnitude are treated as NaN: no diagonal at such a point is flipped.
+     *  Throws std::out_of_range if an index is out of range, and std::invalid_argument if By::quads
+     *  has no positive scale; the triangles are then unchanged. */
     template <class Index, class Number>
-    std::size_t operator()(Index* triangles, std::size_t length, const Number* coordinates,
-                           std::size_t points, By by = By::l1, std::size_t stride = 2,
-                           Order order = Order::walk) {
+    std::size_t operator()(Index* triangles, std::size_t length, const Number* coordinates, std::size_t count,
+                           By by = By::l1, std::size_t stride = 2, Order order = Order::walk, double scale = 0.0) {
         static_assert(std::is_integral_v<Index> && std::is_arithmetic_v<Number>);
-        xy.resize(2 * points);
-        for (std::size_t i = 0; i < points; i++)
-            store(i, coordinates[i * stride], coordinates[i * stride + 1]);
-        return flip(triangles, length, by, order);
+        points.resize(count);
+        for (std::size_t i = 0; i < count; i++)
+            points[i] = {as_double(coordinates[i * stride]), as_double(coordinates[i * stride + 1])};
+        return flip(triangles, length, by, order, scale);
     }
 
     /** The same for a container of indices and the rings passed to earcut.hpp: containers of points
      *  that std::get accepts (std::array, std::pair, std::tuple). */
     template <class Triangles, class Rings>
-    std::size_t operator()(Triangles& triangles, const Rings& polygon, By by = By::l1,
-                           Order order = Order::walk) {
-        std::size_t points = 0;
-        for (const auto& ring : polygon) points += ring.size();
-        xy.resize(2 * points);
-        points = 0;
+    std::size_t operator()(Triangles& triangles, const Rings& polygon, By by = By::l1, Order order = Order::walk,
+                           double scale = 0.0) {
+        points.clear();
         for (const auto& ring : polygon)
-            for (const auto& point : ring) store(points++, std::get<0>(point), std::get<1>(point));
-        return flip(triangles.data(), triangles.size(), by, order);
+            for (const auto& point : ring)
+                points.push_back({as_double(std::get<0>(point)), as_double(std::get<1>(point))});
+        return flip(triangles.data(), triangles.size(), by, order, scale);
     }
 
     /** Put triangles in a walk from neighbour to neighbour, in place and in linear time. Triangles are
-     *  rotated, not mirrored. Throws std::out_of_range if an index is not below `points`. */
+     *  rotated, not mirrored. Throws std::out_of_range if an index is not below `count`. */
     template <class Index>
-    void reorder(Index* triangles, std::size_t length, std::size_t points) {
-        read(triangles, length, points);
+    void reorder(Index* triangles, std::size_t length, std::size_t count) {
+        read(triangles, length, count);
         link();
         walk(triangles);
     }
 
 private:
-    std::vector<double> xy;
-    std::vector<std::uint32_t> origin;  // index of the point where a half-edge begins
-    std::vector<std::int32_t> twin;     // the opposite half-edge; negative if there is none
-    std::vector<std::int32_t> stack;    // half-edges to test
-    std::vector<std::int32_t> slots;    // hash table of half-edges by their end points
-    std::vector<unsigned char> queued;  // whether a half-edge is on the stack
-    std::vector<std::int32_t> entry;    // half-edge over which the walk enters a triangle, FREE or ROOT
-    std::vector<std::int32_t> size;     // triangles in the branch of a triangle
-    std::vector<std::int32_t> queue;    // triangles of a component, breadth first
-    std::vector<std::int32_t> walked;   // triangles in walk order
-    std::vector<unsigned char> met;     // whether a vertex belongs to an earlier triangle of the walk
-    static constexpr std::int32_t FREE = -2, ROOT = -1;
+    using Id = std::uint32_t;  // of a point, a half-edge or a triangle
+    static constexpr Id NONE = 1u << 31, FREE = NONE, ROOT = NONE + 1;
 
     struct Point {
         double x, y;
     };
+    struct Change {  // a flip of e and the expected quads of the new triangles of its twin and of e
+        Id e;
+        double lower, upper;
+    };
 
-    static std::uint32_t next(std::uint32_t e) { return e % 3 == 2 ? e - 2 : e + 1; }
-    static std::uint32_t previous(std::uint32_t e) { return e % 3 == 0 ? e + 2 : e - 1; }
-    Point at(std::uint32_t point) const { return {xy[2 * std::size_t(point)], xy[2 * std::size_t(point) + 1]}; }
+    std::vector<Point> points;
+    std::vector<double> quads;          // expected quads of a triangle
+    std::vector<Id> origin;             // index of the point where a half-edge begins
+    std::vector<Id> twin;               // the opposite half-edge; NONE or above if there is none
+    std::vector<Id> stack;              // half-edges to test
+    std::size_t height = 0;             // of the stack
+    std::vector<Id> slots;              // hash table of half-edges by their end points
+    std::vector<unsigned char> queued;  // whether a half-edge is on the stack
+    std::vector<Id> entry;              // half-edge over which the walk enters a triangle, FREE or ROOT
+    std::vector<Id> size;               // triangles in the branch of a triangle
+    std::vector<Id> queue;              // triangles of a component, breadth first
+    std::vector<Id> walked;             // triangles in walk order
+    std::vector<unsigned char> met;     // whether a vertex belongs to an earlier triangle of the walk
+
+    static Id next(Id e) { return e % 3 == 2 ? e - 2 : e + 1; }
+    static Id previous(Id e) { return e % 3 == 0 ? e + 2 : e - 1; }
+    Point start(Id e) const { return points[origin[e]]; }
 
     template <class Number>
     static double as_double(Number value) {
-        if constexpr (std::is_integral_v<Number> && sizeof(Number) > 4) {
-            constexpr auto max_exact = Number(std::int64_t(1) << 53);
-            bool exact = value <= max_exact;
-            if constexpr (std::is_signed_v<Number>) exact = exact && value >= -max_exact;
-            if (!exact) return std::numeric_limits<double>::quiet_NaN();
-        }
-        return static_cast<double>(value);
-    }
-
-    template <class Number>
-    void store(std::size_t point, Number x, Number y) {
-        xy[2 * point] = as_double(x);
-        xy[2 * point + 1] = as_double(y);
+        const double number = static_cast<double>(value);
+        if (!std::is_integral_v<Number> || std::abs(number) < 9007199254740992.0) return number;  // 2^53
+        return std::numeric_limits<double>::quiet_NaN();
     }
 
     // Copy the indices to `origin`.
     template <class Index>
-    void read(const Index* triangles, std::size_t length, std::size_t points) {
-        const std::size_t count = length - length % 3;
-        if (count > std::size_t(std::numeric_limits<std::int32_t>::max()) ||
-            points > std::size_t(std::numeric_limits<std::uint32_t>::max()))
+    void read(const Index* triangles, std::size_t length, std::size_t count) {
+        if (length >= NONE || count > std::size_t(std::numeric_limits<Id>::max()))
             throw std::length_error("flip_triangles: input is too large (max 2^31 indices, 2^32 points)");
-        origin.resize(count);
-        for (std::size_t e = 0; e < count; e++) {
+        origin.resize(length - length % 3);
+        for (std::size_t e = 0; e < origin.size(); e++) {
             // As an unsigned number, a negative index is large.
-            if (static_cast<std::make_unsigned_t<Index>>(triangles[e]) >= points)
+            if (static_cast<std::make_unsigned_t<Index>>(triangles[e]) >= count)
                 throw std::out_of_range("flip_triangles: index out of range");
-            origin[e] = static_cast<std::uint32_t>(triangles[e]);
+            origin[e] = static_cast<Id>(triangles[e]);
         }
     }
 
     template <class Index>
-    std::size_t flip(Index* triangles, std::size_t length, By by, Order order) {
-        read(triangles, length, xy.size() / 2);
+    std::size_t flip(Index* triangles, std::size_t length, By by, Order order, double scale) {
+        if (by == By::quads && !(scale > 0.0 && scale <= std::numeric_limits<double>::max()))
+            throw std::invalid_argument("flip_triangles: By::quads needs scale, pixels per unit "
+                                        "(map tile: px / extent; font: px / units per em)");
+        read(triangles, length, points.size());
         if (origin.size() <= 3) return 0;
-        const std::size_t flips = run(by);
+        link();
+        const std::size_t flips = run(by, scale);
         if (order == Order::walk)
             walk(triangles);
         else
@@ -155,199 +155,191 @@ private:
         return flips;
     }
 
-    static std::size_t at_index(std::int32_t value) { return static_cast<std::size_t>(value); }
-
-    // The twin of the k-th half-edge of a triangle, beginning with its entry, or a negative number.
-    std::int32_t twin_of(std::int32_t triangle, std::int32_t k) const {
-        const std::int32_t first = entry[at_index(triangle)];
-        return twin[at_index(3 * triangle + ((first < 0 ? 0 : first) + k) % 3)];
-    }
-
     // Write the triangles of `origin` in walk order, given their twins.
     template <class Index>
     void walk(Index* triangles) {
-        const std::size_t m = origin.size() / 3;
+        const Id m = static_cast<Id>(origin.size() / 3);
         entry.assign(m, FREE);
         size.assign(m, 1);
         queue.resize(m);
         walked.clear();
-        for (std::size_t first = 0; first < m; first++)
-            if (entry[first] == FREE) walk_component(find_leaf(static_cast<std::int32_t>(first)));
-        std::uint32_t last = 0;
-        for (const auto vertex : origin) last = vertex > last ? vertex : last;
-        met.assign(std::size_t(last) + 1, 0);
+        for (Id first = 0; first < m; first++) {
+            if (entry[first] != FREE) continue;
+            Id root = first;
+            for (Id count = search(first, &root); count > 0;) entry[queue[--count]] = FREE;
+            list_component(root, search(root, nullptr));
+        }
+        met.assign(m ? *std::max_element(origin.begin(), origin.end()) + std::size_t(1) : 0, 0);
         for (std::size_t t = 0; t < m; t++) {
-            const std::uint32_t* vertex = &origin[3 * at_index(walked[t])];
-            std::uint32_t a = vertex[0], b = vertex[1], c = vertex[2];
-            if (met[c] && met[b] && !met[a])
-                std::tie(a, b, c) = std::make_tuple(b, c, a);
-            else if (met[c] && !met[b])
-                std::tie(a, b, c) = std::make_tuple(c, a, b);
-            triangles[3 * t] = static_cast<Index>(a);
-            triangles[3 * t + 1] = static_cast<Index>(b);
-            triangles[3 * t + 2] = static_cast<Index>(c);
-            met[a] = met[b] = met[c] = 1;
+            const Id* vertex = &origin[3 * walked[t]];
+            // The new vertex comes last.
+            const std::size_t shift = !met[vertex[2]] ? 0 : !met[vertex[1]] ? 2 : !met[vertex[0]] ? 1 : 0;
+            for (std::size_t k = 0; k < 3; k++) triangles[3 * t + k] = static_cast<Index>(vertex[(k + shift) % 3]);
+            met[vertex[0]] = met[vertex[1]] = met[vertex[2]] = 1;
         }
     }
 
-    // Append the component of a triangle to `walked`.
-    void walk_component(std::int32_t root) {
-        entry[at_index(root)] = ROOT;
+    // The twin of the k-th half-edge of a triangle, beginning with its entry, or a value of NONE or above.
+    Id twin_of(Id triangle, Id k) const {
+        return twin[3 * triangle + (entry[triangle] >= NONE ? k : (entry[triangle] + k) % 3)];
+    }
+
+    // List the component of a triangle in `queue`, breadth first, and return the number of triangles.
+    // If there is a leaf, set it to the first triangle with at most one neighbour and stop there.
+    Id search(Id root, Id* leaf) {
+        entry[root] = ROOT;
         queue[0] = root;
-        std::size_t tail = 1;
-        for (std::size_t head = 0; head < tail; head++)
-            for (std::int32_t k = 0; k < 3; k++) {
-                const std::int32_t f = twin_of(queue[head], k);
-                if (f < 0 || entry[at_index(f / 3)] != FREE) continue;
-                entry[at_index(f / 3)] = f;
-                queue[tail++] = f / 3;
+        Id count = 1;
+        for (Id head = 0; head < count; head++) {
+            Id neighbours = 0;
+            for (Id k = 0; k < 3; k++) {
+                const Id f = twin_of(queue[head], k);
+                if (f >= NONE) continue;
+                neighbours++;
+                if (entry[f / 3] != FREE) continue;
+                entry[f / 3] = leaf ? ROOT : f;
+                queue[count++] = f / 3;
             }
-        while (--tail > 0) {  // descendants come later
-            const std::size_t branch = at_index(queue[tail]);
-            size[at_index(twin[at_index(entry[branch])] / 3)] += size[branch];
+            if (!leaf || neighbours > 1) continue;
+            *leaf = queue[head];
+            break;
         }
+        return count;
+    }
+
+    // Append a component, `count` triangles in `queue`, to `walked`.
+    void list_component(Id root, Id count) {
+        while (--count > 0) size[twin[entry[queue[count]]] / 3] += size[queue[count]];  // descendants come later
         stack[0] = root;
-        std::size_t height = 1;
+        height = 1;
         while (height > 0) {
-            const std::int32_t triangle = stack[--height];
+            const Id triangle = stack[--height];
             const std::size_t begin = height;
             walked.push_back(triangle);
-            for (std::int32_t k = 0; k < 3; k++) {
-                const std::int32_t f = twin_of(triangle, k);
-                if (f < 0 || entry[at_index(f / 3)] != f) continue;
+            for (Id k = 0; k < 3; k++) {
+                const Id f = twin_of(triangle, k);
+                if (f >= NONE || entry[f / 3] != f) continue;
                 std::size_t at = height++;  // at most three branches: insertion sort, the smallest on top
-                for (; at > begin && size[at_index(stack[at - 1])] < size[at_index(f / 3)]; at--)
-                    stack[at] = stack[at - 1];
+                for (; at > begin && size[stack[at - 1]] < size[f / 3]; at--) stack[at] = stack[at - 1];
                 stack[at] = f / 3;
             }
         }
     }
 
-    // The first triangle with at most one neighbour, breadth first from `first`; otherwise `first`.
-    std::int32_t find_leaf(std::int32_t first) {
-        std::int32_t leaf = -1;
-        entry[at_index(first)] = ROOT;
-        queue[0] = first;
-        std::size_t tail = 1;
-        for (std::size_t head = 0; head < tail && leaf < 0; head++) {
-            int neighbours = 0;
-            for (std::int32_t e = 3 * queue[head], end = e + 3; e < end; e++) {
-                const std::int32_t f = twin[at_index(e)];
-                if (f < 0) continue;
-                neighbours++;
-                if (entry[at_index(f / 3)] != FREE) continue;
-                entry[at_index(f / 3)] = ROOT;
-                queue[tail++] = f / 3;
-            }
-            if (neighbours < 2) leaf = queue[head];
-        }
-        while (tail > 0) entry[at_index(queue[--tail])] = FREE;
-        return leaf < 0 ? first : leaf;
+    // Replace the diagonal of a half-edge, push the sides of its quadrilateral, and return 1.
+    std::size_t flip_edge(const Change& change) {
+        const Id e = change.e, f = twin[e], e2 = previous(e), f2 = previous(f), below = twin[f2], above = twin[e2];
+        quads[f / 3] = change.lower;
+        quads[e / 3] = change.upper;
+        origin[f] = origin[e2];
+        origin[e] = origin[f2];
+        twin[e] = below;
+        twin[f] = above;
+        twin[e2] = f2;
+        twin[f2] = e2;
+        if (below < NONE) twin[below] = e;
+        if (above < NONE) twin[above] = f;
+        for (const Id side : {e, f, next(e), next(f)})
+            if (twin[side] < NONE && !queued[side]) queued[stack[height++] = side] = 1;
+        return 1;
     }
 
-    void push(std::uint32_t e, std::size_t& size) {
-        if (twin[e] >= 0 && !queued[e]) {
-            queued[e] = 1;
-            stack[size++] = static_cast<std::int32_t>(e);
-        }
-    }
-
-    std::size_t run(By by) {
-        std::size_t size = link(), flips = 0;
+    std::size_t run(By by, double scale) {
+        std::size_t flips = 0;
         const double orientation = by == By::delaunay ? first_orientation() : 0.0;
-        while (size) {
-            const auto e = static_cast<std::uint32_t>(stack[--size]);
+        quads.assign(origin.size() / 3, 0.0);
+        for (Id e = 0; by == By::quads && e < origin.size(); e += 3)
+            quads[e / 3] = expected_quads(start(e), start(e + 1), start(e + 2), scale);
+        while (height) {
+            const Id e = stack[--height], f = twin[e];
             queued[e] = 0;
-            if (twin[e] < 0) continue;
-            const auto f = static_cast<std::uint32_t>(twin[e]);
-
+            if (f >= NONE) continue;
             // The diagonal b-c is shared by the triangles a, b, c of e and d, c, b of f.
-            const std::uint32_t e1 = next(e), e2 = previous(e), f1 = next(f), f2 = previous(f);
-            const Point a = at(origin[e2]), b = at(origin[e]), c = at(origin[f]), d = at(origin[f2]);
-            if (!is_better(by, orientation, a, b, c, d) || !is_convex(a, b, c, d)) continue;
-
-            flips++;
-            origin[e] = origin[f2];
-            origin[f] = origin[e2];
-            const std::int32_t below = twin[f2], above = twin[e2];
-            twin[e] = below;
-            twin[f] = above;
-            twin[e2] = static_cast<std::int32_t>(f2);
-            twin[f2] = static_cast<std::int32_t>(e2);
-            if (below >= 0) twin[std::size_t(below)] = static_cast<std::int32_t>(e);
-            if (above >= 0) twin[std::size_t(above)] = static_cast<std::int32_t>(f);
-            push(e, size);
-            push(f, size);
-            push(e1, size);
-            push(f1, size);
+            const Id e2 = previous(e), f2 = previous(f);
+            const Point a = start(e2), b = start(e), c = start(f), d = start(f2);
+            if (by != By::quads) {
+                if (is_better(by, orientation, a, b, c, d) && is_convex(a, b, c, d)) flips += flip_edge({e, 0.0, 0.0});
+                continue;
+            }
+            if (!is_convex(a, b, c, d)) continue;
+            const Change first = {e, expected_quads(a, b, d, scale), expected_quads(a, d, c, scale)};
+            const double before = quads[e / 3] + quads[f / 3];
+            const bool single = is_less(first.lower + first.upper, before);
+            Change second = {NONE, 0.0, 0.0};
+            double gain = 0.0;  // of both flips
+            for (int k = 0; !single && k < 4; k++) {
+                // A side of the quadrilateral: its half-edge before the first flip, and the twin of that.
+                const Id s = k == 0 ? f2 : k == 1 ? e2 : next(k == 2 ? e : f), g = twin[s];
+                if (g >= NONE) continue;
+                const Point w = k % 3 ? d : a, u = start(s), v = start(g), z = start(previous(g));
+                if (!is_convex(w, u, v, z)) continue;
+                const double lower = expected_quads(w, u, z, scale), upper = expected_quads(w, z, v, scale);
+                const double total = before + quads[g / 3], after = (k % 2 ? first.upper : first.lower) + lower + upper;
+                if (!is_less(after, total) || !(total - after > gain)) continue;
+                gain = total - after;
+                second = {k == 0 ? e : k == 1 ? f : s, lower, upper};  // the half-edge after the first flip
+            }
+            if (single || second.e != NONE) flips += flip_edge(first);
+            if (second.e != NONE) flips += flip_edge(second);
         }
         return flips;
     }
 
-    // Link all half-edges with their twins and push one of each pair on the stack; return its size.
-    //
-    // Unlinked half-edges between the same two points have the same direction and form a circular
-    // list: `twin` holds -2 - next, and the last one refers to the first. A slot of the hash table
-    // holds the last one, so both ends of the list are found in constant time, for any number of
-    // equal edges.
-    std::size_t link() {
-        const auto count = static_cast<std::uint32_t>(origin.size());
+    // Link all half-edges with their twins and push one of each pair on the stack. Unlinked half-edges between
+    // the same two points have the same direction and form a circular list: `twin` holds ~next, and the last one
+    // refers to the first. A slot of the hash table holds the last one, so both ends of the list are found in
+    // constant time, for any number of equal edges.
+    void link() {
+        const auto count = static_cast<Id>(origin.size());
         unsigned bits = 4;
         while ((std::size_t(1) << bits) < std::size_t(count) + count / 2) bits++;
         const std::size_t mask = (std::size_t(1) << bits) - 1;
-        slots.assign(mask + 1, -1);
+        slots.assign(mask + 1, NONE);
         twin.resize(count);
         queued.assign(count, 0);
         stack.resize(count);
-        std::size_t size = 0;
-        for (std::uint32_t e = 0; e < count; e++) {
-            const std::uint32_t tail = origin[e], head = origin[next(e)];
-            const std::uint32_t low = tail < head ? tail : head, high = tail < head ? head : tail;
+        height = 0;
+        for (Id e = 0; e < count; e++) {
+            const Id tail = origin[e], head = origin[next(e)];
+            const Id low = std::min(tail, head), high = std::max(tail, head);
             std::size_t slot = ((low + high * 0x9e3779b1u) * 0x85ebca6bu) >> (32 - bits);
-            const auto edge = static_cast<std::int32_t>(e);
-            std::int32_t last;
+            Id last;
             bool against = false;  // whether the unlinked half-edges run from head to tail
-            for (; (last = slots[slot]) >= 0; slot = (slot + 1) & mask) {
-                const auto candidate = static_cast<std::uint32_t>(last);
-                against = origin[candidate] == head && origin[next(candidate)] == tail;
-                if (against || (origin[candidate] == tail && origin[next(candidate)] == head)) break;
+            for (; (last = slots[slot]) < NONE; slot = (slot + 1) & mask) {
+                against = origin[last] == head && origin[next(last)] == tail;
+                if (against || (origin[last] == tail && origin[next(last)] == head)) break;
             }
-            if (last < 0 || twin[std::size_t(last)] >= 0) {
-                slots[slot] = edge;
-                twin[e] = -2 - edge;
-            } else if (against) {
-                const std::int32_t first = -2 - twin[std::size_t(last)];
-                twin[std::size_t(last)] = twin[std::size_t(first)];
-                twin[std::size_t(first)] = edge;
-                twin[e] = first;
-                queued[std::size_t(first)] = 1;
-                stack[size++] = first;
-            } else {
-                slots[slot] = edge;
-                twin[e] = twin[std::size_t(last)];
-                twin[std::size_t(last)] = -2 - edge;
+            const bool is_first = last >= NONE || twin[last] < NONE;
+            if (is_first || !against) {
+                slots[slot] = e;
+                twin[e] = is_first ? ~e : std::exchange(twin[last], ~e);
+                continue;
             }
+            const Id first = ~twin[last];
+            twin[last] = twin[first];
+            twin[first] = e;
+            twin[e] = first;
+            queued[stack[height++] = first] = 1;
         }
-        return size;
     }
 
     // Orientation of the first triangle that is not degenerate: 1 (counter-clockwise), -1 or 0.
     double first_orientation() const {
         FLIP_TRIANGLES_AS_WRITTEN
-        for (std::size_t e = 0; e < origin.size(); e += 3) {
-            const Point a = at(origin[e]), b = at(origin[e + 1]), c = at(origin[e + 2]);
+        for (Id e = 0; e < origin.size(); e += 3) {
+            const Point a = start(e), b = start(e + 1), c = start(e + 2);
             const double turn = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
             if (turn > 0.0 || turn < 0.0) return turn > 0.0 ? 1.0 : -1.0;
         }
         return 0.0;
     }
 
-    static bool is_integer(double value) {
-        return std::abs(value) <= 33554432.0 && value == std::floor(value);  // 2^25
-    }
-    static bool is_integer(Point a, Point b, Point c, Point d) {
-        return is_integer(a.x) && is_integer(a.y) && is_integer(b.x) && is_integer(b.y) &&
-               is_integer(c.x) && is_integer(c.y) && is_integer(d.x) && is_integer(d.y);
+    // Whether all coordinates are integers with exact orientations and lengths in doubles.
+    static bool are_integers(std::initializer_list<Point> list) {
+        for (const Point& point : list)
+            for (const double v : {point.x, point.y})
+                if (!(std::abs(v) <= 33554432.0 && v == std::floor(v))) return false;  // 2^25
+        return true;
     }
 
     static constexpr double UNDERFLOW_BOUND = 1e-300;  // exceeds the underflow error of a product
@@ -356,13 +348,12 @@ private:
     static bool is_convex(Point a, Point b, Point c, Point d) {
         FLIP_TRIANGLES_AS_WRITTEN
         const double x = d.x - a.x, y = d.y - a.y;
-        const double p = (b.x - a.x) * y, q = (b.y - a.y) * x;
-        const double r = x * (c.y - a.y), s = y * (c.x - a.x);
+        const double p = (b.x - a.x) * y, q = (b.y - a.y) * x, r = x * (c.y - a.y), s = y * (c.x - a.x);
         const double turn1 = p - q, turn2 = r - s;
         if (!(turn1 > 0.0 ? turn2 > 0.0 : turn1 < 0.0 && turn2 < 0.0)) return false;
         return (std::abs(turn1) > 4e-16 * (std::abs(p) + std::abs(q)) + UNDERFLOW_BOUND &&
                 std::abs(turn2) > 4e-16 * (std::abs(r) + std::abs(s)) + UNDERFLOW_BOUND) ||
-               is_integer(a, b, c, d);
+               are_integers({a, b, c, d});
     }
 
     static bool is_better(By by, double orientation, Point a, Point b, Point c, Point d) {
@@ -373,18 +364,16 @@ private:
         return x * x + y * y < u * u + v * v;
     }
 
-    // Whether d certainly lies inside the circle through a, b, c, which are counter-clockwise if
-    // orientation > 0.
+    // Whether d certainly lies inside the circle through a, b, c, which are counter-clockwise if orientation > 0.
     static bool in_circle(double orientation, Point a, Point b, Point c, Point d) {
         FLIP_TRIANGLES_AS_WRITTEN
         constexpr double max_exact = 1.6e8;  // up to this size, integers give an exact result
-        const double px = a.x - d.x, py = a.y - d.y, qx = b.x - d.x, qy = b.y - d.y;
-        const double rx = c.x - d.x, ry = c.y - d.y;
+        const double px = a.x - d.x, py = a.y - d.y, qx = b.x - d.x, qy = b.y - d.y, rx = c.x - d.x, ry = c.y - d.y;
         const double p = px * px + py * py, q = qx * qx + qy * qy, r = rx * rx + ry * ry;
         const double i = qx * ry - qy * rx, j = rx * py - ry * px, k = px * qy - py * qx;
         const double inside = (p * i + q * j + r * k) * orientation, size = p + q + r;
         if (std::abs(inside) > 1e-15 * size * size + UNDERFLOW_BOUND) return inside > 0.0;
-        if ((size <= max_exact && inside == 0.0) || !is_integer(a, b, c, d)) return false;
+        if ((size <= max_exact && inside == 0.0) || !are_integers({a, b, c, d})) return false;
         if (size <= max_exact) return inside > 0.0;
         return sign_of_products(p, i, q, j, r, k) * orientation > 0.0;
     }
@@ -395,23 +384,52 @@ private:
         std::int64_t high = 0, middle = 0, low = 0;
         for (const auto& [left, right] : {std::pair(p, i), std::pair(q, j), std::pair(r, k)}) {
             const auto a = static_cast<std::int64_t>(left), b = static_cast<std::int64_t>(right);
-            const std::int64_t a1 = a / piece, a0 = a % piece, b1 = b / piece, b0 = b % piece;
-            high += a1 * b1;
-            middle += a1 * b0 + a0 * b1;
-            low += a0 * b0;
+            high += a / piece * (b / piece);
+            middle += a / piece * (b % piece) + a % piece * (b / piece);
+            low += a % piece * (b % piece);
         }
         middle += low / piece;
-        low %= piece;
         high += middle / piece;
-        middle %= piece;
         // A lower piece is smaller in magnitude than one unit of the piece above.
-        const std::int64_t first = high ? high : middle ? middle : low;
+        const std::int64_t first = high ? high : middle % piece ? middle % piece : low % piece;
         return first > 0 ? 1.0 : first < 0 ? -1.0 : 0.0;
+    }
+
+    // Whether a sum of expected quads is less by more than rounding errors.
+    static bool is_less(double after, double before) {
+        FLIP_TRIANGLES_AS_WRITTEN
+        return after < before - 1e-12 * (before + after);
+    }
+
+    // The mean number of 2x2 pixel quads with a pixel centre in a triangle, over all positions on the grid.
+    static double expected_quads(Point a, Point b, Point c, double scale) {
+        FLIP_TRIANGLES_AS_WRITTEN
+        for (Point* point : {&a, &b, &c}) *point = {point->x * scale, point->y * scale};
+        const double ux = b.x - a.x, uy = b.y - a.y, vx = c.x - b.x, vy = c.y - b.y, wx = a.x - c.x, wy = a.y - c.y;
+        const double cross = ux * vy - uy * vx, s = cross < 0.0 ? -1.0 : 1.0, size = cross * s;
+        if (cross == 0.0) return 0.0;
+        const auto common = [&](double lost) {
+            FLIP_TRIANGLES_AS_WRITTEN
+            const double side = 1.0 - lost / size;
+            return side > 0.0 ? side * side : 0.0;
+        };
+        const auto extent = [](double i, double j, double k) { return std::max({i, j, k}) - std::min({i, j, k}); };
+        const auto triple = [&](double r, double u) {
+            FLIP_TRIANGLES_AS_WRITTEN
+            const double lost = std::min({0.0, r * uy, u * ux}) + std::min({0.0, r * vy, u * vx});
+            return common(-lost - std::min({0.0, r * wy, u * wx}));
+        };
+        const double width = extent(a.x, b.x, c.x), tall = extent(a.y, b.y, c.y);
+        const double pairs = common(width) + common(tall);
+        const double diagonals = common(extent(a.x - a.y, b.x - b.y, c.x - c.y)) +
+                                 common(extent(a.x + a.y, b.x + b.y, c.x + c.y));
+        const double triples = triple(-s, -s) + triple(-s, s) + triple(s, -s) + triple(s, s);
+        return 0.5 * size * (4.0 - 2.0 * pairs + (triples - diagonals - common(width + tall))) / 4.0;
     }
 };
 
-/** `Flipper` for one call: `flip(indices, length, coordinates, points[, by[, stride[, order]]])` or
- *  `flip(indices, polygon[, by[, order]])`. */
+/** `Flipper` for one call: `flip(indices, length, coordinates, points[, by[, stride[, order[, scale]]]])` or
+ *  `flip(indices, polygon[, by[, order[, scale]]])`. */
 template <class Triangles, class... Rest>
 std::size_t flip(Triangles&& triangles, Rest&&... rest) {
     return Flipper()(std::forward<Triangles>(triangles), std::forward<Rest>(rest)...);

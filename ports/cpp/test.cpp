@@ -15,6 +15,8 @@
 
 namespace {
 
+using flip_triangles::Order;
+
 int failures = 0;
 
 void expect(bool holds, const std::string& message) {
@@ -51,16 +53,16 @@ int compare(std::istream& file) {
     for (std::string points, triangles, name, result; std::getline(file, points); polygons++) {
         std::getline(file, triangles);
         const auto xy = parse<double>(points);
-        for (int test = 0; test < 4; test++) {
+        for (int test = 0; test < 5; test++) {
             std::getline(file, name);
             std::getline(file, result);
             const auto by = static_cast<flip_triangles::By>(test);
             auto indices = parse<std::uint32_t>(triangles);
             std::size_t flips = 0;
-            if (test == 3)
+            if (test == 4)
                 flipper.reorder(indices.data(), indices.size(), xy.size() / 2);
             else
-                flips = flipper(indices.data(), indices.size(), xy.data(), xy.size() / 2, by);
+                flips = flipper(indices.data(), indices.size(), xy.data(), xy.size() / 2, by, 2, Order::walk, 3.7);
             const std::string label = "polygon " + std::to_string(polygons) + ", " + name;
             expect(indices == parse<std::uint32_t>(result), label);
             expect(name.substr(name.find(' ') + 1) == std::to_string(flips), label + ": number of flips");
@@ -79,6 +81,16 @@ int main(int count, char** arguments) {
     expect(throws<std::int32_t>({0, 1, 2, 0, 2, -1}), "a negative index is refused");
     expect(throws<std::uint32_t>({0, 1, 2, 0, 2, 4}), "an index beyond the points is refused");
     expect(throws<std::int64_t>({0, 1, std::int64_t(1) << 32}), "an index beyond 32 bits is refused");
+
+    for (const double scale : {0.0, -1.0, std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity()})
+        try {
+            std::vector<int> triangles = {0, 1, 2};
+            const std::array<double, 6> points = {0, 0, 1, 0, 0, 1};
+            flip_triangles::flip(triangles.data(), std::size_t(3), points.data(), std::size_t(3), flip_triangles::By::quads,
+                                 std::size_t(2), Order::walk, scale);
+            expect(false, "quads without a positive scale are refused");
+        } catch (const std::invalid_argument&) {
+        }
 
     std::vector<std::uint16_t> empty;
     expect(flip_triangles::flip(empty, std::vector<std::vector<std::pair<float, float>>>{}) == 0, "empty input is accepted");

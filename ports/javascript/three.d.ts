@@ -1,5 +1,3 @@
-import type {Options} from "./flip-triangles.js";
-
 /** The required part of three.js's ShapeUtils. */
 export interface Triangulates {
     triangulateShape(contour: any, holes: any): number[][];
@@ -9,4 +7,4 @@ export interface Triangulates {
  * Replace ShapeUtils.triangulateShape, which ShapeGeometry and ExtrudeGeometry call, by a version that
  * flips diagonals; the default of `by` is "euclidean". Returns a function that restores the original.
  */
-export default function flipShapes(ShapeUtils: Triangulates, options?: Pick<Options, "by">): () => void;
+export default function flipShapes(ShapeUtils: Triangulates, options?: {by?: "l1" | "euclidean" | "delaunay"}): () => void;

@@ -124,7 +124,7 @@ def test_flips_are_equal_in_three_languages(source, scale_count, report_counts, 
     cases.write(tmp_path)
     languages.flip_in_cpp(tmp_path, languages.compile_flips(tmp_path, compilers[0], "-O2"))
     languages.flip_in_javascript(tmp_path)
-    for by in (*FLIP_TESTS, "l1-native", "reorder", "earcut-refine"):
+    for by in (*FLIP_TESTS, *languages.SCALED, "l1-native", "reorder", "earcut-refine"):
         corners, flips = flip_in_python(cases, by)
         assert is_equivalent(cases, corners), by
         for language in ("javascript",) if by == "earcut-refine" else ("javascript", "cpp"):

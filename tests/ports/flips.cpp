@@ -36,12 +36,13 @@ using Indices = std::vector<std::int32_t>;
 
 // Flip with other types of indices and coordinates and points in rings; exit if the result differs.
 template <class Index, class Number>
-void expect_equal(const Indices& triangles, const Indices& expected, const std::vector<double>& xy, flip_triangles::By by) {
+void expect_equal(const Indices& triangles, const Indices& expected, const std::vector<double>& xy, flip_triangles::By by,
+                  double scale) {
     std::vector<Index> indices(triangles.begin(), triangles.end());
     std::vector<std::vector<std::array<Number, 2>>> polygon(1);
     for (std::size_t i = 0; i < xy.size(); i += 2)
         polygon[0].push_back({static_cast<Number>(xy[i]), static_cast<Number>(xy[i + 1])});
-    flip_triangles::flip(indices, polygon, by, flip_triangles::Order::native);
+    flip_triangles::flip(indices, polygon, by, flip_triangles::Order::native, scale);
     flip_triangles::reorder(indices.data(), indices.size(), polygon[0].size());
     if (!std::equal(indices.begin(), indices.end(), expected.begin(), [](Index a, std::int32_t b) { return a == Index(b); })) {
         std::fprintf(stderr, "triangles differ by type of indices or coordinates\n");
@@ -63,10 +64,13 @@ int main(int, char** arguments) {
     const auto triangles = read<std::int32_t>(folder + "triangles.i32");
     const auto bounds = read<std::int32_t>(folder + "bounds.i32");
     using flip_triangles::Order;
-    const std::array<const char*, 5> names = {"l1", "euclidean", "delaunay", "l1-native", "reorder"};
+    const std::array<const char*, 8> names = {"l1", "euclidean", "delaunay", "l1-native", "reorder",
+                                              "quads@0.125", "quads@1", "quads@3.7"};
+    const std::array<double, 3> scales = {0.125, 1.0, 3.7};
     flip_triangles::Flipper flipper;
     for (std::size_t test = 0; test < names.size(); test++) {
-        const auto by = static_cast<flip_triangles::By>(test % 3);
+        const auto by = test > 4 ? flip_triangles::By::quads : static_cast<flip_triangles::By>(test % 3);
+        const double scale = test > 4 ? scales[test - 5] : 0.0;
         const auto order = test == 3 ? Order::native : Order::walk;
         auto result = triangles;
         Indices counts;
@@ -81,14 +85,14 @@ int main(int, char** arguments) {
                 continue;
             }
             counts.push_back(static_cast<std::int32_t>(
-                flipper(indices, before.size(), xy.data(), xy.size() / 2, by, 2, order)));
+                flipper(indices, before.size(), xy.data(), xy.size() / 2, by, 2, order, scale)));
             if (order == Order::native) continue;
             const Indices after(begin, end);
-            if (xy.size() < 2 * 65536) expect_equal<std::uint16_t, double>(before, after, xy, by);
+            if (xy.size() < 2 * 65536) expect_equal<std::uint16_t, double>(before, after, xy, by, scale);
             if (is_integer(xy)) {
-                expect_equal<std::uint32_t, float>(before, after, xy, by);
-                expect_equal<std::int64_t, std::int32_t>(before, after, xy, by);
-                expect_equal<std::uint64_t, std::int64_t>(before, after, xy, by);
+                expect_equal<std::uint32_t, float>(before, after, xy, by, scale);
+                expect_equal<std::int64_t, std::int32_t>(before, after, xy, by, scale);
+                expect_equal<std::uint64_t, std::int64_t>(before, after, xy, by, scale);
             }
         }
         write(folder + "cpp-" + names[test] + ".i32", result);

@@ -29,6 +29,9 @@ function writeAll(name, change) {
 for (const by of ["l1", "euclidean", "delaunay"]) {
     writeAll(by, (indices, coordinates) => flip(indices, coordinates, {by}));
 }
+for (const scale of [0.125, 1, 3.7]) {
+    writeAll(`quads@${scale}`, (indices, coordinates) => flip(indices, coordinates, {by: "quads", scale}));
+}
 writeAll("l1-native", (indices, coordinates) => flip(indices, coordinates, {order: "native"}));
 writeAll("reorder", (indices, coordinates) => flip.reorder(indices, coordinates.length / 2));
 // The same with typed indices and vertices of three numbers in an array.

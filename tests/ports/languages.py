@@ -4,16 +4,22 @@ import importlib.util
 import shutil
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple, Self
 
 import mapbox_earcut
 import numpy as np
 
+from triangulators import criteria
+from triangulators.criteria.cost import plain_cost
 from triangulators.geometry import flips
 from triangulators.geometry.half_edges import link
 from triangulators.geometry.order import walk_along
+from triangulators.methods.cost_flips import flip_by_cost
+
+SCALED = ("quads@0.125", "quads@1", "quads@3.7")
+"""Flips by expected quads at three scales; the last one rounds products."""
 
 FOLDER = Path(__file__).resolve().parent
 PACKAGES = FOLDER.parents[1] / "ports" / "javascript" / "node_modules"
@@ -60,14 +66,14 @@ class Cases(NamedTuple):
 def flip_in_python(cases: Cases, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Return all corners after flips, and the number of flips of each polygon.
 
-    name : "l1", "euclidean" or "delaunay", then a walk; "l1-native" or "earcut-refine", without a
-        walk; "reorder", a walk without flips
+    name : "l1", "euclidean", "delaunay" or "quads@SCALE", then a walk; "l1-native" or
+        "earcut-refine", without a walk; "reorder", a walk without flips
     """
     result, counts = cases.corners.copy(), []
     by, _, native = name.partition("-")
-    flip = {"earcut": flips.as_earcut, "reorder": lambda *_: 0}.get(by) or getattr(
-        flips, f"by_{by}"
-    )
+    by, _, scale = by.partition("@")
+    special = {"earcut": flips.as_earcut, "reorder": lambda *_: 0, "quads": _by_quads(scale)}
+    flip = special.get(by) or getattr(flips, f"by_{by}")
     for index, (begin, end) in enumerate(
         zip(cases.bounds[:-1, 1], cases.bounds[1:, 1], strict=True)
     ):
@@ -79,6 +85,14 @@ def flip_in_python(cases: Cases, name: str) -> tuple[np.ndarray, np.ndarray]:
             after = walk_along(after.reshape(-1, 3), twin, len(points)).reshape(-1)
         result[begin:end] = after
     return result, np.array(counts, dtype=np.int32)
+
+
+def _by_quads(scale: str) -> Callable[..., int]:
+    """Return flips by expected quads, at a scale in pixels per unit."""
+    cost = plain_cost(criteria.find("expected-quads"))
+    return lambda points, corner, twin: flip_by_cost(
+        points, points * float(scale), corner, twin, cost
+    )
 
 
 def read_flips(folder: Path, language: str, by: str) -> tuple[np.ndarray, np.ndarray]:

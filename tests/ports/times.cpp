@@ -62,14 +62,14 @@ int main(int, char** arguments) {
         vertices.emplace_back();
         for (const auto& ring : polygon) vertices.back().insert(vertices.back().end(), ring.begin(), ring.end());
     }
-    std::array<double, 6> minima;
+    std::array<double, 7> minima;
     minima.fill(1e300);
     flip_triangles::Flipper flipper;
     for (int round = 0; round < rounds; round++) {
         minima[0] = std::min(minima[0], milliseconds([&] {
             for (std::size_t i = 0; i < raw.size(); i++) raw[i] = mapbox::earcut<std::uint32_t>(polygons[i]);
         }));
-        for (std::size_t test = 0; test < 5; test++) {
+        for (std::size_t test = 0; test < 6; test++) {
             auto copies = raw;
             minima[test + 1] = std::min(minima[test + 1], milliseconds([&] {
                 for (std::size_t i = 0; i < raw.size(); i++)
@@ -77,12 +77,14 @@ int main(int, char** arguments) {
                         flipper(copies[i], polygons[i], static_cast<By>(test));
                     else if (test == 3)
                         flipper(copies[i], polygons[i], By::l1, flip_triangles::Order::native);
+                    else if (test == 5)
+                        flipper(copies[i], polygons[i], By::quads, flip_triangles::Order::walk, 1.0);
                     else
                         mapbox::refine(copies[i], vertices[i]);
             }));
         }
     }
     std::printf("{\"earcut\": %.4f, \"l1\": %.4f, \"euclidean\": %.4f, \"delaunay\": %.4f, \"l1 native\": %.4f, "
-                "\"refine\": %.4f}\n",
-                minima[0], minima[1], minima[2], minima[3], minima[4], minima[5]);
+                "\"refine\": %.4f, \"quads\": %.4f}\n",
+                minima[0], minima[1], minima[2], minima[3], minima[4], minima[5], minima[6]);
 }

@@ -26,6 +26,7 @@ const candidates = {
     refine: (copies) => polygons.forEach(({data}, i) => refine(copies[i], data)),
     l1: (copies) => polygons.forEach(({data}, i) => flip(copies[i], data)),
     "l1 native": (copies) => polygons.forEach(({data}, i) => flip(copies[i], data, {order: "native"})),
+    quads: (copies) => polygons.forEach(({data}, i) => flip(copies[i], data, {by: "quads", scale: 1})),
     euclidean: (copies) => polygons.forEach(({data}, i) => flip(copies[i], data, {by: "euclidean"})),
     delaunay: (copies) => polygons.forEach(({data}, i) => flip(copies[i], data, {by: "delaunay"})),
 };

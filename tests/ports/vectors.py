@@ -4,13 +4,13 @@
 
 writes ports/vectors.txt again. Each polygon has a line of coordinates, a line with the triangles of
 ear clipping, and two lines for each test: name and number of flips, and the resulting triangles in
-a walk. The last test, "reorder", is a walk without flips.
+a walk. "quads@3.7" has a scale of 3.7; the last test, "reorder", is a walk without flips.
 """
 
 import numpy as np
 
 from tests.paths import ROOT
-from tests.ports.languages import Cases, flip_in_python
+from tests.ports.languages import SCALED, Cases, flip_in_python
 from tests.ports.polygons import random_polygons
 from triangulators.criteria import FLIP_TESTS
 
@@ -22,7 +22,7 @@ def render() -> str:
     """Return the text of the file: 40 random polygons, and overlapping triangles."""
     small = [rings for rings in random_polygons(3, 400) if 4 <= len(rings[0]) <= MAX_VERTICES]
     cases = _add_random_triangles(Cases.of(small[:40]))
-    results = {by: flip_in_python(cases, by) for by in (*FLIP_TESTS, "reorder")}
+    results = {by: flip_in_python(cases, by) for by in (*FLIP_TESTS, SCALED[-1], "reorder")}
     lines = []
     for index in range(len(cases.bounds) - 1):
         points, corners = cases.polygon(index)

@@ -39,6 +39,7 @@ def test_flips_preserve_validity(polygon, by):
         ("flips", "l1", "half-perimeter"),
         ("flips", "euclidean", "edge-length"),
         ("flips", "overdraw", "overdraw"),
+        ("flips", "expected-quads", "expected-quads"),
         ("flips", "beauty", "beauty"),
         *(("refined", each, each) for each in CRITERIA if each != "complexity"),
         *(("refined", each, each) for each in ("mixed=1/0.5/0", squared_height)),
@@ -84,6 +85,37 @@ def test_length_tests_equal_their_criteria():
         same = flip(vertices(polygon), start, criterion)
         assert np.array_equal(flip(vertices(polygon), start, by), same)
         assert not np.array_equal(same, start)
+
+
+def test_pairs_of_flips_reach_the_fewest_quads_of_a_pentagon():
+    """From each of the five triangulations, one or two flips lead to any other."""
+    rng, cost, stuck = np.random.default_rng(3), criteria.find("expected-quads"), 0
+    for _ in range(60):
+        angles = np.sort(rng.uniform(0.0, 2.0 * np.pi, 5))
+        points = np.column_stack((60.0 * np.cos(angles), rng.uniform(2.0, 60.0) * np.sin(angles)))
+        fans = (np.arange(5)[:, None, None] + np.array([(0, 1, 2), (0, 2, 3), (0, 3, 4)])) % 5
+        quads = np.array([cost.total(points, fan) for fan in fans])
+        for number, fan in enumerate(fans):
+            flipped = cost.total(points, flip(points, fan, "expected-quads"))
+            assert flipped == pytest.approx(quads.min(), rel=1e-9)
+            neighbours = quads[[(number + 2) % 5, (number + 3) % 5]]  # after one flip
+            stuck += quads.min() < quads[number] * (1 - 1e-9) <= neighbours.min()
+    assert stuck > 10
+
+
+def test_scale_is_pixels_per_unit():
+    polygon = star(120, spread=0.4)
+    points, start = vertices(polygon), triangulate(polygon, "ear-clipping")
+    results = []
+    for scale in (1 / 64, 1.0, 16.0):
+        results.append(flip(points, start, "expected-quads", scale=scale))
+        assert np.array_equal(results[-1], flip(points * scale, start, "expected-quads"))
+    assert not np.array_equal(results[0], results[2])
+    shorter = flip(points, start, "l1")
+    assert np.array_equal(flip(points, start, "l1", scale=16.0), shorter)
+    for scale in (0.0, -1.0, np.inf, np.nan):
+        with pytest.raises(ValueError, match="scale must be a positive number"):
+            flip(points, start, "expected-quads", scale=scale)
 
 
 @pytest.mark.parametrize("size", [1, 5000, 2**25])
@@ -169,7 +201,7 @@ def test_unknown_flip_test_lists_choices():
     "name",
     [
         *("earcut-refine", "flips", "flips:euclidean", "flips:delaunay", "flips:shape"),
-        *("flips:mixed", "refined", "refined:edge-length", "refined:shape"),
+        *("flips:mixed", "flips:expected-quads", "refined", "refined:edge-length", "refined:shape"),
     ],
 )
 def test_batch_equals_single_calls(name):

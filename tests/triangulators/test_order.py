@@ -128,7 +128,9 @@ def test_shipped_orders_need_no_more_vertex_batches_than_ear_clipping(scene, tmp
         "optimal:half-perimeter",
         "refined",
         "flips:l1",
+        "flips:euclidean",
         "flips:delaunay",
+        "flips:expected-quads",
         "earcut-refine",
     ):
         assert count_scene_batches(polygons, triangulate_many(polygons, name)) <= limit, name

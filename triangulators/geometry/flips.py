@@ -17,13 +17,53 @@ from typing import Any
 import numpy as np
 
 from triangulators.compute.kernels import njit
-from triangulators.geometry.half_edges import link
+from triangulators.geometry.half_edges import link, next_edge, previous_edge
 from triangulators.geometry.order import walk_along
 
 _MAX_INTEGER = 2.0**25  # integer coordinates up to this have exact orientations and lengths
 _MAX_EXACT_SUM = 1.6e8  # of three squared distances; integer in-circle tests are exact up to this
 _UNDERFLOW = 1e-300  # exceeds the error of a product by underflow
 _PIECE_BITS = 27
+
+
+@njit(nogil=True)
+def list_diagonals(twin: np.ndarray, stack: np.ndarray, waiting: np.ndarray) -> int:
+    """Push the earlier half-edge of each diagonal, by the later one; return the stack's size."""
+    size = 0
+    for latter in range(len(twin)):
+        former = twin[latter]
+        if 0 <= former < latter:
+            waiting[former] = True
+            stack[size] = former
+            size += 1
+    return size
+
+
+@njit(nogil=True)
+def flip_edge(
+    corner: np.ndarray,
+    twin: np.ndarray,
+    e: int,
+    stack: np.ndarray,
+    waiting: np.ndarray,
+    size: int,
+) -> int:
+    """Flip a diagonal and push the sides of its quadrilateral; return the stack's size."""
+    f: Any = np.int64(twin[e])
+    e2, f2 = previous_edge(e), previous_edge(f)
+    corner[e], corner[f] = corner[f2], corner[e2]
+    below, above = twin[f2], twin[e2]
+    twin[e], twin[f], twin[e2], twin[f2] = below, above, f2, e2
+    if below >= 0:
+        twin[below] = e
+    if above >= 0:
+        twin[above] = f
+    for side in (e, f, next_edge(e), next_edge(f)):
+        if twin[side] >= 0 and not waiting[side]:
+            waiting[side] = True
+            stack[size] = side
+            size += 1
+    return size
 
 
 @njit(nogil=True, inline="always")
@@ -43,13 +83,7 @@ def run(
     """
     stack = np.empty(len(corner), dtype=np.int32)
     waiting = np.zeros(len(corner), dtype=np.bool_)
-    size = 0
-    for latter in range(len(corner)):
-        former = twin[latter]
-        if 0 <= former < latter:
-            waiting[former] = True
-            stack[size] = former
-            size += 1
+    size = list_diagonals(twin, stack, waiting)
     flips = 0
     while size > 0:
         size -= 1
@@ -58,24 +92,10 @@ def run(
         f: Any = np.int64(twin[e])
         if f < 0:
             continue
-        e1, e2 = (e + 1 if e % 3 < 2 else e - 2), (e - 1 if e % 3 > 0 else e + 2)
-        f1, f2 = (f + 1 if f % 3 < 2 else f - 2), (f - 1 if f % 3 > 0 else f + 2)
-        a, b, c, d = corner[e2], corner[e], corner[f], corner[f2]
-        if not gains(points, a, b, c, d, context) or not convex(points, a, b, c, d):
-            continue
-        flips += 1
-        corner[e], corner[f] = d, a
-        below, above = twin[f2], twin[e2]
-        twin[e], twin[f], twin[e2], twin[f2] = below, above, f2, e2
-        if below >= 0:
-            twin[below] = e
-        if above >= 0:
-            twin[above] = f
-        for side in (e, f, e1, f1):
-            if twin[side] >= 0 and not waiting[side]:
-                waiting[side] = True
-                stack[size] = side
-                size += 1
+        a, b, c, d = corner[previous_edge(e)], corner[e], corner[f], corner[previous_edge(f)]
+        if gains(points, a, b, c, d, context) and convex(points, a, b, c, d):
+            flips += 1
+            size = flip_edge(corner, twin, e, stack, waiting, size)
     return flips
 
 

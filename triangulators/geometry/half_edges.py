@@ -12,9 +12,20 @@ from triangulators.geometry.predicates import orientation
 
 
 @njit(nogil=True, inline="always")
+<<<<<<< HEAD
 def _next(e: Any) -> Any:
     """Return the next half-edge of the triangle of e."""
+=======
+def next_edge(e: Any) -> Any:
+    """Return the half-edge after e in its triangle."""
+>>>>>>> 3da83b90 (flips: by expected quads, with pairs of flips, in JavaScript and C++ as in Python; types for CommonJS; npm pack without a build)
     return e + 1 if e % 3 < 2 else e - 2
+
+
+@njit(nogil=True, inline="always")
+def previous_edge(e: Any) -> Any:
+    """Return the half-edge before e in its triangle."""
+    return e - 1 if e % 3 > 0 else e + 2
 
 
 @njit(nogil=True)
@@ -38,13 +49,13 @@ def link(corner: np.ndarray) -> np.ndarray:
     slots = np.full(mask + 1, -1, dtype=np.int32)
     twin = np.empty(count, dtype=np.int32)
     for e in range(count):
-        tail, head = np.int64(corner[e]), np.int64(corner[_next(e)])
+        tail, head = np.int64(corner[e]), np.int64(corner[next_edge(e)])
         low, high = min(tail, head), max(tail, head)
         at = (((low + high * 0x9E3779B1) * 0x85EBCA6B) & 0xFFFFFFFF) >> (32 - bits)
         last: Any = np.int64(slots[at])
         start, end = tail, head
         while last >= 0:
-            start, end = np.int64(corner[last]), np.int64(corner[_next(last)])
+            start, end = np.int64(corner[last]), np.int64(corner[next_edge(last)])
             if (start == head and end == tail) or (start == tail and end == head):
                 break
             at = (at + 1) & mask

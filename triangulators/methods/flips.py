@@ -8,6 +8,7 @@ boundary plus twice that of the diagonals.
 Source: C. L. Lawson, "Software for C1 surface interpolation", 1977, with the in-circle test.
 """
 
+import math
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
@@ -18,20 +19,19 @@ from triangulators import criteria
 from triangulators.compute.kernels import njit
 from triangulators.compute.operations import copy_rows
 from triangulators.criteria import FLIP_TESTS
-from triangulators.criteria.cost import Cost, cost_at, make_cost, plain_cost, total_cost
+from triangulators.criteria.cost import Cost, make_cost, plain_cost, total_cost
 from triangulators.errors import UnknownNameError
 from triangulators.geometry.flips import (
     as_earcut,
     by_delaunay,
     by_euclidean,
     by_l1,
-    convex,
-    run,
 )
 from triangulators.geometry.half_edges import is_triangulation, link
 from triangulators.geometry.order import is_walk, walk_along
 from triangulators.initial import initial_triangulations
 from triangulators.libraries import ear_clipping
+from triangulators.methods.cost_flips import flip_by_cost
 from triangulators.optimum.windows import optimise_windows
 from triangulators.polygon import Boundary, boundary_area
 from triangulators.polygon_arrays import Batch, rings_at
@@ -39,16 +39,7 @@ from triangulators.verify import check_rows
 
 L1, EUCLIDEAN, DELAUNAY, AS_EARCUT, COST, NONE = range(6)  # the first three as in FLIP_TESTS
 
-_SLACK = 1e-12  # relative; a smaller gain may be a rounding error, and flips would not terminate
 NO_COST = make_cost(criteria.find("half-perimeter"), 1.0, 1)
-
-
-@njit(nogil=True)
-def cheaper(points: np.ndarray, a: int, b: int, c: int, d: int, cost: Cost) -> bool:
-    """Whether a cost is lower with the diagonal a-d than with b-c, by more than rounding."""
-    old = cost_at(points, a, b, c, cost) + cost_at(points, d, c, b, cost)
-    new = cost_at(points, a, b, d, cost) + cost_at(points, a, d, c, cost)
-    return new < old - _SLACK * (abs(old) + abs(new))
 
 
 @njit(nogil=True)
@@ -63,7 +54,7 @@ def flip_by(points: np.ndarray, corner: np.ndarray, twin: np.ndarray, test: int,
     if test == AS_EARCUT:
         return as_earcut(points, corner, twin)
     if test == COST:
-        return run(points, corner, twin, cheaper, convex, cost)
+        return flip_by_cost(points, points, corner, twin, cost)
     return 0
 
 
@@ -165,6 +156,7 @@ def flip(
     triangles: np.ndarray,
     by: criteria.Criterion | str | Callable[..., float] = "l1",
     order: str = "walk",
+    scale: float = 1.0,
     **parameters: Any,
 ) -> np.ndarray:
     """Flip the diagonals of existing triangles while a flip gains.
@@ -181,10 +173,13 @@ def flip(
     by
         "l1" flips to diagonals with less abs(dx) + abs(dy), which a GPU's quads follow; "euclidean"
         to shorter ones; "delaunay" until no vertex is inside a neighbour's circumcircle; a
-        criterion (see `criteria.find`) until no flip decreases it.
+        criterion (see `criteria.find`) until no flip decreases it. By "expected-quads", pairs of
+        flips are tried, too.
     order
         "walk" puts the result in an order from neighbour to neighbour, in which a GPU transforms
         few vertices twice; "native" leaves a flip's two triangles at the positions of the old two.
+    scale
+        Pixels per unit of the points; "expected-quads" and other criteria depend on it.
     **parameters
         Parameters of the criterion.
 
@@ -196,7 +191,7 @@ def flip(
     Raises
     ------
     ValueError
-        If an array has another shape, or an index is out of range.
+        If an array has another shape, an index is out of range, or the scale is not positive.
     UnknownNameError
         If `by` is neither a test nor a criterion, or the order is unknown.
 
@@ -217,10 +212,16 @@ def flip(
     indices = np.asarray(triangles)
     flat = indices.ndim == 1 and indices.size % 3 == 0
     rows = check_rows(indices.reshape(-1, 3) if flat else indices, points).copy()
-    cost, test = _resolve_cost(points, rows, by, parameters)
+    if not 0.0 < scale < math.inf:
+        raise ValueError(f"flip: scale must be a positive number, not {scale}")
+    scaled = points * scale
+    cost, test = _resolve_cost(scaled, rows, by, parameters)
     corner = rows.reshape(-1)
     twin = link(corner)
-    flip_by(points, corner, twin, test, cost)
+    if test == COST:
+        flip_by_cost(points, scaled, corner, twin, cost)
+    else:
+        flip_by(points, corner, twin, test, cost)
     return walk_along(rows, twin, len(points)) if in_walk else rows
 
 

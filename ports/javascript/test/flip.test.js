@@ -12,21 +12,21 @@ const parse = (line) => line.split(" ").map(Number);
 const square = [0, 0, 9, 0, 9, 1, 0, 1];
 
 describe("triangles equal to Python's", () => {
-    for (let start = 0; start < lines.length; start += 10) {
+    for (let start = 0; start < lines.length; start += 12) {
         const vertices = parse(lines[start]), before = parse(lines[start + 1]);
-        for (let row = start + 2; row < start + 10; row += 2) {
-            const [by, count] = lines[row].split(" "), after = parse(lines[row + 1]);
-            it(`polygon ${start / 10}, ${by}`, () => {
+        for (let row = start + 2; row < start + 12; row += 2) {
+            const [name, count] = lines[row].split(" "), [by, scale] = name.split("@"), after = parse(lines[row + 1]);
+            it(`polygon ${start / 12}, ${by}`, () => {
                 const triangles = before.slice();
                 if (by === "reorder") {
                     flip.reorder(triangles, vertices.length / 2);
                     assert.deepEqual(triangles, after);
                     return;
                 }
-                assert.equal(flip(triangles, vertices, {by}), Number(count));
+                assert.equal(flip(triangles, vertices, {by, scale: Number(scale)}), Number(count));
                 assert.deepEqual(triangles, after);
                 const typed = Uint16Array.from(before);
-                flip(typed, Float64Array.from(vertices), {by});
+                flip(typed, Float64Array.from(vertices), {by, scale: Number(scale)});
                 assert.deepEqual([...typed], after);
             });
         }
@@ -46,7 +46,7 @@ describe("input", () => {
         for (const bad of [-1, 4, 1.5, NaN, undefined, "1", 2147483648, 4294967296, Infinity]) {
             for (const position of [3, 4, 5]) {
                 const triangles = [0, 1, 2, 0, 2, 3].map((index, k) => k === position ? bad : index), before = triangles.slice();
-                assert.throws(() => flip(triangles, square), {name: "RangeError", message: /triangle 1 is .*0 to 3/});
+                assert.throws(() => flip(triangles, square), {name: "RangeError", message: /triangle 1 has index .*0 to 3/});
                 assert.deepEqual(triangles, before);
             }
         }
@@ -56,6 +56,10 @@ describe("input", () => {
             assert.throws(() => flip([0, 1, 2], square, {dimensions}), {name: "RangeError", message: /dimensions/});
         }
         assert.throws(() => flip([0, 1, 2], square, {by: "L1"}), RangeError);
+        for (const scale of [undefined, null, 0, -1, NaN, Infinity]) {
+            const options = {by: "quads", scale};
+            assert.throws(() => flip([0, 1, 2], square, options), {name: "RangeError", message: /needs scale, pixels per unit/});
+        }
         assert.throws(() => flip([0, 1, 2], square, {order: "best"}), {name: "RangeError", message: /walk, native/});
         assert.throws(() => flip.reorder([0, 1, 4], 4), {name: "RangeError", message: /0 to 3/});
         assert.throws(() => flip.reorder([[0, 1, 2]], 3), {name: "TypeError", message: /flat array/});
@@ -71,8 +75,8 @@ describe("input", () => {
     it("may have NaN coordinates; no diagonal there is flipped", () => {
         // The only triangle that is not degenerate has a NaN; the integer points are collinear.
         const line = [0, 0, 33554432, 0, -33554432, 0, 1, 0, NaN, 0, 0, 1];
-        for (const by of ["l1", "euclidean", "delaunay"]) {
-            assert.equal(flip([0, 1, 2, 0, 2, 3, 3, 4, 5], line, {by}), 0);
+        for (const by of ["l1", "euclidean", "delaunay", "quads"]) {
+            assert.equal(flip([0, 1, 2, 0, 2, 3, 3, 4, 5], line, {by, scale: 1}), 0);
         }
     });
     it("may have many equal edges, in linear time", () => {

@@ -22,6 +22,11 @@ export function refine(index: {array: Attribute}, position: {array: Attribute}):
 const transform: (document: object) => void = retriangulate({by: "l1"});
 transform({});
 
+flip([0, 1, 2], vertices, {by: "quads", scale: 4, order: "native"});
+// @ts-expect-error: quads need a scale
+flip([0, 1, 2], vertices, {by: "quads"});
+// @ts-expect-error: a model has no scale
+retriangulate({by: "quads"});
 // @ts-expect-error: unknown test
 flip([0, 1, 2], vertices, {by: "L1"});
 const fixed: readonly number[] = [0, 1, 2];
