@@ -20,6 +20,7 @@ from triangulators.errors import (
     UnknownNameError,
     format_error,
 )
+from triangulators.geometry.ear_clipping import MAX_VERTICES
 from triangulators.geometry.earcut import far_offsets
 from triangulators.methods.flips import AS_EARCUT, NO_COST, NONE, find_test, improve_batch
 from triangulators.methods.optimal import SearchOptions
@@ -38,6 +39,7 @@ from triangulators.registry import Choice, check_criterion, parse
 _CHUNK_VERTICES = 20_000
 """Vertices per chunk of ear clipping; other threads improve earlier chunks. mapbox_earcut holds the
 GIL, for which a thread waits up to 5 ms, the time of clipping about 30,000 vertices."""
+_MIN_CHUNK_VERTICES = 1_000
 _DEVICE_COSTS = ([1.0, 0.0, 0.0], [-1.0, 0.0, 0.0])
 """Coefficients of half-perimeter, bounding-box area and edge length that devices support."""
 _FLIPS = {"ear-clipping": NONE, "earcut-refine": AS_EARCUT} | {
@@ -223,13 +225,17 @@ def _optimise_with_holes(
 
 
 def _clip_ears(batch: Batch, valid: np.ndarray, threads: int, *how: Any) -> None:
-    """Clip ears in this thread, and `improve_batch` in others; marks `batch.done`."""
+    """Clip ears of large polygons here; `improve_batch` in threads; marks `batch.done`."""
     vertex_offsets, geom_offsets = batch.vertex_offsets.tolist(), batch.geom_offsets.tolist()
     first_vertices = np.repeat(batch.vertex_offsets[:-1], np.diff(batch.geom_offsets))
     ring_ends = (batch.ring_offsets[1:] - first_vertices).astype(np.uint32)  # as earcut takes them
-    is_selected = (valid & (np.diff(batch.vertex_offsets) >= 3)).tolist()
+    sizes, rings = np.diff(batch.vertex_offsets), np.diff(batch.geom_offsets)
+    selected = valid & (sizes >= 3)
+    to_clip = selected & (rings == 1) & (sizes <= MAX_VERTICES)
+    clip_here = (selected & ~to_clip).tolist()
     empty = np.empty(0, dtype=np.uint32)
-    marks = np.arange(0, vertex_offsets[-1], _CHUNK_VERTICES)
+    chunk = min(max(vertex_offsets[-1] // (4 * threads), _MIN_CHUNK_VERTICES), _CHUNK_VERTICES)
+    marks = np.arange(0, vertex_offsets[-1], chunk)
     cuts = np.searchsorted(batch.vertex_offsets, marks)
     bounds = np.unique(np.append(cuts, len(batch.done))).tolist()
     running = []
@@ -247,13 +253,13 @@ def _clip_ears(batch: Batch, valid: np.ndarray, threads: int, *how: Any) -> None
                     local[vertex_offsets[i] - start : vertex_offsets[i + 1] - start],
                     ring_ends[geom_offsets[i] : geom_offsets[i + 1]],
                 )
-                if is_selected[i]
+                if clip_here[i]
                 else empty
                 for i in range(first, last)
             ]
             rows = offsets_of([len(indices) // 3 for indices in raw])
             joined = np.concatenate(raw).astype(np.int32).reshape(-1, 3)
-            part = (first, last, batch, (joined, rows), *how)
+            part = (first, last, batch, (joined, rows, to_clip), *how)
             if last < len(batch.done):
                 running.append(pool.submit(improve_batch, *part))
             else:  # the last chunk: this thread is idle

@@ -4,10 +4,8 @@
 //     std::vector<uint32_t> triangles = mapbox::earcut<uint32_t>(polygon);
 //     flip_triangles::flip(triangles, polygon);
 //
-// Two triangles that share an edge form a quadrilateral. If it is strictly convex, a flip replaces
-// the shared edge by the other diagonal. Then the triangles are put in a walk from neighbour to
-// neighbour. ORDER.md specifies the tests, the order of flips and the walk, so that this file,
-// flip-triangles.js and Python's triangulators.flip return the same triangles.
+// ORDER.md specifies the tests, the order of flips and the walk, so that this file, flip-triangles.js and
+// Python's triangulators.flip return the same triangles.
 
 #pragma once
 
@@ -367,32 +365,16 @@ private:
     // Whether d certainly lies inside the circle through a, b, c, which are counter-clockwise if orientation > 0.
     static bool in_circle(double orientation, Point a, Point b, Point c, Point d) {
         FLIP_TRIANGLES_AS_WRITTEN
-        constexpr double max_exact = 1.6e8;  // up to this size, integers give an exact result
         const double px = a.x - d.x, py = a.y - d.y, qx = b.x - d.x, qy = b.y - d.y, rx = c.x - d.x, ry = c.y - d.y;
         const double p = px * px + py * py, q = qx * qx + qy * qy, r = rx * rx + ry * ry;
         const double i = qx * ry - qy * rx, j = rx * py - ry * px, k = px * qy - py * qx;
         const double inside = (p * i + q * j + r * k) * orientation, size = p + q + r;
         if (std::abs(inside) > 1e-15 * size * size + UNDERFLOW_BOUND) return inside > 0.0;
-        if ((size <= max_exact && inside == 0.0) || !are_integers({a, b, c, d})) return false;
-        if (size <= max_exact) return inside > 0.0;
-        return sign_of_products(p, i, q, j, r, k) * orientation > 0.0;
-    }
-
-    // Sign of p i + q j + r k for integers up to 2^53 in magnitude, in pieces of 27 bits.
-    static double sign_of_products(double p, double i, double q, double j, double r, double k) {
-        constexpr std::int64_t piece = std::int64_t(1) << 27;
-        std::int64_t high = 0, middle = 0, low = 0;
-        for (const auto& [left, right] : {std::pair(p, i), std::pair(q, j), std::pair(r, k)}) {
-            const auto a = static_cast<std::int64_t>(left), b = static_cast<std::int64_t>(right);
-            high += a / piece * (b / piece);
-            middle += a / piece * (b % piece) + a % piece * (b / piece);
-            low += a % piece * (b % piece);
-        }
-        middle += low / piece;
-        high += middle / piece;
-        // A lower piece is smaller in magnitude than one unit of the piece above.
-        const std::int64_t first = high ? high : middle % piece ? middle % piece : low % piece;
-        return first > 0 ? 1.0 : first < 0 ? -1.0 : 0.0;
+        if (!are_integers({a, b, c, d})) return false;
+        // Here the exact sum is below 1.4e-15 size^2 < 2^60, so products that wrap around at 2^64 give it.
+        const auto exact = [](double v) { return static_cast<std::uint64_t>(static_cast<std::int64_t>(v)); };
+        const std::uint64_t sum = exact(p) * exact(i) + exact(q) * exact(j) + exact(r) * exact(k);
+        return static_cast<double>(static_cast<std::int64_t>(sum)) * orientation > 0.0;
     }
 
     // Whether a sum of expected quads is less by more than rounding errors.

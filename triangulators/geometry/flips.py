@@ -21,9 +21,7 @@ from triangulators.geometry.half_edges import link, next_edge, previous_edge
 from triangulators.geometry.order import walk_along
 
 _MAX_INTEGER = 2.0**25  # integer coordinates up to this have exact orientations and lengths
-_MAX_EXACT_SUM = 1.6e8  # of three squared distances; integer in-circle tests are exact up to this
 _UNDERFLOW = 1e-300  # exceeds the error of a product by underflow
-_PIECE_BITS = 27
 
 
 @njit(nogil=True)
@@ -145,7 +143,8 @@ def _in_circle(points: np.ndarray, a: int, b: int, c: int, d: int, winding: floa
     """Whether d is certainly inside the circle through a, b, c (counter-clockwise if winding > 0).
 
     No allowed flip depends on rounding, so flips terminate. With s the sum of three squared
-    distances, the rounding error is below 4e-16 s^2; integers are exact while s^2 / 3 < 2^53.
+    distances, the rounding error is below 4e-16 s^2. If the sign is in doubt for integers, s is at
+    most 3 * 2^53, so the exact value is below 1.4e-15 s^2 < 2^60: sums modulo 2^64 give it.
     """
     px, py = points[a, 0] - points[d, 0], points[a, 1] - points[d, 1]
     qx, qy = points[b, 0] - points[d, 0], points[b, 1] - points[d, 1]
@@ -155,27 +154,10 @@ def _in_circle(points: np.ndarray, a: int, b: int, c: int, d: int, winding: floa
     inside, size = (p * i + q * j + r * k) * winding, p + q + r
     if abs(inside) > 1e-15 * size * size + _UNDERFLOW:
         return bool(inside > 0.0)
-    if (size <= _MAX_EXACT_SUM and inside == 0.0) or not _all_integers(points, a, b, c, d):
+    if not _all_integers(points, a, b, c, d):
         return False
-    return inside > 0.0 if size <= _MAX_EXACT_SUM else _sign(p, i, q, j, r, k) * winding > 0.0
-
-
-@njit(nogil=True)
-def _sign(p: float, i: float, q: float, j: float, r: float, k: float) -> float:
-    """Return the exact sign of p i + q j + r k, of integers up to 2^53."""
-    high, middle, low = 0, 0, 0
-    mask = (1 << _PIECE_BITS) - 1
-    for x, y in ((p, i), (q, j), (r, k)):
-        first, second = int(x), int(y)
-        high += (first >> _PIECE_BITS) * (second >> _PIECE_BITS)
-        middle += (first >> _PIECE_BITS) * (second & mask) + (first & mask) * (
-            second >> _PIECE_BITS
-        )
-        low += (first & mask) * (second & mask)
-    middle += low >> _PIECE_BITS
-    high += middle >> _PIECE_BITS
-    remainder = ((middle & mask) << _PIECE_BITS) + (low & mask)  # in 0..2^54 - 1
-    return float(np.sign(high)) if high != 0 else float(np.sign(remainder))
+    exact = np.int64(p) * np.int64(i) + np.int64(q) * np.int64(j) + np.int64(r) * np.int64(k)
+    return bool(exact * winding > 0.0)
 
 
 @njit(nogil=True)

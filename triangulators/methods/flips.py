@@ -21,6 +21,7 @@ from triangulators.compute.operations import copy_rows
 from triangulators.criteria import FLIP_TESTS
 from triangulators.criteria.cost import Cost, make_cost, plain_cost, total_cost
 from triangulators.errors import UnknownNameError
+from triangulators.geometry.ear_clipping import clip_ring
 from triangulators.geometry.flips import (
     as_earcut,
     by_delaunay,
@@ -107,7 +108,7 @@ def improve_batch(
     first: int,
     last: int,
     batch: Batch,
-    raw: tuple[np.ndarray, np.ndarray],
+    raw: tuple[np.ndarray, np.ndarray, np.ndarray],
     test: int,
     cost: Cost,
     two_starts: bool,
@@ -115,16 +116,19 @@ def improve_batch(
 ) -> None:
     """Improve the triangles of the polygons first..last - 1; mark in `done` those that conform.
 
-    raw: triangles (m, 3), which are overwritten, and bounds: the rows of polygon i are
-    bounds[i - first] to bounds[i - first + 1]. two_starts: whether to `refine` them instead of
-    flipping once. in_walk: whether to put them in a walk; the result of `refine` always is.
+    raw: triangles (m, 3), which are overwritten; bounds: the rows of polygon i are bounds[i -
+    first] to bounds[i - first + 1]; to_clip (p,): polygons whose ears are clipped here instead.
+    two_starts: whether to `refine` them instead of flipping once. in_walk: whether to put them in a
+    walk; the result of `refine` always is.
     """
-    raw_triangles, bounds = raw
+    raw_triangles, bounds, to_clip = raw
     coords, ring_offsets, geom_offsets, _vertex_offsets, offsets, triangles, done = batch
     for index in range(first, last):
         points, rings = rings_at(index, coords, ring_offsets, geom_offsets)
         rows = raw_triangles[bounds[index - first] : bounds[index - first + 1]]
         room = triangles[offsets[index] : offsets[index + 1]]
+        if to_clip[index]:
+            rows = clip_ring(points)
         if len(rows) == 0 or len(rows) != len(room):
             continue
         corner = rows.reshape(-1)

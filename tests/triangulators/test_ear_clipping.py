@@ -1,0 +1,49 @@
+"""Ear clipping in compiled code returns the triangles of mapbox_earcut."""
+
+import mapbox_earcut
+import numpy as np
+
+from harness.frame import View, make_frame
+from scenes import load
+from tests.ports.polygons import earcut_rings, random_polygons
+from tests.triangulators.cases import smooth, star
+from triangulators import triangulate, triangulate_many, vertices
+from triangulators.geometry.ear_clipping import MAX_VERTICES, clip_ring
+from triangulators.geometry.earcut import clip_ears
+
+
+def test_triangles_equal_those_of_earcut():
+    """Also of clockwise rings, and beyond 80 vertices, where earcut has an index."""
+    rings = [(points, ends) for points, ends in random_polygons(8, 3000) if len(ends) == 1]
+    rings += [earcut_rings(polygon) for polygon in load("city").polygons if not polygon.interiors]
+    rings += [earcut_rings(shape) for shape in (smooth(300), star(400, spread=0.4), star(250))]
+    equal = large = 0
+    for number, (points, ends) in enumerate(rings):
+        if number % 2:
+            points = np.ascontiguousarray(points[::-1])
+        triangles = clip_ring(points)
+        if len(triangles):
+            assert np.array_equal(triangles.ravel(), clip_ears(points, ends))
+            equal += 1
+            large += len(points) > MAX_VERTICES
+    assert equal > 0.6 * len(rings) > 1000
+    assert large == 3
+
+
+def test_rings_that_earcut_repairs_are_left_to_earcut():
+    collinear = np.array([(0.0, 0.0), (4.0, 0.0), (4.0, 2.0), (4.0, 4.0)])
+    closed = np.array([(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 0.0)])
+    crossing = np.array([(0.0, 0.0), (4.0, 4.0), (4.0, 0.0), (0.0, 4.0)])
+    for points in (collinear[:2], closed, crossing, np.zeros((5, 2)), np.full((4, 2), np.nan)):
+        assert clip_ring(points).shape == (0, 3)
+
+
+def test_batches_equal_single_calls_for_any_number_of_threads():
+    polygons = make_frame(load("glyphs").polygons, View(256)).polygons
+    expected = [triangulate(polygon, "flips:l1") for polygon in polygons]
+    for threads in (1, 3):
+        result = triangulate_many(polygons, "flips:l1", threads=threads)
+        assert all(np.array_equal(*pair) for pair in zip(result, expected, strict=True))
+    raw = mapbox_earcut.triangulate_float64(*earcut_rings(polygons[0])).reshape(-1, 3)
+    assert np.array_equal(triangulate_many(polygons, "ear-clipping")[0], raw)
+    assert max(len(vertices(polygon)) for polygon in polygons) > 30
