@@ -15,7 +15,7 @@ from tests.ports.languages import Cases, find_compilers, flip_in_python
 from tests.ports.polygons import random_polygons
 from triangulators import flip
 
-MAX_LINES, MAX_BYTES = 200, 10**6
+MAX_LINES, MAX_BYTES = 210, 10**6
 POLYGONS = 400
 KITE = np.array([(0, 0), (2, -1), (9, 0), (2, 1)], dtype=float)
 
@@ -46,7 +46,9 @@ def cases():
     return Cases.of(list(random_polygons(7, POLYGONS)))
 
 
-@pytest.mark.parametrize("name", ["l1", "l1-native", "euclidean", "delaunay", "reorder"])
+@pytest.mark.parametrize(
+    "name", ["l1", "l1-native", "euclidean", "delaunay", "quads@3.7", "reorder"]
+)
 def test_equal_to_this_package(package, cases, name):
     expected, _ = flip_in_python(cases, name)
     by, _, order = name.partition("-")
@@ -55,6 +57,9 @@ def test_equal_to_this_package(package, cases, name):
         begin, end = cases.bounds[index : index + 2, 1]
         if by == "reorder":
             result = package.reorder(corners, len(points))
+        elif by.startswith("quads"):
+            scale = float(by.partition("@")[2])
+            result = package.flip(points, corners, "expected-quads", scale=scale)
         else:
             result = package.flip(points, corners.reshape(-1, 3), by, order or "walk")
         assert np.array_equal(result.ravel(), expected[begin:end])
@@ -80,6 +85,7 @@ def test_inputs_are_unchanged_and_may_be_other_types(package):
         (KITE.ravel(), [[0, 1, 2]], {}, r"shape \(8,\)"),
         (KITE, [[0, 1, 2]], {"by": "area"}, "choose from l1"),
         (KITE, [[0, 1, 2]], {"order": "random"}, "choose from walk"),
+        (KITE, [[0, 1, 2]], {"scale": 0.0}, "scale must be a positive number"),
     ],
 )
 def test_invalid_inputs_are_refused(package, points, triangles, options, problem):

@@ -12,19 +12,14 @@ from triangulators.geometry.predicates import orientation
 
 
 @njit(nogil=True, inline="always")
-<<<<<<< HEAD
-def _next(e: Any) -> Any:
-    """Return the next half-edge of the triangle of e."""
-=======
 def next_edge(e: Any) -> Any:
-    """Return the half-edge after e in its triangle."""
->>>>>>> 3da83b90 (flips: by expected quads, with pairs of flips, in JavaScript and C++ as in Python; types for CommonJS; npm pack without a build)
+    """Return the next half-edge of the triangle of e."""
     return e + 1 if e % 3 < 2 else e - 2
 
 
 @njit(nogil=True, inline="always")
 def previous_edge(e: Any) -> Any:
-    """Return the half-edge before e in its triangle."""
+    """Return the previous half-edge of the triangle of e."""
     return e - 1 if e % 3 > 0 else e + 2
 
 

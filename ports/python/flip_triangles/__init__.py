@@ -9,11 +9,13 @@ import numpy as np
 
 from flip_triangles import _flip
 
-TESTS = ("l1", "euclidean", "delaunay")
+TESTS = ("l1", "euclidean", "delaunay", "expected-quads")
 ORDERS = ("walk", "native")
 
 
-def flip(points: Any, triangles: Any, by: str = "l1", order: str = "walk") -> np.ndarray:
+def flip(
+    points: Any, triangles: Any, by: str = "l1", order: str = "walk", scale: float = 1.0
+) -> np.ndarray:
     """Flip the diagonals of existing triangles while a flip gains.
 
     Parameters
@@ -24,10 +26,13 @@ def flip(points: Any, triangles: Any, by: str = "l1", order: str = "walk") -> np
         (m, 3) or (3 m,) indices, all of the same orientation.
     by
         "l1" flips to diagonals with less abs(dx) + abs(dy), "euclidean" to shorter ones,
-        "delaunay" until no vertex is inside a neighbour's circumcircle.
+        "delaunay" until no vertex is inside a neighbour's circumcircle, "expected-quads" to fewer
+        quads of 2x2 pixels.
     order
         "walk" puts the result in an order from neighbour to neighbour, in which a GPU transforms
         few vertices twice; "native" leaves a flip's two triangles at the positions of the old two.
+    scale
+        For "expected-quads", pixels per unit of the points.
 
     Returns
     -------
@@ -37,7 +42,8 @@ def flip(points: Any, triangles: Any, by: str = "l1", order: str = "walk") -> np
     Raises
     ------
     ValueError
-        If an array has another shape, an index is out of range, or a name is unknown.
+        If an array has another shape, an index is out of range, a name is unknown, or the scale is
+        not positive.
 
     Examples
     --------
@@ -51,8 +57,10 @@ def flip(points: Any, triangles: Any, by: str = "l1", order: str = "walk") -> np
     for name, names in ((by, TESTS), (order, ORDERS)):
         if name not in names:
             raise ValueError(f"flip: unknown name {name!r} (choose from {', '.join(names)})")
+    if not 0.0 < scale < np.inf:
+        raise ValueError(f"flip: scale must be a positive number, not {scale}")
     rows = _copy_rows(triangles)
-    _flip.flip(rows, coordinates, TESTS.index(by), order == "walk")
+    _flip.flip(rows, coordinates, TESTS.index(by), order == "walk", scale)
     return rows
 
 

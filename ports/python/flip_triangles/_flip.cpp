@@ -42,14 +42,15 @@ bool call(Function function, Py_buffer* first, Py_buffer* second = nullptr) {
 PyObject* flip(PyObject*, PyObject* arguments) {
     Py_buffer triangles, points;
     int by, walk;
-    if (!PyArg_ParseTuple(arguments, "w*y*ip", &triangles, &points, &by, &walk)) return nullptr;
+    double scale;
+    if (!PyArg_ParseTuple(arguments, "w*y*ipd", &triangles, &points, &by, &walk, &scale)) return nullptr;
     std::size_t flips = 0;
     const bool done = call([&] {
         const auto order = walk ? flip_triangles::Order::walk : flip_triangles::Order::native;
         flips = flip_triangles::flip(static_cast<std::int32_t*>(triangles.buf), count_indices(triangles),
                                      static_cast<const double*>(points.buf),
                                      static_cast<std::size_t>(points.len) / (2 * sizeof(double)),
-                                     static_cast<flip_triangles::By>(by), std::size_t(2), order);
+                                     static_cast<flip_triangles::By>(by), std::size_t(2), order, scale);
     }, &triangles, &points);
     return done ? PyLong_FromSize_t(flips) : nullptr;
 }
@@ -67,7 +68,7 @@ PyObject* reorder(PyObject*, PyObject* arguments) {
 }
 
 PyMethodDef functions[] = {
-    {"flip", flip, METH_VARARGS, "flip(triangles, points, by, walk): return the number of flips"},
+    {"flip", flip, METH_VARARGS, "flip(triangles, points, by, walk, scale): return the number of flips"},
     {"reorder", reorder, METH_VARARGS, "reorder(triangles, points)"},
     {nullptr, nullptr, 0, nullptr},
 };
