@@ -21,7 +21,6 @@ from scripts.states_matrix import (
     SLOWED_INDEX,
     STATES,
     TRIANGULATORS,
-    compare,
     measure_versions,
 )
 from tests.compare.heavy import EXTRA, WHICH
@@ -38,14 +37,18 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("results/interleaved"))
     parser.add_argument("--state", default="loops", choices=STATES)
     options = parser.parse_args()
-    out, rows = options.out.resolve(), []
-    for share, count in RUNS.items():
-        for number in range(count):
-            folder = out / f"{round(100 * share)}-{number}"
-            variables = {EXTRA: str(share), WHICH: SLOWED_INDEX}
-            measure_versions(options.state, folder, PLUGIN, variables, "--no-report")
-            rows.append({"share": share, "run": number, **make_row(folder)})
-            pd.DataFrame(rows).to_csv(out / "interleaved.csv", index=False)
+    out = options.out.resolve()
+    out.mkdir(parents=True, exist_ok=True)
+    file = out / "interleaved.csv"
+    rows = pd.read_csv(file).to_dict("records") if file.exists() else []
+    for share, number in ((s, n) for s, count in RUNS.items() for n in range(count)):
+        if any((row["share"], row["run"]) == (share, number) for row in rows):
+            continue
+        folder = out / f"{round(100 * share)}-{number}"
+        variables = {EXTRA: str(share), WHICH: SLOWED_INDEX}
+        measure_versions(options.state, folder, PLUGIN, variables, "--no-report")
+        rows.append({"share": share, "run": number, **make_row(folder)})
+        pd.DataFrame(rows).to_csv(file, index=False)
     for share, table in pd.DataFrame(rows).groupby("share"):
         correct = (table["slowed"] == "regressed") & (table["others_regressed"] == 0)
         print(
@@ -58,7 +61,8 @@ def main() -> None:
 def make_row(folder: Path) -> dict[str, object]:
     """Return the state of a run, the exit code of `compare` and the outcomes of the times."""
     base, head = read_run(folder / "base"), read_run(folder)
-    times = {case.id.name: case.time for case in compare_runs(base, head).compared() if case.time}
+    comparison = compare_runs(base, head)
+    times = {case.id.name: case.time for case in comparison.compared() if case.time}
     waited = [record.time for record in head.records if record.time]
     slowed = times.pop(SLOWED)
     outcomes = [time.outcome for time in times.values()]
@@ -68,7 +72,7 @@ def make_row(folder: Path) -> dict[str, object]:
             sum(sum(time.waited_s) / sum(time.wall_s) for time in waited) / len(waited), 3
         ),
         "rounds": min(len(time.samples_s) for time in waited),
-        "exit_code": compare(folder / "base", folder),
+        "exit_code": comparison.exit_code,
         "slowed": slowed.outcome,
         **{name: round(getattr(slowed, name), 4) for name in ("ratio", "low", "high")},
         "others_regressed": outcomes.count("regressed"),
