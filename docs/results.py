@@ -290,6 +290,13 @@ def state(state: str) -> list[str]:
     ]
 
 
+def interleaved(share: float, **where: object) -> int:
+    """Return the number of runs with an interleaved baseline that was slower by `share`."""
+    table = _table("interleaved.csv")
+    columns = {"share": share, **where}
+    return int((table[list(columns)] == list(columns.values())).all(axis=1).sum())
+
+
 def coverage(interval: str) -> list[str]:
     """Return the row of an interval: kinds of data, minimum coverage, data with less coverage."""
     if interval == "law":
@@ -379,7 +386,7 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     for function in (
         csv, picture, gain, prediction_error, repeated, in_order, arithmetic_ps,
         walk_correlation, repeated_on_h200, equal_counters,
-        moved_on_another_cpu, flips_ms, state, coverage, profile_term, judged,
+        moved_on_another_cpu, flips_ms, state, interleaved, coverage, profile_term, judged,
         size_or_aspect, number_after, number_before,
     )
 } | {"json": json_values}  # fmt: skip
