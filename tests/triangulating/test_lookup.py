@@ -163,7 +163,7 @@ def test_another_processor_reads_the_entries_and_reports_their_times(database, m
     monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
     first = triangulate_named("delaunay", POLYGONS[:2], 0, None, database)
     assert triangulate_named("delaunay", POLYGONS[:2], 0, None, database).notes == []
-    monkeypatch.setattr(database_module, "processor", lambda: {"name": "another"})
+    monkeypatch.setattr(database_module, "describe_processor", lambda: {"name": "another"})
     second = triangulate_named("delaunay", POLYGONS[:2], 0, None, database)
     assert (second.cached, second.seconds) == (2, pytest.approx(first.seconds))
     assert [note.partition(";")[0] for note in second.notes] == [

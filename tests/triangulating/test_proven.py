@@ -41,7 +41,8 @@ def polygons() -> list[Polygon]:
 
 @pytest.fixture
 def no_proof(monkeypatch):
-    """Prevent connected skeletons and the linear program."""
+    """Prevent walks of bridges, connected skeletons and the linear program."""
+    monkeypatch.setattr(proof, "solve_by_bridges", lambda *_: np.empty(0, np.int64))
     monkeypatch.setattr(proof, "solve_skeleton", lambda *_: None)
     monkeypatch.setattr(optimal, "MAX_PROGRAM_VERTICES", 0)
 
