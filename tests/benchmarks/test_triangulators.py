@@ -14,12 +14,13 @@ import numpy as np
 import pytest
 import shapely
 
+from harness.frame import View, make_frame
 from scenes import load
 from tests.paths import run_python
 from tests.triangulators.cases import convex, glyphs, shared, smooth, snapped, star
 from tests.triangulators.test_everywhere import LETTERS, check
 from triangulators import PolygonArray, triangulate, triangulate_many, vertices
-from triangulators.criteria import predict
+from triangulators.criteria import find, predict
 
 
 def compare(
@@ -100,7 +101,12 @@ def run_earcut_loop(polygons: PolygonArray) -> list[np.ndarray]:
 
 @pytest.mark.parametrize(
     ("name", "max_ratio"),
-    [("optimal:half-perimeter", 0.7), ("optimal:overdraw", 1.3), ("refined:half-perimeter", 1.3)],
+    [
+        ("optimal:half-perimeter", 0.7),
+        ("optimal:overdraw", 1.3),
+        ("refined:half-perimeter", 1.3),
+        ("refined:expected-quads", 3.5),
+    ],
 )
 def test_batch_of_100000_footprints_against_earcut_in_a_loop(benchmark, name, max_ratio):
     arrays = PolygonArray.from_shapely(load("city", buildings=100_000).polygons)
@@ -128,6 +134,53 @@ def test_one_call_on_15_vertices_against_earcut_with_coordinates_extracted(
 
     ratio = compare(benchmark, lambda: triangulate(polygon, name), earcut, rounds=3000)
     assert ratio <= max_ratio
+
+
+SCENES = {  # bounds on the ratios of optimal and refined
+    "city": (8.0, 2.5),
+    "glyphs": (8.0, 2.5),
+    "helsinki": (12.0, 2.5),
+    "paper": (8.0, 2.5),
+    "cad": (None, 5.0),
+    "stress": (None, 3.5),
+}
+"""Scenes of expected quads. The optimum of `cad` needs linear programs, one polygon of `stress` has
+65 holes; the windows of both are large, and of `cad` dense."""
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_expected_quads_against_ear_clipping(benchmark, scene):
+    """CPU time of one call per polygon at 1024 px, and how far `refined` is from the optimum."""
+    polygons = list(make_frame(load(scene).polygons, View(1024)).polygons)
+    max_optimal, max_refined = SCENES[scene]
+
+    def run(name: str) -> Callable[[], Any]:
+        return lambda: [triangulate(polygon, name) for polygon in polygons]
+
+    def total(name: str) -> float:
+        criterion = find("expected-quads")
+        return sum(criterion.total(vertices(p), triangulate(p, name)) for p in polygons)
+
+    names = ["refined:expected-quads"] + ["optimal:expected-quads"] * (max_optimal is not None)
+    functions = [run(name) for name in ("ear-clipping", *names)]
+    cpu_s = np.empty((7, len(functions)))
+    for function in functions:
+        function()
+    for row in cpu_s:
+        for column, function in enumerate(functions):
+            start = time.process_time()
+            function()
+            row[column] = time.process_time() - start
+    ratios = cpu_s.min(axis=0) / cpu_s[:, 0].min()
+    benchmark.extra_info.update(zip(names, ratios[1:], strict=True))
+    benchmark.pedantic(functions[1], rounds=1)
+    print(f"\n{scene}: refined {ratios[1]:.2f}", end="")
+    assert ratios[1] <= max_refined
+    if max_optimal is not None:
+        excess = total("refined:expected-quads") / total("optimal:expected-quads") - 1.0
+        print(f", optimal {ratios[2]:.2f}, quads of refined {excess:+.2%}")
+        assert ratios[2] <= max_optimal
+        assert 0.0 <= excess <= 0.01
 
 
 def test_hundred_thousand_vertices_finish(benchmark):

@@ -8,9 +8,13 @@ from hypothesis import strategies as st
 
 from tests.fuzz.target import target
 from tests.triangulators.cases import Rings, all_triangulations, polygon_of, rings, twice_area
+from tests.triangulators.test_bridges import CRITERIA as BRIDGED
+from tests.triangulators.test_bridges import check_against_brute_force
 from tests.triangulators.test_everywhere import check
 from triangulators import criteria, triangulate, vertices
 from triangulators.verify import verify
+
+MAX_BRUTE_FORCE_VERTICES = 13
 
 CRITERIA = ("overdraw", "half-perimeter", "edge-length", "shape")
 
@@ -35,6 +39,15 @@ def check_optimum(value: Rings) -> None:
         for name, expected in (("optimal", min(costs)), ("worst", max(costs))):
             total = cost.total(points, triangulate(polygon, f"{name}:{criterion}"))
             assert abs(total - expected) <= 1e-9 * max(costs), (name, criterion, total, expected)
+
+
+@target("optimum-with-holes", rings(max_vertices=7, max_holes=2, on_grid=True))
+def check_optimum_with_holes(value: Rings) -> None:
+    """Compare with a search over all sets of triangles in integers."""
+    polygon = polygon_of(value)
+    if len(vertices(polygon)) <= MAX_BRUTE_FORCE_VERTICES:
+        for name in BRIDGED:
+            check_against_brute_force(polygon, name)
 
 
 change = st.fixed_dictionaries(
