@@ -43,7 +43,7 @@ def main() -> None:
         polygons = load(scene).polygons
         for pixels in PIXELS:
             frame = make_frame(polygons, View(pixels))
-            names = ("ear-clipping", BASE, QUADS, "optimal:expected-quads")
+            names = ("ear-clipping", BASE, QUADS)
             results = {name: list(triangulate_many(frame.polygons, name)) for name in names}
             results[FIXED] = [
                 flip(vertices(polygon), triangles, "expected-quads", scale=PIXELS[0] / pixels)
