@@ -15,7 +15,7 @@ from tests.ports.languages import Cases, find_compilers, flip_in_python
 from tests.ports.polygons import random_polygons
 from triangulators import flip
 
-MAX_LINES, MAX_BYTES = 210, 10**6
+MAX_LINES, MAX_BYTES = 200, 10**6
 POLYGONS = 400
 KITE = np.array([(0, 0), (2, -1), (9, 0), (2, 1)], dtype=float)
 

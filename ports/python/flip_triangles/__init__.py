@@ -9,8 +9,7 @@ import numpy as np
 
 from flip_triangles import _flip
 
-TESTS = ("l1", "euclidean", "delaunay", "expected-quads")
-ORDERS = ("walk", "native")
+TESTS, ORDERS = ("l1", "euclidean", "delaunay", "expected-quads"), ("walk", "native")
 
 
 def flip(
@@ -26,8 +25,7 @@ def flip(
         (m, 3) or (3 m,) indices, all of the same orientation.
     by
         "l1" flips to diagonals with less abs(dx) + abs(dy), "euclidean" to shorter ones,
-        "delaunay" until no vertex is inside a neighbour's circumcircle, "expected-quads" to fewer
-        quads of 2x2 pixels.
+        "delaunay" to empty circumcircles, "expected-quads" to fewer quads of 2x2 pixels.
     order
         "walk" puts the result in an order from neighbour to neighbour, in which a GPU transforms
         few vertices twice; "native" leaves a flip's two triangles at the positions of the old two.
@@ -42,8 +40,7 @@ def flip(
     Raises
     ------
     ValueError
-        If an array has another shape, an index is out of range, a name is unknown, or the scale is
-        not positive.
+        If a shape, an index, a name or the scale is invalid.
 
     Examples
     --------

@@ -3,9 +3,7 @@
 
 #include <Python.h>
 
-#include <cstdint>
 #include <new>
-#include <stdexcept>
 
 #include "flip_triangles.hpp"
 
@@ -15,22 +13,20 @@ std::size_t count_indices(const Py_buffer& triangles) {
     return static_cast<std::size_t>(triangles.len) / sizeof(std::int32_t);
 }
 
-/** Call a function without Python's lock, and release the buffers; return false after an exception. */
+/** Call a function without Python's lock; release the buffers. Return false after an exception. */
 template <class Function>
 bool call(Function function, Py_buffer* first, Py_buffer* second = nullptr) {
-    PyObject* kind = nullptr;
-    const char* message = "";
+    PyObject* kind = PyExc_ValueError;
+    const char* message = "triangles or points are too many (max 2^31 indices)";
     PyThreadState* state = PyEval_SaveThread();
     try {
         function();
+        kind = nullptr;
     } catch (const std::bad_alloc&) {
         kind = PyExc_MemoryError;
     } catch (const std::out_of_range&) {
-        kind = PyExc_ValueError;
         message = "triangles have an index out of range";
     } catch (const std::exception&) {
-        kind = PyExc_ValueError;
-        message = "triangles or points are too many (max 2^31 indices)";
     }
     PyEval_RestoreThread(state);
     PyBuffer_Release(first);
@@ -63,8 +59,7 @@ PyObject* reorder(PyObject*, PyObject* arguments) {
         flip_triangles::reorder(static_cast<std::int32_t*>(triangles.buf), count_indices(triangles),
                                 static_cast<std::size_t>(points < 0 ? 0 : points));
     }, &triangles);
-    if (!done) return nullptr;
-    Py_RETURN_NONE;
+    return done ? Py_NewRef(Py_None) : nullptr;
 }
 
 PyMethodDef functions[] = {
