@@ -92,7 +92,8 @@ def test_law_of_the_page_equals_python(loaded, design_rows, costs, form):
     actual = loaded.evaluate(f"{WORLD}; fitAs({argument})")
     assert actual["rows"] == rows.tolist()
     assert actual["form"] == expected.form == form
-    assert actual["errors"] == pytest.approx(expected.errors, rel=1e-3)
+    # Fits end when no time changes by 1e-4, and errors are those of many fits.
+    assert actual["errors"] == pytest.approx(expected.errors, rel=2e-3)
     assert actual["binding"] == expected.binding.tolist()
     assert actual["seconds"] == pytest.approx(expected.costs.tolist(), rel=1e-5, abs=1e-17)
     assert actual["known"] == expected.known.tolist()
