@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from tests.endurance.brute_force import SmallPolygon
-from tests.triangulators.cases import glyphs, shared, with_holes
+from tests.triangulators.cases import glyphs, shared, with_hole, with_holes
 from tests.triangulators.test_skeleton import annulus
 from triangulators import certify, criteria, triangulate, vertices
 from triangulators.calling import triangulate_with_gap
@@ -59,8 +59,10 @@ def check_against_brute_force(polygon: shapely.Polygon, name: str) -> None:
 @pytest.mark.parametrize("number", range(len(CRITERIA)))
 def test_optimum_equals_brute_force(number):
     rng = np.random.default_rng(number)
-    for _ in range(8):
+    for attempt in range(8):
         polygon = with_holes(rng, int(rng.integers(4, 8)), int(rng.integers(1, 3)))
+        if attempt % 2 == 0:
+            polygon = with_hole(rng, 5, 6)  # a concave hole has pockets
         scale, shift = float(rng.choice([0.25, 1.0, 3.0])), float(rng.choice([0.0, 0.5]))
         check_against_brute_force(
             shapely.transform(polygon, lambda p, by=scale, to=shift: p * by + to), CRITERIA[number]
