@@ -1,7 +1,7 @@
-"""Facts about the machine and software of a run, and warnings of unreliable times.
+"""Facts about a run's machine and software, and warnings that times may be unreliable.
 
 A software rasteriser is as fast as its processor. Virtual machines mask the processor's name ("AMD
-EPYC"), so family, model, stepping, caches and vector width are recorded as well; the code that
+EPYC"), so family, model, stepping, caches and vector width are recorded as well. The code that
 llvmpipe generates depends on the vector width.
 """
 
@@ -57,7 +57,8 @@ MAX_LOAD_PER_CORE = 0.5
 def collect(seed: int, triangulators: Sequence[str] = ()) -> dict[str, Any]:
     """Return facts about this machine, JSON-ready; unknown facts are None.
 
-    triangulators : names, whose modules' folders identify the measured repository
+    triangulators : names; the folders of those named as module:function identify the user's
+        repository
     """
     memory = system.query_psutil(psutil.virtual_memory)
     return {
@@ -83,7 +84,7 @@ def collect(seed: int, triangulators: Sequence[str] = ()) -> dict[str, Any]:
 
 
 def list_warnings(facts: dict[str, Any]) -> list[str]:
-    """Return reasons why times measured on this machine scatter, a line each."""
+    """Return reasons for which times may scatter on the machine of `facts`, a line each."""
     warnings = []
     load, threads = (facts["load"] or [0.0])[0], facts["threads"] or 1
     if load > MAX_LOAD_PER_CORE * threads:
@@ -100,7 +101,7 @@ def list_warnings(facts: dict[str, Any]) -> list[str]:
 
 
 def hash_code() -> str:
-    """Return a hash, 16 hexadecimal digits, of the source files of the three packages."""
+    """Return a hash, 16 hexadecimal digits, of the source files of this program's packages."""
     return hash_sources(*(ROOT / package for package in sorted(compiled_files.PACKAGES)))
 
 
@@ -154,7 +155,7 @@ FIELDS = {
     "model": ("model", "CPU part"),
     "stepping": ("stepping", "CPU revision"),
 }
-"""Names of each fact on x86 and ARM."""
+"""For each fact, its names in /proc/cpuinfo on x86 and ARM."""
 
 VECTORS = (("avx512f", 512), ("avx2", 256), ("avx", 256), ("sse2", 128), ("asimd", 128))
 """(CPU flag, bits of a vector register), widest first."""

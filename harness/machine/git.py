@@ -1,8 +1,9 @@
 """Git: the commit of a repository, and a temporary checkout of another commit.
 
-All calls of git go through `run_git`. A repository may be a stranger's, or the caller may be a git
-hook, so neither the repository's settings nor the environment of this process may start a program,
-name another repository or index, or remove anything that this process did not make.
+All calls of git go through `run_git`, because the repository may not be trusted, and this process
+may have been started by a git hook: neither the repository's settings nor the environment of this
+process may make git start a program, use another repository or index, or remove anything that this
+process has not created.
 """
 
 import os
@@ -29,9 +30,10 @@ KEPT_VARIABLES = (
     "GIT_DISCOVERY_ACROSS_FILESYSTEM",
     "GIT_EXEC_PATH",
 )
-"""Variables passed on to git: location of the installation, and the user's settings.
+"""GIT_ variables that git gets: location of the installation, and the user's settings.
 
-All other variables are removed: a hook inherits GIT_DIR and GIT_INDEX_FILE of a commit in progress.
+All other GIT_ variables are removed: a hook inherits GIT_DIR and GIT_INDEX_FILE of a commit in
+progress.
 """
 
 NO_PROGRAMS = (
@@ -42,7 +44,7 @@ NO_PROGRAMS = (
 )
 
 QUERY_TIMEOUT_S = 30.0
-"""Longest duration of a command that only reads; checking a commit out may take longer."""
+"""Time limit of a git command that only reads; a checkout has no limit."""
 
 
 def run_git(folder: Path, *arguments: str) -> str:
@@ -108,9 +110,9 @@ def _ask_git(folder: Path, *arguments: str) -> str | None:
 
 
 def read_git_state(folder: Path) -> dict[str, Any] | None:
-    """Return the commit of the repository at `folder` and whether it has local changes.
+    """Return the commit of the repository at `folder`, and whether tracked files were changed.
 
-    None outside git.
+    None if `folder` is in no repository, or git fails.
     """
     commit = _ask_git(folder, "rev-parse", "HEAD")
     changes = _ask_git(folder, "status", "--porcelain", "--untracked-files=no")
@@ -132,7 +134,7 @@ def check_out(top: Path, commit: str) -> Iterator[Path]:
     Raises
     ------
     UsageError
-        if git cannot check it out
+        if git cannot check the commit out
     """
     parent = Path(tempfile.mkdtemp(prefix="harness-base-")).resolve()
     folder = parent / top.name
@@ -167,10 +169,10 @@ def project_folder(triangulators: Sequence[str]) -> Path | None:
 
 
 def describe_project(triangulators: Sequence[str]) -> dict[str, Any] | None:
-    """Return commit and local changes of the user's repository, JSON-ready.
+    """Return the user's repository: name, commit and whether it has local changes, JSON-ready.
 
-    Without git, as in a container, the commit is that of the environment variable which a service
-    of continuous integration sets, if any.
+    Without git, as in a container, the commit is read from the environment variables of services of
+    continuous integration (`COMMITS`). None if there is neither.
     """
     folder = project_folder(triangulators)
     state = None if folder is None else read_git_state(folder)
@@ -183,10 +185,11 @@ def describe_project(triangulators: Sequence[str]) -> dict[str, Any] | None:
 
 
 def get_commit(facts: Mapping[str, Any], repository: str = "project") -> str:
-    """Return `0123456789ab`, or `0123456789ab with local changes`; "" if a run has no commit.
+    """Return a run's commit as `0123456789ab` or `0123456789ab with local changes`; "" if unknown.
 
-    repository : "project", the user's, or the harness's if the run has no other; "git", the
-        harness's
+    facts : content of `run.json`
+    repository : "project" for the user's repository, or the harness's if the run has none; "git"
+        for the harness's
     """
     environment = facts.get("environment") or {}
     state = environment.get(repository) or environment.get("git") or {}
@@ -200,7 +203,10 @@ def _make_printable(name: str) -> str:
 
 
 def _list_module_folders(triangulators: Sequence[str]) -> Iterator[Path]:
-    """Yield the folders of the modules of `module:function` names; only parents are imported."""
+    """Yield the folders of the modules in `module:function` names.
+
+    The modules are located, not imported; only their parent packages are imported.
+    """
     for name in triangulators:
         module, colon, _ = name.partition(":")
         try:

@@ -1,6 +1,6 @@
 """Differences between Linux, macOS and Windows: process groups, signals, limits, file locks.
 
-Only this module imports platform-specific modules, and only on demand.
+Only this module imports platform-specific modules, and only in the functions that need them.
 """
 
 import contextlib
@@ -30,11 +30,14 @@ STOPPING = tuple(number for number in (signal.SIGINT, signal.SIGTERM, HANGUP) if
 """Signals that request the end of a program."""
 
 BINARY: int = getattr(os, "O_BINARY", 0)
-"""Flag of os.open; without it Windows writes each newline as two bytes."""
+"""Flag of os.open on Windows, without which each newline is written as two bytes; elsewhere 0."""
 
 
 def database_path() -> Path:
-    """Return `RASTER_HARNESS_CACHE`, or triangulations.sqlite in the user's cache folder."""
+    """Return the path of the database of triangulations.
+
+    The path is the value of RASTER_HARNESS_CACHE, or else in the user's cache folder.
+    """
     if file := os.environ.get("RASTER_HARNESS_CACHE"):
         return Path(file)
     if os.path.expanduser("~") == "~" and not os.environ.get("XDG_CACHE_HOME"):  # noqa: PTH111
@@ -48,7 +51,7 @@ def database_path() -> Path:
 
 
 def cache_file(name: str) -> Path:
-    """Return a file in the folder of `database_path`."""
+    """Return the path of the file or folder `name` next to the database of triangulations."""
     return database_path().parent / name
 
 
@@ -56,7 +59,10 @@ def cache_file(name: str) -> Path:
 def handle_signals(
     handler: Callable[[int, Any], None], replaces: Callable[[Any], bool]
 ) -> Iterator[None]:
-    """Install `handler` for the `STOPPING` signals with the present handler `replaces`."""
+    """Install `handler` for the `STOPPING` signals during the block.
+
+    replaces : function of a signal's present handler; only if it returns True, that is replaced
+    """
     before = {
         number: signal.signal(number, handler)
         for number in STOPPING
@@ -71,7 +77,7 @@ def handle_signals(
 
 @contextlib.contextmanager
 def delay_signals() -> Iterator[None]:
-    """Delay `STOPPING` signals to the end of the block, then raise KeyboardInterrupt."""
+    """Delay `STOPPING` signals to the end of the block, and then raise KeyboardInterrupt if any."""
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread handles signals
         return
@@ -101,7 +107,7 @@ def set_limits(memory_bytes: int | None, file_bytes: int) -> None:
 
 
 def disable_core_dump() -> None:
-    """Write no core dump if this process is killed."""
+    """Prevent a core dump if this process is killed."""
     import resource
 
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -141,11 +147,11 @@ class RunQueueClock:
         self._files: dict[str, int] = {}
 
     def read(self) -> dict[str, int] | None:
-        """Return the nanoseconds on a run queue by thread, or None if unavailable.
+        """Return, by thread, the nanoseconds of waiting so far, or None if unavailable.
 
-        The time is the second number of `schedstat`.
+        The time on a run queue is the second number in the thread's file `schedstat`.
         """
-        if os.getpid() != self._owner:  # files inherited by a fork are of the parent
+        if os.getpid() != self._owner:  # in a fork, the open files are about the parent's threads
             self.close()
             self._owner = os.getpid()
         waited_ns: dict[str, int] = {}
@@ -170,9 +176,9 @@ class RunQueueClock:
 
 
 def query_psutil(function: Callable[[], T]) -> T | None:
-    """Return the result of a function of psutil, or None if unsupported by the system.
+    """Call a function that uses psutil; return its result, or None if it fails.
 
-    A container or a sandbox may have no /proc.
+    Some systems lack a quantity, and a container or a sandbox may have no /proc.
     """
     try:
         return function()
@@ -226,7 +232,7 @@ def kill_descendants(ancestor: int) -> None:
 
 
 def end_with(parent: int) -> None:
-    """Have the kernel end this process when the parent is killed; Linux only."""
+    """Make the kernel kill this process when the process `parent` ends; Linux only."""
     if sys.platform != "linux":
         return
     pr_set_pdeathsig = 1
@@ -243,7 +249,7 @@ def become_subreaper() -> None:
 
 
 def kill_orphans(parent: int) -> None:
-    """Kill the orphans of `parent`: children in other sessions, and their descendants."""
+    """Kill processes that `parent` adopted: children in other sessions, and their descendants."""
     gone = (psutil.NoSuchProcess, ProcessLookupError)
     with contextlib.suppress(*gone):
         session = os.getsid(parent)
@@ -255,17 +261,17 @@ def kill_orphans(parent: int) -> None:
 
 
 def read_umask() -> int:
-    """Return the permissions that new files do not get."""
+    """Return the umask of this process: the permissions that new files do not get."""
     mask = os.umask(0o077)
     os.umask(mask)
     return mask
 
 
 def lock(descriptor: int, *, wait: bool = True, required: bool = False) -> bool:
-    """Lock an open file; closing the file releases the lock.
+    """Lock an open file and return True; closing the file releases the lock.
 
-    wait : wait until the lock is released; otherwise return False if the lock is held
-    required : return False, not True, if the file system does not support locks
+    wait : True to wait while another process holds the lock; otherwise False is returned then
+    required : without waiting, True to return False if the file system does not support locks
     """
     try:
         import fcntl
@@ -297,7 +303,7 @@ def lock(descriptor: int, *, wait: bool = True, required: bool = False) -> bool:
 
 
 def describe_exit(code: int | None) -> str:
-    """Return the end of a process in words, from an exit code of multiprocessing."""
+    """Return how a process ended, in words, given the exit code that multiprocessing reports."""
     if code is not None and code < 0:
         name = signal.Signals(-code).name
         hint = " (perhaps out of memory)" if name == "SIGKILL" else ""

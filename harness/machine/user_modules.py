@@ -1,7 +1,8 @@
-"""The user's modules: the current folder at the end of `sys.path`, only if a module is named.
+"""Import of the user's modules from the current folder, only if the user names such a module.
 
-A data folder may contain a foreign `typer.py` or `numpy.py`, so the current folder is not searched
-unless the user gives a function there as `module:function`.
+A folder of data may contain an unrelated `typer.py` or `numpy.py`. So the current folder is not
+searched for modules, unless the user gives a function in it as `module:function`; then it is the
+last entry of `sys.path`.
 """
 
 import os
@@ -17,7 +18,7 @@ from harness.errors import UsageError
 from triangulators.compute.compiled_files import PACKAGES, SOURCES
 
 FUNCTION = re.compile(r"[^\W\d][\w.]*:[^\W\d][\w.]*(?=:|$)")
-"""A function of a module, perhaps followed by parameters."""
+"""Pattern of `module:function`, perhaps followed by parameters after another colon."""
 
 
 @contextmanager
@@ -38,11 +39,10 @@ def hide_working_folder() -> Iterator[None]:
 
 
 def allow_user_module(reference: str) -> None:
-    """Append the current folder to `sys.path` if it contains the module of "module:function".
+    """Append the current folder to `sys.path` if `reference` is a "module:function" in that folder.
 
-    Names of another form, and modules elsewhere, are ignored.
-
-    Raises UsageError if a package of this program, or an installed module, has the same name.
+    Raises UsageError if a package of this program has the module's name, or an installed module
+    hides it.
     """
     if FUNCTION.match(reference) is None:
         return
@@ -61,7 +61,7 @@ def allow_user_module(reference: str) -> None:
             "rename the file"
         )
     if not {str(folder), "", os.curdir} & set(sys.path):
-        for package in PACKAGES:  # before a user's file can take a name
+        for package in PACKAGES:  # before a user's file of the same name could be imported
             import_module(package)
         sys.path += [str(SOURCES), str(folder)]
     try:

@@ -1,6 +1,6 @@
 """Loading of a run's scene, triangulators, rasterisers and devices.
 
-Worker processes load third-party code.
+Third-party code is loaded in worker processes only.
 """
 
 from collections.abc import Iterable
@@ -31,7 +31,7 @@ Usable = tuple[Backend, tuple[Options, ...]]
 """A backend with the supported options of the plan."""
 
 MESSAGE_AFTER_S = 5.0
-"""Seconds of loading after which a line says why."""
+"""Seconds of loading after which a line gives the reason of the delay."""
 
 QUADRATIC_TEST = "the test of validity takes time quadratic in a polygon's vertices; Ctrl-C stops"
 
@@ -92,7 +92,7 @@ def _is_foreign(name: str) -> bool:
 
 
 def find_broken(recipes: Iterable[Recipe], pool: MeasuringPool) -> dict[Recipe, str]:
-    """Load all third-party triangulators; return crashing triangulators with the reasons.
+    """Load all third-party triangulators; return those that crash on import, with the reasons.
 
     Raises UsageError if a triangulator cannot be imported.
     """
@@ -108,9 +108,9 @@ def find_broken(recipes: Iterable[Recipe], pool: MeasuringPool) -> dict[Recipe, 
 
 
 def find_backends(plan: Plan, pool: MeasuringPool, reporter: Reporter) -> list[Usable]:
-    """Return backends: each rasteriser on the supported devices of the plan, with options.
+    """Return the plan's backends: each rasteriser on each requested device that it supports.
 
-    A rasteriser that supports no requested device, such as the CPU reference, runs on the best
+    A rasteriser that supports no requested device, such as the CPU reference, runs on its own best
     device. A third-party rasteriser that crashes is skipped, with a warning.
 
     Raises UsageError or NoRasteriserError if a name is unknown, a requested device is missing, or

@@ -1,8 +1,8 @@
-"""Lower bounds of the quads that triangulations of a frame's polygons shade.
+"""Lower bounds of the quads that a triangulation of a polygon shades, for a frame's polygons.
 
-Two bounds are exact: the quads of undivided polygons, and, slightly higher, the minimum
-quads over all triangulations. The first gives the cost of diagonals, the second the possible
-savings by changed diagonals.
+Two bounds are computed exactly: the quads that the undivided polygon covers, and the minimum of
+quads over all triangulations, which is slightly higher. A triangulation's excess over the first
+bound is the cost of its diagonals; its excess over the second could be saved by other diagonals.
 """
 
 from collections.abc import Sequence
@@ -25,30 +25,30 @@ from harness.workers.worker import TaskError
 EXACT_QUADS = parse("optimal:exact-quads")
 
 MAX_SEARCH_S = 2.0
-"""Budget for minimum quad counts in a frame: seconds on one core by `estimate_seconds`."""
+"""Maximum sum, over a frame's polygons, of the `estimate_seconds` to find minimum quad counts."""
 
 ROW_S = 6e-9
-"""Seconds for a row of pixels of a triangle. The dynamic program over n vertices evaluates
-n^3 / 6 triangles, on average half as high as the polygon (measured: 2 to 6 ns)."""
+"""Seconds to count the quads of a triangle, per row of pixels (measured: 2 to 6 ns). The dynamic
+program over n vertices counts n^3 / 6 triangles, on average half as high as the polygon."""
 
 HOLES_S = 2e-7
-"""Seconds per cubed vertex count of polygons with holes, whose optimum a linear program proves
-(measured: 10 to 450 ns, the maximum for the largest)."""
+"""Seconds for a polygon with holes, divided by the cube of its vertex count; a linear program
+proves the optimum (measured: 10 to 450 ns, most for the largest polygons)."""
 
 Pending = dict[str, Future[NDArray[np.int64]]]
-"""Quads (p,) by bound, computed in another process."""
+"""By name of the bound, the quads (p,) that another process is computing."""
 
 
 def start_bounds(
     frame: Frame, parts: Sequence[NDArray[np.int32] | None], pool: MeasuringPool
 ) -> Pending:
-    """Start computing both bounds; `parts` is any triangulation (m, 3) of each polygon."""
+    """Start computing both bounds; `parts` has any triangulation (m, 3) of each polygon."""
     outline = pool.compute(compute_outline_bounds, frame, parts)
     return {OUTLINE: outline, MIN_QUADS: pool.compute(compute_min_quads, frame, pool.database)}
 
 
 def collect_bounds(pending: Pending) -> dict[str, NDArray[np.int64]]:
-    """Return the computed bounds, -1 for polygons without a bound."""
+    """Wait for the bounds; return those that did not fail, (p,) by name, -1 if unknown."""
     bounds = {}
     for name, future in pending.items():
         with suppress(TaskError):  # measurements do not depend on the bounds
@@ -61,7 +61,7 @@ def compute_outline_bounds(
 ) -> NDArray[np.int64]:
     """Return the quads that each polygon's outline covers, (p,), or -1 without a bound.
 
-    The loose triangles of a view have no outline; the quads of these triangles are used. With a
+    The loose triangles of a view have no outline, so the bound is the quads that they shade. With a
     depth test the outline gives no bound, because hidden quads are not shaded.
     """
     if frame.viewing is None:
@@ -73,9 +73,9 @@ def compute_outline_bounds(
 
 
 def estimate_seconds(frame: Frame) -> NDArray[np.float64]:
-    """Return the estimated seconds for the minimum quad count of each polygon, (p,).
+    """Return the estimated seconds to find the minimum quad count of each polygon, (p,).
 
-    Infinite for polygons cut by a tile's edge.
+    The estimate is infinite for polygons that a tile's edge cuts, as these are not solved.
     """
     cubes = frame.grid.vertex_counts.astype(np.float64) ** 3
     low, high = frame.polygons.bounds()
@@ -84,14 +84,14 @@ def estimate_seconds(frame: Frame) -> NDArray[np.float64]:
     seconds: NDArray[np.float64] = np.where(holes, np.maximum(simple, cubes * HOLES_S), simple)
     if frame.scissor is None:
         return seconds
-    # The minimum of a polygon need not be the minimum of its visible part.
+    # A triangulation with minimum quads for a polygon need not be minimal for its visible part.
     x, y, width, height = frame.scissor
     inside = (low >= (x, y)) & (high <= (x + width, y + height))
     return np.where(inside.all(axis=1), seconds, np.inf)
 
 
 def compute_min_quads(frame: Frame, database: Path | None) -> NDArray[np.int64]:
-    """Return the proven minimum quads of each polygon, or -1; uses compiled code.
+    """Return the proven minimum quads of each polygon, (p,), -1 if unknown; loads compiled code.
 
     Polygons are solved in order of the estimated time, up to `MAX_SEARCH_S`. Views of a model are
     not solved: a face seen at an angle is not a valid polygon on the grid.

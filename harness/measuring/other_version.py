@@ -1,8 +1,8 @@
 """Interleaved baseline (`run --beside`): another version of the user's code, BASE, next to HEAD.
 
 Both versions triangulate the same frames, and all drawings are timed in the same rounds, so that
-machine drift affects both equally. BASE's run folder is inside HEAD's, and the records pair
-sample by sample. Scenes and rasterisers are HEAD's.
+machine drift affects both equally. BASE's run folder is inside HEAD's; sample r of a case's record
+in either folder is from the same round. Scenes and rasterisers are those of HEAD's code.
 
 BASE triangulates in a separate interpreter, and needs only the public interface: the function
 `triangulators.triangulate`, or a function of the user from a polygon to triangles. The program
@@ -49,7 +49,7 @@ class OtherVersion:
     folder : top folder of the code or the environment
     instead_of : folder of HEAD, whose code must not be imported, or ""
     cwd, path, python : current folder, entries of PYTHONPATH and interpreter
-    twice : True to time equal triangulations of both versions separately
+    twice : True to time both versions even if their triangulations are equal
     """
 
     name: str
@@ -63,7 +63,7 @@ class OtherVersion:
 
     @cached_property
     def has_same_builtins(self) -> bool:
-        """True if the version's package `triangulators` equals HEAD's."""
+        """True if the version's package `triangulators` has the same source files as HEAD's."""
         if self.python != sys.executable:
             return False
         file = _run_script(self, {"triangulator": None})["file"]
@@ -82,7 +82,7 @@ def make_base_facts(facts: Mapping[str, Any]) -> dict[str, Any]:
 
 @contextmanager
 def open_version(reference: str, triangulators: Sequence[str]) -> Iterator[OtherVersion]:
-    """Yield another version of the user's code.
+    """Yield another version of the user's code, which exists until the end of the block.
 
     reference : a commit, branch or tag of the user's repository, which is checked out into a
         temporary folder; or a folder with code, or with an environment with the code installed
@@ -114,8 +114,8 @@ def open_version(reference: str, triangulators: Sequence[str]) -> Iterator[Other
 def _make_version(name: str, commit: str, folder: Path, top: Path) -> OtherVersion:
     """Return the version in `folder` of the code in `top`.
 
-    Import paths inside `top` are replaced by the paths inside `folder`, in the same order; paths
-    that the version lacks, such as an environment, stay the same.
+    Import paths inside `top` are replaced by the same paths inside `folder`, in the same order;
+    paths that do not exist in `folder`, such as an environment, stay the same.
     """
     top = top.resolve()
     path = [str(folder), *(str(folder / part) for part in ("src",) if (folder / part).is_dir())]
@@ -138,7 +138,7 @@ def _make_version(name: str, commit: str, folder: Path, top: Path) -> OtherVersi
 def triangulate_elsewhere(
     recipe: Recipe, polygons: Sequence[Polygon], other: OtherVersion
 ) -> FrameTriangulation:
-    """Run another version's triangulator over polygons in px.
+    """Run another version's triangulator over polygons in px, and verify the triangles here.
 
     Raises TaskError if the triangulator cannot be imported or run, or if HEAD's code would run
     instead.
@@ -183,7 +183,7 @@ def _run_script(other: OtherVersion, question: Mapping[str, Any]) -> dict[str, A
 
 
 def _refuse_head_code(other: OtherVersion, name: str, file: str | None) -> None:
-    """Raise TaskError if the triangulator's name leads to HEAD's code."""
+    """Raise TaskError if `file`, from which the other version imported `name`, is HEAD's."""
     if not file or not other.instead_of:
         return
     source = Path(file).resolve()

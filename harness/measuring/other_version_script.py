@@ -51,7 +51,7 @@ def _make_answer(question: dict[str, Any]) -> dict[str, Any]:
 def _load_function(
     name: str, parameters: dict[str, Any]
 ) -> tuple[Callable[[Any], Any], str | None]:
-    """Return the triangulator as a function of a polygon, and the source file."""
+    """Return the triangulator as a function of a polygon, and the file of its module."""
     module, colon, attribute = name.partition(":")
     try:
         import triangulators

@@ -54,7 +54,7 @@ class Plan:
         calibration = next((terms for terms in calibrations if terms is not None), None)
         values = asdict(self)
         timing = values["timing"]
-        # Omit fields with default values.
+        # Omit fields that older records do not have, if they have the default value.
         if self.timing.processes == 1:
             del timing["processes"]
         if self.timing.limit_s is None:
@@ -69,7 +69,7 @@ class Plan:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> "Plan":
-        """Return the plan of a value of `to_json`.
+        """Return the plan from the values that `to_json` returned.
 
         Raises InputError if the value is not a plan.
         """

@@ -31,19 +31,19 @@ T = TypeVar("T")
 _LOG = logging.getLogger(__name__)
 
 MIN_IMPORT_TIMEOUT_S = 60.0
-"""Lower bound of the time limit for importing third-party code."""
+"""Minimum time limit for importing third-party code, even if `--timeout` is less."""
 
 MIN_ROUNDS, MAX_ROUNDS = 5, 12
-"""Rounds of triangulating; more than 12 rounds narrow an interval little."""
+"""Bounds of the number of rounds that time triangulation; above 12, intervals narrow little."""
 
 TRIANGULATING_SHARE = 1 / 3
-"""Seconds of repeated triangulating per second of drawing the triangles."""
+"""Seconds of timing triangulation, per second of the budget for timing draws."""
 
 COMPILE_TIMEOUT_S = 900.0
 """Time limit for compiling a built-in triangulator, which does not count as triangulating."""
 
 COMPILED_LATE = "triangulators.geometry.order"
-"""A module whose kernels are compiled after the kernels of the optimum."""
+"""Module whose kernels are compiled late: if they are cached, so are those of the optimum."""
 
 TRIANGULATORS = WorkerSpec("triangulators")
 """Runs all built-in triangulators."""
@@ -73,7 +73,7 @@ class Backend:
 
     @property
     def label(self) -> str:
-        """Name for messages."""
+        """Name of the backend in messages and `run.json`."""
         return f"{self.rasteriser} on {self.device.name}"
 
     @property
@@ -84,7 +84,8 @@ class Backend:
 
 
 class MeasuringPool(WorkerPool):
-    """Workers of a run: for each device, for built-in, and for each third-party triangulator.
+    """Workers of a run: one for each device, one for all built-in, and one for each third-party
+    triangulator.
 
     open_worker : starts a process
     timeout_s : time limit of a task, in addition to the requested drawing time
@@ -107,7 +108,7 @@ class MeasuringPool(WorkerPool):
         self._compiled: set[str] = set()
 
     def compile(self, recipe: Recipe, tick: Callable[[float], None] | None = None) -> None:
-        """Compile or load the kernels of a triangulator of this version, once.
+        """Compile or load the kernels of a triangulator, once; not those of the baseline's version.
 
         Raises TaskError if the process crashed, hung or ran out of memory.
         """
@@ -118,10 +119,10 @@ class MeasuringPool(WorkerPool):
             self._compiled.add(recipe.base)
 
     def compile_ahead(self, recipes: Sequence[Recipe]) -> None:
-        """Compile in the second process, last recipe first, if no kernel is compiled yet.
+        """Start compiling in the second process, last recipe first, if not everything is cached.
 
-        `compile` starts with the first recipe and loads the kernels that the second process has
-        written to disk.
+        Meanwhile `compile` compiles from the first recipe on, and loads kernels that the second
+        process has already written to disk.
         """
         builtin = [recipe for recipe in reversed(recipes) if recipe.builtin]
         if self.is_used(SECOND) or len(builtin) < 2 or cores() < 2 or is_cached(COMPILED_LATE):
@@ -162,7 +163,10 @@ class MeasuringPool(WorkerPool):
         *arguments: Any,
         **options: Any,
     ) -> T:
-        """Run a function in a recipe's worker; `message` reports a built-in one's timeout."""
+        """Run a function in a recipe's worker.
+
+        message : text of the error if a built-in triangulator exceeds the time limit
+        """
         try:
             with self.time_stage(stage):
                 return self.run(get_recipe_worker(recipe), function, recipe, *arguments, **options)
@@ -178,10 +182,11 @@ class MeasuringPool(WorkerPool):
         budget_s: float,
         seed: int,
     ) -> dict[Recipe, list[float]]:
-        """Triangulate again in rounds; return the seconds of each round, as `time_in_rounds` does.
+        """Triangulate again in rounds; return the seconds of each round by recipe.
 
-        seconds_by_recipe : seconds of the first triangulation; slow triangulators are skipped
-        budget_s : seconds of drawing for each triangulator, of which a share is used here
+        seconds_by_recipe : seconds of the first triangulation; a recipe that needs more than half
+            of `budget_s` is skipped
+        budget_s : budget for timing the draws of a triangulator; a share of it is spent here
 
         Third-party triangulators run in separate processes, and so in separate rounds.
         """
@@ -209,7 +214,7 @@ class MeasuringPool(WorkerPool):
         return self.submit(SECOND, function, *arguments, timeout_s=timeout_s)
 
     def open(self, backend: Backend) -> tasks.Opened:
-        """Open the device and test the timer, once; return the details.
+        """Return the details of a device, which the first call opens and whose timer it tests.
 
         Raises HarnessError if the device cannot be opened.
         """
@@ -224,7 +229,7 @@ class MeasuringPool(WorkerPool):
     def count(
         self, backend: Backend, frame: Frame, triangles: Triangles, options: Options
     ) -> Counters:
-        """Count the cost of drawing `triangles`.
+        """Return the counters of drawing `triangles`.
 
         Raises HarnessError if the device does not support the options, or fails.
         """
@@ -243,9 +248,8 @@ class MeasuringPool(WorkerPool):
         """Time the candidates together, in shuffled rounds, in one process or several in turn.
 
         If the device fails, candidates are timed one by one, so that only a failing candidate is
-        lost.
-
-        Returns ({candidate: the group's times by name}, {candidate: reason of the failure}).
+        lost. Returns two dictionaries by candidate: the times, by name, of all drawings timed in
+        the same rounds; and the reasons of failures.
         """
         test = self.open(backend).timer
         timeout_s = self.timeout_s + 3 * settings.budget_s * (len(candidates) + 2)
@@ -286,14 +290,14 @@ class MeasuringPool(WorkerPool):
         return dict.fromkeys(candidates, group), {}
 
     def describe(self) -> dict[str, Any]:
-        """Return the details of the opened devices, JSON-ready, by label."""
+        """Return details and timer of each opened device, JSON-ready, by label of the backend."""
         return {
             label: {"details": opened.details, "timer": opened.timer and asdict(opened.timer)}
             for label, opened in self._opened.items()
         }
 
     def close(self, *, at_once: bool = False, abandoned: Sequence[str] = (SECOND.name,)) -> None:
-        """End all processes; results of the second process are no longer needed."""
+        """End all processes, by default without waiting for the second process's task."""
         super().close(at_once=at_once, abandoned=abandoned)
 
     def _forget(self, spec: WorkerSpec) -> None:

@@ -12,8 +12,8 @@ from harness.workers.serving import MARK
 
 def preload() -> None:
     """Load the modules and compiled code of workers into the server."""
-    # A separate process group: a terminal's signals go to the command, not to the server, which
-    # ends when the command does.
+    # In a separate process group the server does not get the terminal's signals; it ends with the
+    # command, which gets them.
     system.start_process_group()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})

@@ -1,4 +1,4 @@
-"""Records of cases from predictions, counters and times; their storage and report."""
+"""Records of cases: made from predictions, counters and times, stored, and reported."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -34,7 +34,7 @@ SHORT_DRAW_S = 20e-6
 """Duration of a draw below which the cost of the draw call dominates."""
 
 SCATTER = 0.10
-"""Tolerated interquartile range of times, relative to the median."""
+"""Maximum interquartile range of times, relative to the median, without a warning."""
 
 Columns = Mapping[str, NDArray[Any]]
 """Values per polygon, (p,), by name."""
@@ -63,20 +63,20 @@ class RunWriter:
         self._with_drawings = with_drawings
 
     def write_facts(self, facts: RunFacts) -> None:
-        """Replace `run.json` of the folders."""
+        """Replace `run.json` of the run and, if any, of the baseline's run."""
         head, *base_stores = self._stores
         head.write_facts(facts)
         for store in base_stores:
             store.write_facts(make_base_facts(facts))
 
     def add_frame(self, frame: Frame) -> None:
-        """Note the scale of a frame, and polygons changed by snapping."""
+        """Add a frame's view, scale and size, and polygons changed by snapping, to `frames`."""
         size = {"polygons": len(frame.source), "vertices": len(frame.points)}
         broken = {"dropped": frame.dropped, "repaired": frame.repaired}
         self.frames.append({**asdict(frame.view), "scale": frame.scale, **size, **broken})
 
     def add_triangulations(self, frame: Frame, triangles: dict[Recipe, NDArray[np.int32]]) -> None:
-        """Store the triangles (m, 3) of a frame by recipe."""
+        """Store a frame and its triangles (m, 3) by recipe, if `with_drawings`."""
         if not self._with_drawings:
             return
         for store, is_base in zip(self._stores, (False, True), strict=False):
@@ -102,7 +102,10 @@ class RunWriter:
             self._reporter.warn(f"{record.name} on {record.id.device} failed: {record.reason}")
 
     def _store_columns(self, record: Record, columns: Columns | None) -> tuple[RunFolder, Record]:
-        """Store a case's columns; return the folder for the record, and the record to store."""
+        """Store a case's columns; return the folder for the record, and the record to store.
+
+        BASE's record is stored in BASE's folder, where its id has no version.
+        """
         store = self._stores[0]
         if record.id.version:
             store = self._stores[1]
@@ -143,8 +146,8 @@ def make_counted(
 ) -> Record:
     """Return the record of a counted case, without time.
 
-    covered : result of `count_covered`
-    limits : quads (p,) of `OUTLINE` and `MIN_QUADS`, -1 if unknown
+    covered : fragments (p,) that a triangulation must have, from `count_covered`
+    limits : lower bounds of quads, (p,) by `OUTLINE` and `MIN_QUADS`, -1 if unknown
     """
     parts = [part for part in triangulation.parts if part is not None]
     proven, gap = summarise_gaps(triangulation.gaps)
@@ -174,9 +177,10 @@ def make_counted(
 
 
 def summarise_gaps(gaps: Sequence[float]) -> tuple[int | None, float | None]:
-    """Return the number of proven optima, and the largest gap, or None if a gap is infinite.
+    """Return the number of proven optima, and the largest gap (None if infinite).
 
-    Both are None without gaps, for triangulators that compute no optimum.
+    A gap is the relative distance of a polygon's cost from its proven lower bound. Both results are
+    None for triangulators that compute no optimum, and so no gaps.
     """
     if not gaps:
         return None, None
@@ -187,7 +191,10 @@ def summarise_gaps(gaps: Sequence[float]) -> tuple[int | None, float | None]:
 def _compute_coverage_error(
     triangulation: FrameTriangulation, counters: Counters, covered: NDArray[np.int64] | None
 ) -> int | None:
-    """Return the number of pixels covered too often or not at all; None if unknown everywhere."""
+    """Return the number of fragments too many or too few, over polygons with known `covered`.
+
+    None if no polygon has a known number of fragments.
+    """
     if covered is None or "fragments" not in counters:
         return None
     compared = triangulation.drawn & (covered >= 0)
@@ -197,7 +204,7 @@ def _compute_coverage_error(
 
 
 def _sum_views(frame: Frame, counters: Counters) -> ViewCounters | None:
-    """Return the sums of each counter over each tile or view, or None without these."""
+    """Return the sums of each counter over each tile or view, or None without tiles or views."""
     if frame.tiles is None:
         return None
     sums = {
@@ -209,7 +216,7 @@ def _sum_views(frame: Frame, counters: Counters) -> ViewCounters | None:
 
 
 def _sum_outline_quads(drawn: NDArray[np.bool_], outline: NDArray[np.int64] | None) -> int | None:
-    """Return the quads of the outlines of drawn polygons, or None unless all are known."""
+    """Return the sum of the outlines' quads over drawn polygons, or None if any is unknown."""
     if outline is None or (outline[drawn] < 0).any():
         return None
     return int(outline[drawn].sum())
@@ -218,7 +225,7 @@ def _sum_outline_quads(drawn: NDArray[np.bool_], outline: NDArray[np.int64] | No
 def _sum_least_quads(
     drawn: NDArray[np.bool_], counters: Counters, minima: NDArray[np.int64] | None
 ) -> LeastQuads | None:
-    """Return the minimum quads and the drawn quads, over drawn polygons with a minimum."""
+    """Return sums of minimum quads, quads and fragments over drawn polygons with known minima."""
     quads, fragments = counters.get("quads"), counters.get("fragments")
     if minima is None or quads is None or fragments is None or not (quads.ndim and fragments.ndim):
         return None
@@ -241,10 +248,10 @@ def describe_missing(triangulation: FrameTriangulation) -> str | None:
 def make_time(
     group: Mapping[str, Times], key: str, test: TimerTest, settings: TimingSettings
 ) -> Time:
-    """Return the `time` of the drawing `key` of a group timed together.
+    """Return the `time` of a record, from the drawing `key` of a group timed together.
 
-    Sample r of every record of the group, and of its `empty_s` and `reference_s`, comes from the
-    same round, so records can be compared in pairs.
+    Sample r of every record of the group, and of `empty_s` and `reference_s`, comes from round r,
+    so that the samples of two records can be compared round by round.
     """
     times, reference = group[key], _round_seconds(group[REFERENCE].samples_s)
     return replace(
@@ -263,7 +270,7 @@ def make_time(
 
 
 def make_samples(times: Times, timer: str) -> Time:
-    """Return the samples and, for CPU time, wall time, waiting time and load by other programs."""
+    """Return a `Time` with the samples; for CPU time also with wall time, waiting, other load."""
     samples, processes = _round_seconds(times.samples_s), tuple(times.processes or ())
     if not times.wall_s:
         return Time(timer, samples, processes=processes)

@@ -1,6 +1,6 @@
-"""File of this machine's fastest reference draws over all runs, by condition.
+"""File of this machine's fastest reference draw in all runs, for each device and condition.
 
-A run whose reference draw took longer was disturbed: see `harness.stats.run_quality`.
+A run whose reference draw took much longer was disturbed: see `harness.stats.run_quality`.
 """
 
 import json
@@ -36,16 +36,16 @@ def get_default_path() -> Path:
 
 
 def update_reference_draws(records: Iterable[Record], path: Path) -> list[dict[str, Any]]:
-    """Return the times of each device's reference draw, and update the file `path`.
+    """Add a run's reference draws to the file `path`; compare them with those of earlier runs.
 
-    An entry for each `DrawId`: `reference_s`, the median of the run's reference draws; `best_s`,
-    the minimum on this machine including this run; `runs`, the number of runs; `slower`, the ratio
-    of `reference_s` to `best_s`.
+    Returns a dictionary for each `DrawId` with its fields and: `reference_s`, the median of the
+    run's reference draws; `best_s`, the minimum of such medians on this machine, including this
+    run; `runs`, the number of runs; `slower`, the ratio of `reference_s` to `best_s`.
     """
     times: dict[DrawId, dict[str, tuple[float, ...]]] = {}
     for record in records:
         case, options = record.id, record.id.options
-        # A `DrawId` has no texture, which slows the reference draw.
+        # With a texture the reference draw is slower, and a `DrawId` does not have this condition.
         if (time := record.time) is not None and time.reference_s and not options.texture:
             conditions = (case.view.resolution, options.samples, options.work, time.timer)
             draw = DrawId(case.rasteriser, case.device_name, *conditions)
@@ -68,10 +68,10 @@ def update_reference_draws(records: Iterable[Record], path: Path) -> list[dict[s
 
 
 def _update(draws: Mapping[DrawId, float], path: Path) -> dict[DrawId, tuple[float, int]]:
-    """Return the minimum time in s of each draw and the number of runs, including this run.
+    """Update the file; return each draw's minimum in s and number of runs, including this run.
 
-    An unreadable file is replaced, and an unwritable file is ignored, as results do not depend on
-    it.
+    An unreadable file is replaced, and an unwritable file is ignored, as counters and times do not
+    depend on this file.
     """
     machine = f"{describe_processor()['label']}, {os.cpu_count()} threads"
     names = {draw: json.dumps([machine, *draw]) for draw in draws}
@@ -90,7 +90,7 @@ def _update(draws: Mapping[DrawId, float], path: Path) -> dict[DrawId, tuple[flo
 
 
 def _read(path: Path) -> dict[str, tuple[float, int]]:
-    """Return the usable entries of the file."""
+    """Return the file's valid entries: (minimum in s, number of runs) by machine and draw."""
     try:
         content = json.loads(path.read_bytes())
         return {

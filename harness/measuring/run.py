@@ -1,4 +1,4 @@
-"""Execution of a plan: scene -> frame -> triangulations -> counters and times -> records."""
+"""Execution of a plan: scene, frames, triangulations, counters and times, records."""
 
 import signal
 import threading
@@ -57,7 +57,7 @@ SCENE_FIELDS = ("name", "units", "description", "licence", "credit", "dropped", 
 """Fields of a scene that are copied into a run's facts."""
 
 _CLOSED_TRIANGLE = 4
-"""Number of coordinates of a triangle in shapely, which repeats the first vertex."""
+"""Number of coordinates of a triangle in shapely, which repeats the first vertex at the end."""
 
 
 class ScenePart(NamedTuple):
@@ -73,7 +73,7 @@ class ScenePart(NamedTuple):
 
 
 Split = Callable[[str, Scene], list[ScenePart]]
-"""(label, scene) -> parts that a study measures separately."""
+"""Function of a scene's label and the scene; returns the parts that a study measures separately."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class RunResult:
 
     run : the run, with the records of finished cases in the order of writing
     interrupted : True if stopped before all cases were finished
-    aborted : True if a second signal arrived: reports are skipped
+    aborted : True if stopped at once, e.g. by a second Ctrl-C, so that reports are skipped
     """
 
     run: Run
@@ -109,8 +109,8 @@ class RunResult:
 class RunOptions:
     """Options of a run that are not part of its plan.
 
-    resume : continue the run in the folder; cases with an ok or skipped record are not repeated
-    force : resume even if plan, code or device differ from the run's
+    resume : True to continue the run in the folder, without cases that have an ok or skipped record
+    force : True to resume even if plan, scene, code or machine have changed since
     split : function by which a study divides the scene, or None
     database : cache of triangulations, or None
     baseline : interleaved baseline, or None
@@ -248,7 +248,7 @@ def _measure(
         if options.profile is not None:
             atomic.write(out / STORED_PROFILE, options.profile)
         writer.write_facts({**facts, "interrupted": True})  # until the run has finished
-        # BASE's code triangulates in another process, not in HEAD's rounds.
+        # Rounds that time triangulation are not for BASE, which triangulates in another process.
         rounds = not (options.split or options.baseline)
         try:
             with _handle_signals(pool, reporter):
@@ -287,10 +287,10 @@ def _measure(
 
 @contextmanager
 def _handle_signals(pool: MeasuringPool, reporter: Reporter) -> Iterator[None]:
-    """Finish the timing in progress after the first Ctrl-C.
+    """Let the first Ctrl-C during timing stop the run only after that timing, for this block.
 
-    A second Ctrl-C, SIGTERM and SIGHUP raise KeyboardInterrupt at once, and so does the first
-    Ctrl-C while nothing is timed: a triangulation may take hours, and counters are stored already.
+    A second Ctrl-C, SIGTERM and SIGHUP raise KeyboardInterrupt at once. So does the first Ctrl-C
+    while nothing is timed, because a triangulation may take hours, and counters are stored already.
     """
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread receives signals
@@ -319,13 +319,16 @@ def open_stores(
     resume: bool,
     force: bool,
 ) -> tuple[list[RunFolder], dict[str, Record]]:
-    """Return the folder of the run and, if any, of the baseline's run inside; and records by key.
+    """Create or open the run's folder; return the stores, and the records of a resumed run by key.
 
-    facts : content of the new run.json, to which fields of a resumed run are copied
+    The stores are the run's folder and, with an interleaved baseline, the baseline's inside it.
+
+    facts : content of the new run.json; receives fields of a resumed run, such as its devices
     warn : called with each problem of a resumed run, such as a damaged record
-    force : resume even if plan, scene, code or machine differ
+    resume, force : see `RunOptions`
 
-    Raises InputError if these differ, the run must not be resumed, or the folder cannot be written.
+    Raises IncompatibleRunsError if plan, scene, code or machine differ, without `force`; InputError
+    if the run cannot be resumed, or the folder cannot be written.
     """
     base = [out / BASE_FOLDER] if "beside" in facts else []
     if not resume:
@@ -350,7 +353,7 @@ def open_stores(
     for folder in base:
         if folder.is_symlink():
             raise InputError(f"{folder}: is a symbolic link; copy the target instead")
-        # Without facts if the run was killed before it wrote the second folder's.
+        # A run that was killed early has no run.json in the baseline's folder.
         open_folder = RunFolder.resume if (folder / FACTS).is_file() else RunFolder.create
         stores.append(open_folder(folder))
         records += [record.with_id(version="base") for record in read_run(folder).records]
@@ -358,7 +361,10 @@ def open_stores(
 
 
 def _refuse_differences(before: RunFacts, facts: RunFacts, out: Path) -> None:
-    """Raise IncompatibleRunsError if the experiments in one folder would differ."""
+    """Raise IncompatibleRunsError if the run in `out` differs from the one that resumes it.
+
+    before, facts : content of the run.json of the run in `out`, and of the new one
+    """
     plan = before.get("plan", {})
     differences = [
         f"plan ({key}: {plan.get(key)} then, {value} now)"

@@ -27,10 +27,11 @@ DONE = ("ok", "skipped")
 """Statuses of records that a resumed run does not measure again."""
 
 BASELINE = Recipe("delaunay")
-"""Triangulator whose fragments define each polygon's coverage, because all vertices are used."""
+"""Triangulator whose fragments define the pixels that each polygon must cover: it uses every vertex
+of every polygon, so that it leaves no gap."""
 
 MESSAGE_AFTER_S = 2.0
-"""Seconds of waiting after which a compilation is reported; loading compiled code takes less."""
+"""Seconds of waiting after which a line says that kernels are compiled; loading takes less."""
 
 
 @dataclass(frozen=True)
@@ -44,12 +45,12 @@ class Group:
 
 @dataclass
 class _View:
-    """State that a view's groups share.
+    """State that all groups of a view share.
 
-    triangulations, triangles : results by recipe, and their triangles (m, 3) in the frame
-    limits : quads (p,) by name, see `lower_limits`; {} unless the baseline was triangulated
-    vertices : results of `count_vertices` by recipe, order and seed
-    calibrated : recipes that `SceneRun.calibrate` chose for this view, by recipe of the plan
+    triangulations, triangles : by recipe, its result, and its triangles (m, 3) in the frame
+    limits : lower bounds of quads, (p,) by name, see `lower_limits`; {} if `BASELINE` failed
+    vertices : counters of the index buffer by recipe, order and seed
+    calibrated : by recipe of the plan, the recipe that `SceneRun.calibrate` chose for this view
     """
 
     frame: Frame
@@ -72,8 +73,8 @@ class _View:
 Calibrate = Callable[
     [Frame, Recipe, Callable[[Recipe], FrameTriangulation]], tuple[Recipe, FrameTriangulation]
 ]
-"""Function of a frame, optimal:calibrated, and a function that triangulates the frame; returns the
-recipe for this frame and the result."""
+"""Function of a frame, the recipe optimal:calibrated, and a function that triangulates the frame;
+returns the recipe with the weights for this frame, and its triangulation."""
 
 
 @dataclass(frozen=True)
@@ -81,11 +82,13 @@ class SceneRun:
     """The measurement of a scene.
 
     label : the scene's name in records
+    usable : backends with their supported options
     broken : triangulators that cannot run, with the reasons
-    writer : has the records of finished cases, which are not measured again
-    counted : records of counted cases without times, by key
-    rounds : True to time triangulators in rounds, like drawings
-    calibrate : for a device of several stages, chooses what optimal:calibrated minimises, or None
+    writer : stores records; cases of which it has an ok or skipped record are not measured again
+    counted : records, by key, of cases that an earlier run counted but did not time
+    rounds : True to time triangulation in rounds, like drawings
+    calibrate : chooses what optimal:calibrated minimises in a frame, for a device with several
+        stages; None if the recipe is the same for all frames
     """
 
     plan: Plan
@@ -194,9 +197,9 @@ class SceneRun:
     def _prepare_one(
         self, current: _View, recipe: Recipe, tick: Callable[[float], None]
     ) -> FrameTriangulation | tuple[Status, str]:
-        """Return a triangulator's result, or (status, reason) without a result.
+        """Compile and run a triangulator; return its result, or (status, reason) without a result.
 
-        If both versions have the same code, the triangulator runs once.
+        If the baseline's built-in triangulators equal HEAD's, HEAD's result is used for both.
         """
 
         def report_wait(waited: float) -> None:
@@ -243,7 +246,11 @@ class SceneRun:
     def _triangulate(
         self, frame: Frame, recipe: Recipe, tick: Callable[[float], None]
     ) -> FrameTriangulation:
-        """Run a triangulator over the frame, the scene before the rotation, or flat faces."""
+        """Run a triangulator over the frame's polygons, and return triangles of the frame.
+
+        An `upright` recipe triangulates the scene before its rotation, and any recipe triangulates
+        a model's faces in their planes; these triangles are carried over to the frame.
+        """
         plain_recipe = replace(recipe, upright=False)
         if frame.flat is not None:
             if recipe.base == ORIGINAL:
@@ -301,9 +308,9 @@ class SceneRun:
             self.pool.is_timing = False
 
     def _count(self, current: _View, group: Group, *, timed: bool) -> dict[Recipe, Record]:
-        """Count the group's cases; return the records to be timed.
+        """Count the group's cases, store the counters; return the records to be timed.
 
-        The baseline is counted first, even if not a case, for the pixels of each polygon.
+        `BASELINE` is counted first, even if it is not a case: it gives each polygon's pixels.
         """
         ready: dict[Recipe, Record] = {}
         covered = None
@@ -339,7 +346,7 @@ class SceneRun:
         return ready
 
     def _time(self, current: _View, group: Group, ready: Mapping[Recipe, Record]) -> None:
-        """Time the counted cases together; `ready` has the records without times."""
+        """Time the counted cases together, and store their records; `ready` has these, untimed."""
         settings, backend = self.plan.timing, group.backend
         test = self.pool.open(backend).timer
         assert test is not None
@@ -369,7 +376,11 @@ class SceneRun:
     def _choose_drawing(
         self, current: _View, recipe: Recipe, ready: Mapping[Recipe, Record]
     ) -> Recipe:
-        """Return the recipe to draw: HEAD's if both versions have the same triangles."""
+        """Return the recipe whose triangles are drawn and timed for a case.
+
+        For a case of the baseline this is HEAD's recipe if both versions have the same triangles,
+        so that both get the same times; except with `OtherVersion.twice`.
+        """
         head, other = replace(recipe, other=False), self.pool.other
         if other is None or other.twice or not recipe.other or head not in ready:
             return recipe
@@ -383,7 +394,7 @@ def _make_columns(
     counters: Counters,
     limits: Mapping[str, NDArray[np.int64]],
 ) -> records.Columns | None:
-    """Return predictions and counters per polygon, or None for a single polygon."""
+    """Return predictions, counters and lower bounds per polygon, or None for a single polygon."""
     if len(current.frame.source) == 1:
         return None
     predicted = {PREDICTED + name: column for name, column in triangulation.predicted.items()}

@@ -25,12 +25,13 @@ from harness.rasterisers.base import Counters, Device, Drawing, Options, Rasteri
 from harness.settings import TimingSettings
 
 Candidate = tuple[Frame, Triangles, Options]
-"""A frame, triangles, and the options of drawing."""
+"""A drawing to time: frame, triangles (m, 3), and options of drawing."""
 
 SELF_TEST_PX = 1024
 SELF_TEST_LAYERS = 256
 SELF_TEST_S = 10e-3
-"""Minimum duration of a draw for the comparison of timers."""
+"""Viewport, maximum number of viewport-filling layers, and minimum seconds of the draw by which
+timers are compared; layers are added until the draw takes that long."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,10 @@ and the names of the supported devices."""
 
 
 def survey(name: str, options: Sequence[Options], devices: Sequence[str]) -> Survey:
-    """Return the support of a rasteriser for a plan; raise as `rasterisers.find_device` does."""
+    """Return the options and devices of a plan that a rasteriser supports.
+
+    Raises UsageError or NoRasteriserError as `rasterisers.find_device` does.
+    """
     kind = rasterisers.get(name)
     names = tuple(device for device in devices if kind.is_device_name(device))
     available = tuple(rasterisers.find_device(name, device) for device in names or (None,))
@@ -74,7 +78,7 @@ def open_device(name: str, device: Device) -> Opened:
 def count(
     name: str, device: Device, frame: Frame, triangles: Triangles, options: Options
 ) -> Counters:
-    """Count the cost of drawing `triangles` on the device."""
+    """Return the counters of drawing `triangles` (m, 3) on the device."""
     return _get_rasteriser(name, device).count(frame, triangles, options)
 
 
@@ -86,10 +90,10 @@ def time_group(
     test: TimerTest,
     seed: int,
 ) -> dict[str, Times]:
-    """Time the candidates together.
+    """Time the candidates together, by name; their frames must have the same size.
 
-    All frames have one size. The result also has EMPTY and REFERENCE, drawn with the options of the
-    first candidate.
+    The result also has the times of EMPTY and REFERENCE, drawn with the options of the first
+    candidate: no triangle, and one that covers half of the viewport.
     """
     rasteriser = _get_rasteriser(name, device)
     frame, _, options = next(iter(candidates.values()))

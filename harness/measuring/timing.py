@@ -37,8 +37,8 @@ REFERENCE = "(reference)"
 """Names of the two drawings that every round times in addition to the candidates."""
 
 MIN_CPU_SHARE = 0.5
-"""Lower bound of the share of a large draw's time in which the process computed or waited for a
-core. With a lower share another process draws, and this process's CPU time is meaningless."""
+"""Minimum share of a large draw's wall time that this process spent on computing or on waiting for
+a core. If the share is lower, another process draws, so this process is not timed by CPU time."""
 
 MAX_CPU_CLOCK_STEP_S = 1e-4
 """Maximum step of a usable CPU clock; coarser clocks would require too long batches."""
@@ -47,16 +47,17 @@ MAX_TIMER_DIFFERENCE = 0.30
 """Tolerated relative difference of GPU timer and wall clock in the self-test."""
 
 MAX_BATCHES = 10
-"""Maximum batch, in usual batch lengths, of a drawing compared with much faster drawings."""
+"""Maximum duration of a batch, in usual durations, if a slow drawing is to get as many draws per
+batch as the faster drawings that it is compared with."""
 
 MIN_ROUNDS = 12
 """Minimum number of rounds for a 95 % interval of the median narrower than the sample's range."""
 
 EPOCH_ROUNDS = 2
-"""Minimum number of rounds of an epoch; `TimingSettings.epochs` epochs have `MIN_ROUNDS`."""
+"""Minimum number of rounds of an epoch: 6 epochs, the default, then have `MIN_ROUNDS`."""
 
 Renew = Callable[[Sequence[str]], Mapping[str, Drawing]]
-"""Release of all drawings, and preparation in the given order of names."""
+"""Function that releases all drawings, and prepares them again in the given order of names."""
 
 
 @dataclass(frozen=True)
@@ -82,11 +83,11 @@ class Times:
     """Samples of a drawing: seconds per draw, a sample per round.
 
     repeats : draws per sample
-    wall_s, waited_s : wall time of the same draws, and time of waiting for a core; [] if the CPU
-        timer is not used or the system does not report waiting
-    stolen_s, others_s, timing_s : steal time of all cores, CPU time of all other processes, and
-        duration of the timing
-    precision_reached : True if the interval of the median is narrow enough
+    wall_s, waited_s : per sample, wall time of the same draws, and time of waiting for a core; []
+        if the CPU timer is not used or the system does not report waiting
+    stolen_s, others_s, timing_s : during the timing, steal time of all cores, CPU time of all other
+        processes, and wall time
+    precision_reached : True if the interval of the median, or of a ratio, is narrow enough
     epochs : rounds of each epoch, in order; a single epoch if drawings were prepared once
     processes : rounds of each process, if several
     """
@@ -103,7 +104,7 @@ class Times:
     timing_s: float = 0.0
 
     def add(self, sample: Sample, timer: Timer) -> None:
-        """Add the seconds per draw of a batch."""
+        """Add a batch of `repeats` draws as a sample: seconds per draw by `timer`."""
         self.samples_s.append(_get_seconds(sample, timer) / self.repeats)
         if timer == "cpu":
             self.wall_s.append(sample.wall / self.repeats)
@@ -151,11 +152,11 @@ class Times:
 
 
 def select_timer(big_draw: Drawing, *, software: bool = False) -> TimerTest:
-    """Select the timer of a device by timing a large draw.
+    """Select the timer of a device by timing a large draw with all timers.
 
-    `software` rasterisers are timed by the CPU time of all threads of the process, as the wall
-    clock includes the time in which other programs use the core. A GPU timer must agree with the
-    wall clock, as some drivers time only a part of the work.
+    Rasterisers on the CPU (`software`) are timed by the CPU time of all threads of the process, as
+    the wall clock includes the time in which other programs use the core. A GPU timer is selected
+    only if it agrees with the wall clock, as some drivers time only a part of the work.
     """
     repeats = 1
     while big_draw.sample(repeats).wall < 0.02 and repeats < 1 << 16:
@@ -204,8 +205,9 @@ def time_together(
 
     Sample r of every drawing comes from round r. The rounds end when each drawing's interval, of
     the median or of the ratio to the other drawings, is narrow enough and the minimum share of the
-    budget is spent, or when `settings.budget_s` times the number of drawings has passed. `renew`
-    gives at least `settings.epochs` epochs within `settings.limit_s`.
+    budget is spent; or when the budget, `settings.budget_s` times the number of drawings, is spent.
+    With `renew` there are at least `settings.epochs` epochs. `settings.limit_s` ends the rounds in
+    any case.
     """
     start, stolen_s, others_s = clock(), system.read_steal_time_s(), system.read_other_processes_s()
     batch = max(settings.min_batch_s, 100 * test.resolution_s)
@@ -249,7 +251,7 @@ def time_together(
         if over or rounds >= check_at or clock() >= deadline:
             # Intervals are computed at growing steps, as their cost grows with the rounds.
             check_at = rounds + max(1, rounds // 8)
-            # The empty draw is pure noise, so no precision is required.
+            # The time of the empty draw is mostly noise, so its precision never prolongs timing.
             precise = {EMPTY, *_find_precise(times, compared, settings, epochs.rounds)}
             for name, entry in times.items():
                 entry.precision_reached = name in precise or entry.is_precise(settings.precision)
@@ -267,7 +269,7 @@ def time_together(
 
 
 def _sample(name: str, drawing: Drawing, repeats: int) -> Sample:
-    """Draw `repeats` times; warm the caches for the reference draw, which measures the machine."""
+    """Draw `repeats` times; draw the reference once before, as it must not depend on the caches."""
     if name == REFERENCE:
         drawing.sample(1)
     return drawing.sample(repeats)
@@ -275,11 +277,11 @@ def _sample(name: str, drawing: Drawing, repeats: int) -> Sample:
 
 @dataclass
 class _Epochs:
-    """Schedule of epochs, before which drawings are prepared again.
+    """Schedule of epochs; at the beginning of each, the drawings are prepared again.
 
     min_epochs, min_rounds : lower bounds of the number of epochs, and of rounds per epoch
-    seconds : shortest duration of an epoch
-    until : earliest end of the current epoch
+    seconds : minimum duration of an epoch
+    until : time of `clock` before which the current epoch does not end
     rounds : rounds of each epoch, the current epoch last
     """
 
@@ -317,10 +319,10 @@ def _find_precise(
     settings: TimingSettings,
     epochs: Sequence[int],
 ) -> Sequence[str]:
-    """Return the drawings whose ratio to the geometric mean of all drawings is precise enough.
+    """Return the names of drawings with a precise ratio to the geometric mean of `compared`.
 
-    Unlike medians, ratios become precise even while the machine drifts. The reference draw, which
-    measures the drift, counts as precise if all ratios are.
+    Unlike medians, ratios become precise even while the machine drifts. The reference draw shows
+    that drift, so its median may never become precise; it counts as precise if all ratios are.
     """
     if not settings.paired or len(compared) < 2:
         return ()
@@ -337,11 +339,14 @@ def _find_precise(
 def _warm_up(
     drawing: Drawing, batch_s: float, limit_s: float, timer: Timer, clock: Callable[[], float]
 ) -> tuple[int, float]:
-    """Draw until times are stable; return draws per batch of `batch_s`, and seconds per draw."""
+    """Draw until times are stable, or for `limit_s`; return draws per batch, and seconds per draw.
+
+    A batch takes at least `batch_s`.
+    """
     deadline = clock() + limit_s
     repeats = 1
     while (seconds := _get_seconds(drawing.sample(repeats), timer)) < batch_s:
-        # Aim at 1.2 batches, and extrapolate one short sample at most eightfold.
+        # Aim at 1.2 times `batch_s`, but do not extrapolate a short sample more than eightfold.
         factor = 1.2 * batch_s / seconds if seconds > 0 else math.inf
         repeats = max(repeats + 1, int(repeats * min(factor, 8.0)))
         if repeats > 1 << 20:

@@ -27,10 +27,10 @@ __all__ = [
     "Rasteriser",
     "Sample",
     "Triangles",
+    "choose_default_rasteriser",
     "find_device",
     "get",
     "names",
-    "usual",
 ]
 
 GROUP = "raster_harness.rasterisers"

@@ -2,7 +2,7 @@
 
 A rasteriser runs in a separate worker process, because drivers read their settings from the
 environment once, when the driver is loaded, and because a crash of a driver must cost only one
-case. So this module must not import a GL library at module level.
+case. Importing this module loads no GL library, so that a worker can set the environment first.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
 Triangles = NDArray[np.int32]
 Counters = dict[str, NDArray[np.int64]]
-"""Counter name -> exact integers, (p,) per polygon of the frame, or () if the device only reports a
-total."""
+"""Counter name -> exact integers: one per polygon of the frame, (p,), or the frame's total, (), if
+the device reports only a total."""
 
 
 @dataclass(frozen=True, order=True)
@@ -67,7 +67,7 @@ class Options:
             raise make_unknown_name_error("order", self.order, ORDERS)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the options by name, without a `texture` of 0, as in older records."""
+        """Return the options by name; omit a `texture` of 0, which older records do not have."""
         values = asdict(self)
         return values if self.texture else {n: v for n, v in values.items() if n != "texture"}
 
@@ -88,7 +88,7 @@ class Device:
     details: Mapping[str, Any] = field(default_factory=dict)
 
     def require_environment(self) -> None:
-        """Raise NoRasteriserError if a variable of the environment is not set."""
+        """Raise NoRasteriserError unless this process has the variables of `environment`."""
         for key, value in self.environment.items():
             if os.environ.get(key) != value:
                 raise NoRasteriserError(f"{self.name}: set {key}={value} before the driver loads")
@@ -111,7 +111,7 @@ class Sample:
 
 
 class Stopwatch:
-    """A stopwatch from construction to `stop`, with all clocks of a `Sample` except the GPU's."""
+    """A stopwatch that runs from construction to `stop` and reads all clocks but the GPU's."""
 
     _queues = system.RunQueueClock()
 
@@ -173,16 +173,16 @@ class Rasteriser(ABC):
     """Whether fragments can sample a texture, as `Options.texture` requires."""
 
     limitation: ClassVar[str] = "neither multisampling nor fragment work nor textures"
-    """The supported part of `Options`, for the message "<name> has ..."."""
+    """Completes the message "NAME does not support these options (it has ...)"."""
 
     draws_indexed: ClassVar[bool] = False
-    """Whether an index buffer is drawn, so that vertex batches are counted (`vertex_batches`)."""
+    """Whether drawing uses an index buffer; if so, its vertex batches are counted as well."""
 
     supports_scissor: ClassVar[bool] = False
     """Whether `Frame.scissor` is supported, as map tiles require."""
 
     supports_depth: ClassVar[bool] = False
-    """Whether counting supports a depth test, with the counter `depth_ties`."""
+    """Whether a depth test is supported; if so, `count` (if any) also returns `depth_ties`."""
 
     device_names: ClassVar[tuple[str, ...]] = ("cpu",)
     """Names of supported devices, whether or not they work on this machine."""
@@ -191,7 +191,8 @@ class Rasteriser(ABC):
     """Required Python module, which the extra with the rasteriser's name installs."""
 
     remedies: ClassVar[Mapping[str, str]] = {}
-    """Instructions to make a device work, by name without a number; "" for any other device."""
+    """Instructions to make a device work, by its name without the number, e.g. "gpu"; the entry ""
+    is for all other devices."""
 
     device: Device
 
@@ -252,7 +253,7 @@ class Rasteriser(ABC):
         return self._count(frame, self._check_and_order(frame, triangles, options), options)
 
     def prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
-        """Upload `triangles` for timing; drawing them counts nothing.
+        """Upload `triangles` to be drawn repeatedly for timing, without counting.
 
         Raises
         ------
@@ -267,7 +268,9 @@ class Rasteriser(ABC):
 
     def _check_and_order(self, frame: Frame, triangles: Triangles, options: Options) -> Triangles:
         if not self.supports(options):
-            raise UsageError(f"{self.name} has {self.limitation}; use opengl for these")
+            raise UsageError(
+                f"{self.name} does not support these options (it has {self.limitation}); use opengl"
+            )
         if frame.scissor is not None and not self.supports_scissor:
             raise UsageError(f"{self.name} does not support map tiles (scissor); use opengl")
         if frame.depths is not None and not self.supports_depth:
@@ -304,17 +307,17 @@ class CpuRasteriser(Rasteriser):
 def sum_per_polygon(
     frame: Frame, triangles: Triangles, values: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Sum values of triangles, (m,), to values of the frame's polygons, (p,)."""
+    """Return the sum over each polygon's triangles, (p,), of the triangles' `values` (m,)."""
     totals = np.zeros(len(frame.grid), np.int64)
     np.add.at(totals, frame.owner(triangles), values)
     return totals
 
 
 def split_batches(frame: Frame, triangles: Triangles, max_lanes: int = 2**32) -> list[Triangles]:
-    """Split `triangles` so that no batch shades `max_lanes` lanes, to avoid 32-bit overflows.
+    """Split `triangles` into batches that shade fewer than `max_lanes` lanes: counters are 32-bit.
 
-    With a depth test a batch is a view, of at most 2^28 pixels. A triangle touches at most the
-    quads of its bounding box.
+    A triangle is assumed to shade all quads of its bounding box. With a depth test each view is one
+    batch; a view has at most 2^28 pixels.
     """
     from harness.grid import SUBPIXEL
 
@@ -329,10 +332,11 @@ def split_batches(frame: Frame, triangles: Triangles, max_lanes: int = 2**32) ->
 
 
 def order_submission(frame: Frame, triangles: Triangles, options: Options) -> Triangles:
-    """Return checked `triangles` (m, 3), contiguous, in the order of submission.
+    """Check `triangles` (m, 3); return a contiguous array in the submission order `options.order`.
 
-    Tiles and views keep the native order; triangles are ordered within a tile or view. The native
-    order of a model's view is the order in the model's file, or front to back.
+    Tiles and views are always submitted in the frame's order; only the triangles within a tile or
+    view are reordered. The order "native" of a model's view is that of the model's file, or front
+    to back if `Viewing.front_to_back`.
 
     Raises
     ------
@@ -356,9 +360,10 @@ def order_submission(frame: Frame, triangles: Triangles, options: Options) -> Tr
 
 
 def _rank_in_view(frame: Frame, viewing: Viewing, array: Triangles) -> NDArray[np.int64]:
-    """Return the positions (m,) of the triangles in the order of the view.
+    """Return keys (m,) by which triangles are sorted within their view.
 
-    The k-th triangle of a face has the position of the model's k-th triangle of the face.
+    Front to back, the key is the sum of the vertices' depths; otherwise the k-th triangle of a face
+    gets the position of the k-th (or else the last) triangle of that face in the model's file.
     """
     if viewing.front_to_back and viewing.depths is not None:
         return np.asarray(viewing.depths[array].astype(np.int64).sum(axis=1))
@@ -388,7 +393,7 @@ def _apply_order(frame: Frame, array: Triangles, options: Options) -> Triangles:
 
 
 def _interleave_bits(frame: Frame, triangles: Triangles) -> NDArray[np.uint64]:
-    """Interleave the bits of each triangle's centre: (m,) positions along a Z-order curve."""
+    """Return the positions (m,) of the triangles' centres along a Z-order curve."""
     centre = frame.points[triangles].astype(np.int64).sum(axis=1) // 3
     octets = np.maximum(centre, 0).astype("<u4")[..., None].view(np.uint8)
     bits = np.unpackbits(octets, axis=-1, bitorder="little")  # (m, 2, 32), bits of x first

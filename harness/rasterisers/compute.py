@@ -1,9 +1,8 @@
 """Software rasterisers in compute shaders: scans of bounding boxes, and of rows and spans.
 
 `bounding-box` tests each pixel centre in a triangle's bounding box, as tinyrenderer, the analyser
-of meshoptimizer and the software rasteriser of Nanite (Karis, Stubbe, Wihlidal, SIGGRAPH 2021) do.
-The paper's overdraw criterion is exact for this rasteriser. `scanline` computes each row's span by
-division.
+of meshoptimizer and the software rasteriser of Nanite (Karis, Stubbe, Wihlidal, SIGGRAPH 2021) do;
+the criterion A ("overdraw") measures this work. `scanline` computes each row's span by division.
 """
 
 from typing import Any, ClassVar
@@ -33,11 +32,12 @@ LANES = 32
 """Invocations of a workgroup."""
 
 JOB_PIXELS = 16384 * LANES
-"""Maximum pixels of a workgroup: llvmpipe silently ends a loop after 65,535 rounds."""
+"""Maximum pixels of a job, 16,384 loop rounds of each lane: llvmpipe silently ends a loop after
+65,535 rounds."""
 
 
 class BoundingBox(GLRasteriser):
-    """A workgroup per triangle, several for a huge triangle; lanes share the box's pixels."""
+    """A workgroup per triangle, several for a huge triangle; its lanes share the box's pixels."""
 
     name = "bounding-box"
     counters: ClassVar[tuple[str, ...]] = ("bbox_tests", "hits")
@@ -71,7 +71,7 @@ class BoundingBox(GLRasteriser):
 
 
 class Scanline(BoundingBox):
-    """A workgroup per triangle, several for a huge triangle; lanes share the rows."""
+    """A workgroup per triangle, several for a huge triangle; its lanes share the rows."""
 
     name = "scanline"
     counters: ClassVar[tuple[str, ...]] = ("rows", "hits")

@@ -23,7 +23,7 @@ STATISTICS = {
     "clipping_input_primitives": 0x82F6,
     "clipping_output_primitives": 0x82F7,
 }
-"""Pipeline statistics that are counted, by counter."""
+"""OpenGL query targets of pipeline statistics, by the name of the counter."""
 
 STATISTICS_VERSION, STATISTICS_EXTENSION = 460, "GL_ARB_pipeline_statistics_query"
 """First OpenGL version with pipeline statistics, and the extension for older versions."""
@@ -42,10 +42,10 @@ OLDER_EXTENSIONS = (
     "GL_ARB_derivative_control",
     "GL_ARB_ES3_1_compatibility",
 )
-"""Extensions that an older context needs."""
+"""Extensions that a context older than `MODERN` needs."""
 
 EARLY_EXTENSIONS = ("GL_ARB_shader_image_load_store",)
-"""Extensions that an older context needs for a depth test before shading."""
+"""Extensions that a context older than `MODERN` also needs for a depth test before shading."""
 
 COMPUTE_EXTENSIONS = (
     "GL_ARB_compute_shader",
@@ -55,9 +55,9 @@ COMPUTE_EXTENSIONS = (
 
 
 class Context:
-    """An OpenGL context; as there may be several, call `activate` before using one.
+    """An OpenGL context; call `activate` before each use, as a process may have several contexts.
 
-    Unreferenced objects are freed the next time the context is activated.
+    Buffers and other OpenGL objects without a reference are freed by the next `activate`.
 
     backend : a glcontext context, or an object with the same methods
     """
@@ -95,7 +95,7 @@ class Context:
         return ctypes.CFUNCTYPE(None, *(types[kind] for kind in kinds))(address)
 
     def activate(self) -> None:
-        """Make this the current context."""
+        """Make this the current context, and free its unreferenced objects."""
         if Context._current is not self:
             self._backend.__enter__()
             Context._current = self
@@ -110,7 +110,7 @@ class Context:
             )
 
     def make_header(self, *extensions: str) -> str:
-        """Return the first lines of every shader for this context."""
+        """Return a shader's first lines: the version, `extensions`, and those of an old context."""
         modern = self.ctx.version_code >= MODERN
         needed = extensions if modern else (*OLDER_EXTENSIONS, *extensions)
         lines = [f"#extension {name} : require" for name in needed]
@@ -121,12 +121,12 @@ class Context:
         return self.ctx.buffer(array if array.size else np.zeros(1, np.uint32))
 
     def build_program(self, vertex: str, fragment: str, *defines: str) -> Any:
-        """Build a program of two files in shaders/, with names to define such as DEPTH.
+        """Build a program from two files in shaders/; `defines` are macros such as DEPTH.
 
         Raises
         ------
         NoRasteriserError
-            if the driver cannot, for example without storage buffers in fragment shaders
+            if compilation fails, for example without storage buffers in fragment shaders
         """
         header = self.make_header(*(EARLY_EXTENSIONS if "DEPTH" in defines else ()))
         header += "".join(f"#define {name}\n" for name in defines)
@@ -142,7 +142,7 @@ class Context:
             ) from error
 
     def build_compute_shader(self, *names: str, define: str = "") -> Any:
-        """Build a compute shader from the concatenated files in shaders/."""
+        """Build a compute shader from concatenated files in shaders/; `define` is a macro."""
         header = self.make_header(*COMPUTE_EXTENSIONS)
         if define:
             header += f"#define {define}\n"
@@ -153,7 +153,9 @@ class Context:
     def get_framebuffer(
         self, width: int, height: int, samples: int = 1, *, deep: bool = False
     ) -> Any:
-        """Return an RGBA8 framebuffer, with depths if `deep`; reuse an equal last one.
+        """Return an RGBA8 framebuffer, with a depth buffer if `deep`.
+
+        The framebuffer of the last call is returned again if the arguments are the same.
 
         Raises
         ------
@@ -162,7 +164,9 @@ class Context:
         """
         check_size(width, height, self.max_size)
         if samples > max(self.max_samples, 1):
-            raise UsageError(f"{samples} samples per pixel: the device has {self.max_samples}")
+            raise UsageError(
+                f"{samples} samples per pixel: unsupported (the device has {self.max_samples})"
+            )
         properties = (width, height, samples if samples > 1 else 0, int(deep))
         if properties != self._target[0]:
             size, number = properties[:2], properties[2]
@@ -172,7 +176,7 @@ class Context:
         return self._target[1]
 
     def get_picture(self, width: int, height: int) -> Any:
-        """Return a texture with a uint per pixel for compute shaders; reuse the last if equal.
+        """Return a texture with a uint per pixel for compute shaders; reuse the last of this size.
 
         Raises
         ------
@@ -198,7 +202,7 @@ class Context:
     def create_queries(self, number: int) -> Iterator[list[int]]:
         """Create `number` query objects, which are deleted at the end of the block.
 
-        Results have 64 bits. moderngl's queries have 32: nanoseconds overflow after 4.29 s.
+        Their results have 64 bits; moderngl's have 32, so that nanoseconds overflow after 4.29 s.
         """
         names = (ctypes.c_uint * number)()
         self._gen_queries(number, names)
@@ -214,7 +218,7 @@ class Context:
         return value.value
 
     def measure(self, targets: Mapping[str, int], draw: Callable[[], None]) -> dict[str, int]:
-        """Call `draw` once, and return the result of a query of each target."""
+        """Call `draw` once, and return the results of queries; `targets` are OpenGL's, by name."""
         with self.create_queries(len(targets)) as queries:
             for target, query in zip(targets.values(), queries, strict=True):
                 self.begin_query(target, query)
@@ -226,8 +230,8 @@ class Context:
     def wait(self) -> None:
         """Wait until the device has executed all commands.
 
-        Every driver waits for a query's result; zink's glFinish does not wait for commands
-        that were flushed before.
+        Reading a query's result waits with every driver; glFinish of zink does not wait for
+        commands that were flushed before.
         """
         with self.create_queries(1) as (query,):
             self.begin_query(TIME_ELAPSED, query)
@@ -236,9 +240,10 @@ class Context:
             self.read_query(query)
 
     def time_draws(self, calls: int, draw: Callable[[], None], after: Callable[[], None]) -> Sample:
-        """Call `draw` and then `after`, `calls` times, wait, and return the total time.
+        """Call `draw` and then `after` `calls` times, wait for the device, return the total time.
 
-        Each call of `draw` has a separate timer, as llvmpipe's timer covers only the last flush.
+        `after` is a flush or a barrier. Each call of `draw` has a separate GPU timer, as a timer of
+        llvmpipe covers only the last flush.
         """
         self.wait()
         with self.create_queries(calls) as timers:
@@ -263,9 +268,10 @@ class Context:
             raise RuntimeError(f"OpenGL error {error} while {doing}")
 
     def upload(self, frame: Frame, triangles: Triangles) -> tuple[Any, Any, Any]:
-        """Upload a frame's points, (n,) ivec2 in 1/256 px, their polygons and the triangles.
+        """Upload a frame and `triangles` (m, 3); return three buffers.
 
-        Polygons are (n,) uint, the polygon number of each point; triangles (3 m,) int.
+        The buffers hold the points, (n,) ivec2 in 1/256 px; the polygon number of each point, (n,)
+        uint; and the vertex indices of the triangles, (3 m,) int.
         """
         numbers = np.arange(len(frame.grid), dtype=np.uint32)
         return (

@@ -12,8 +12,7 @@ class Counter:
     name : key in records and column name in files
     label, unit : in tables and plots
     better : "lower" if a lower value is less work; "none" if all triangulations of a polygon have
-    the
-        same value
+        the same value
     best_case : lower bound over all triangulations, or None if the bound depends on the scene
     of_order : whether the counter depends on the order of triangles, which no criterion predicts
     heading : shorter label for the terminal's table; with "" the table omits the counter, unless
@@ -123,7 +122,7 @@ class Estimate:
 
     measure : the counter
     formula : for display
-    terms : columns of predictions, with coefficients in the sum
+    terms : coefficient of each criterion in the sum
     """
 
     measure: str
@@ -132,16 +131,16 @@ class Estimate:
 
 
 ESTIMATES = {
-    # A polygon of area S covers S pixels on average, and Q quads of four lanes are shaded.
+    # Q shaded quads have 4 Q lanes, and a polygon of area S covers S of them on average.
     "helper_lanes_by_quads": Estimate("helper_lanes", "4Q - S", {"expected_quads": 4, "area": -1}),
-    # To first order 4 Q - S is the half-perimeter plus one for each triangle.
+    # To first order 4 Q - S equals H + T: half-perimeters, plus one for each triangle.
     "helper_lanes_by_half_perimeter": Estimate(
         "helper_lanes", "H + T", {"half_perimeter": 1, "triangles": 1}
     ),
-    # Every pixel centre of a bounding box is tested.
+    # Every pixel centre in a bounding box is tested; A + S is the area of the bounding boxes.
     "bbox_tests_by_overdraw": Estimate("bbox_tests", "A + S", {"overdraw": 1, "area": 1}),
 }
-"""Estimates by column; the exact estimate of a counter comes first."""
+"""Estimates by column; of several for a counter, the estimate that is exact on average is first."""
 
 
 def compute_estimates(columns: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

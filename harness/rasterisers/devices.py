@@ -45,14 +45,14 @@ SWIFTSHADER = (
     "/usr/lib/chromium-browser/vk_swiftshader_icd.json",
     "/opt/google/chrome/vk_swiftshader_icd.json",
 )
-"""Patterns of driver manifests of Vulkan's loader; Chromium includes SwiftShader."""
+"""Patterns of manifests, by which Vulkan's loader finds a driver; Chromium includes SwiftShader."""
 
 BACKENDS = {"darwin": ("Metal",), "win32": ("DX12", "Vulkan")}
 LINUX = ("Vulkan", "GL")
-"""Backends of WebGPU by system, best first, as browsers choose them."""
+"""Backends of WebGPU, best first, as browsers choose them: by system, and `LINUX` for others."""
 
 REPORTED = {"DX12": "D3D12", "GL": "OpenGL"}
-"""Backend names that adapters report, by the name with which the backend is requested."""
+"""Names of backends in adapters' properties, if different from the name that requests a backend."""
 
 ADAPTERS = {
     ("llvmpipe", "Vulkan"): "lavapipe",
@@ -60,19 +60,19 @@ ADAPTERS = {
     ("swiftshader", "Vulkan"): "swiftshader",
     ("basic render", "D3D12"): "warp",
 }
-"""Names of CPU rasterisers, by a word of the adapter's name and the backend."""
+"""Device names of CPU rasterisers, by (word in the adapter's name, backend)."""
 
 Devices = tuple[tuple[Device, ...], tuple[str, ...]]
 """Devices, best first, and the problems of unavailable devices."""
 
 Reports = Sequence[Mapping[str, Any]]
-"""A probe's properties of each device."""
+"""Properties of each device that a probe has found."""
 
 
 class Kind(NamedTuple):
-    """A kind of device to probe; the first available kind of a name is used.
+    """A kind of device to probe for; of kinds with one name, the first available kind is used.
 
-    arguments : of the probe
+    environment, arguments : environment variables and arguments of `probe.py`
     """
 
     name: str
@@ -83,7 +83,7 @@ class Kind(NamedTuple):
 def find_vulkan_environment(patterns: Sequence[str]) -> dict[str, str] | None:
     """Return variables that restrict Vulkan's loader to a driver, or None if the driver is missing.
 
-    patterns : of the driver's manifest; the first match is used
+    patterns : paths of the driver's manifest, with wildcards; the first match is used
     """
     matches = (sorted(Path("/").glob(pattern.lstrip("/"))) for pattern in patterns)
     icd = next(chain.from_iterable(matches), None)
@@ -94,7 +94,7 @@ def find_vulkan_environment(patterns: Sequence[str]) -> dict[str, str] | None:
 
 
 def _filter_reports(kind: Kind, reports: Reports) -> Reports:
-    """Return the reports about devices of the kind."""
+    """Return the reports about devices of a kind; a probe may also report other devices."""
     if kind.arguments[0] == "egl":
         return [report for report in reports if matches(kind.name, report["renderer"])]
     if kind.name != "gpu":
@@ -114,7 +114,7 @@ def _list_egl_kinds() -> Iterator[Kind]:
     yield Kind("softpipe", {**SOFTWARE, "GALLIUM_DRIVER": "softpipe"}, software)
     if vulkan := find_vulkan_environment(LAVAPIPE):
         yield Kind("zink", {**SOFTWARE, "GALLIUM_DRIVER": "zink", **vulkan}, software)
-        # Some Mesa versions read only the first variable, some only the second.
+        # Some Mesa versions read only GALLIUM_DRIVER, some only MESA_LOADER_DRIVER_OVERRIDE.
         yield Kind("zink", {"MESA_LOADER_DRIVER_OVERRIDE": "zink", **vulkan}, software)
 
 
@@ -131,9 +131,9 @@ def _list_webgpu_kinds() -> Iterator[Kind]:
 
 
 def identify_software_adapter(adapter: Mapping[str, str]) -> str | None:
-    """Return the name of a CPU rasteriser, or None for a GPU.
+    """Return the device name of an adapter that is a CPU rasteriser, or None for a GPU.
 
-    adapter : WebGPU's properties of the adapter
+    adapter : properties of the adapter, as reported by WebGPU
     """
     for (word, backend), name in ADAPTERS.items():
         if word in adapter["device"].lower() and adapter["backend_type"] == backend:
@@ -205,7 +205,7 @@ VARIABLES = re.compile(
 ROOT = Path("/")
 
 CACHE_FOLDER, MAX_CACHED_ANSWERS = "drivers", 64
-"""Folder with a file for each answer, and the maximum number of files: about ten environments."""
+"""Folder with a file for each answer, and maximum number of files, enough for ten environments."""
 
 Probe = tuple[tuple[str, str], Mapping[str, str]]
 """Arguments of `probe.py`, and environment variables in addition to those of this process."""

@@ -1,4 +1,4 @@
-"""OpenGL on an EGL device: a pass that counts with atomics, and a pass without for timing."""
+"""OpenGL on an EGL device: one pass counts by atomic operations, another draws only, for timing."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -39,7 +39,8 @@ IN_ORDER = ("softpipe",)
 class GLRasteriser(Rasteriser):
     """A rasteriser on OpenGL through EGL, without a window.
 
-    `context` is the open context, `ctx` is moderngl's; `device` gains the driver's strings.
+    `context` is the open `Context`, and `ctx` the moderngl context in it. `device.details` also has
+    the driver's vendor, renderer and version.
     """
 
     device_names: ClassVar[tuple[str, ...]] = ("gpu0", "llvmpipe", "softpipe", "zink")
@@ -49,7 +50,7 @@ class GLRasteriser(Rasteriser):
         "": f"run: {devices.INSTALL}",
     }
     drawn_by: ClassVar[str] = ""
-    """Prefix of the renderer's name, if different from the device's name."""
+    """Start of the OpenGL renderer's name, if it differs from the device's name."""
 
     @classmethod
     def devices(cls) -> list[Device]:
@@ -88,7 +89,7 @@ class GLRasteriser(Rasteriser):
         self.context.check("opening the device")
 
     def _open(self, device: Device) -> Any:
-        """Create and return a context, an object with glcontext's methods."""
+        """Create and return the backend of a `Context`, an object with glcontext's methods."""
         return glcontext.get_backend_by_name("egl")(
             mode="standalone",
             glversion=330,
@@ -140,7 +141,8 @@ class OpenGL(GLRasteriser):
         driver = dict.fromkeys(targets, 0)
         for part in split_batches(frame, triangles):
             totals += self._count_per_polygon(Mesh(self, frame, part, options, counting=True), part)
-            # Drawn again without counting, as storage writes change which work a driver may skip.
+            # The driver's queries are for another draw, without the storage writes of counting,
+            # because these writes change which work a driver may skip.
             mesh = Mesh(self, frame, part, options)
             mesh.bind()
             for name, result in self.context.measure(targets, mesh.draw).items():
@@ -169,15 +171,16 @@ class OpenGL(GLRasteriser):
     def _count_per_polygon(self, mesh: "Mesh", triangles: Triangles) -> NDArray[np.int64]:
         """Return (p, 5) counts in the order of SHADED.
 
-        The first covered lane of each quad counts the quad and sets the triangle's bit. On
-        renderers whose lanes cannot detect helper lanes, a buffer stores the last triangle of each
-        quad.
+        The first covered lane of each quad counts the quad and sets the triangle's bit. The
+        renderers `IN_ORDER`, whose lanes cannot detect helper lanes, use a buffer with the last
+        triangle of each quad instead.
         """
         shape = (len(mesh.frame.grid), len(SHADED))
         counts = self.context.create_buffer(np.zeros(shape, np.uint32))
         counts.bind_to_storage_buffer(0)
         # llvmpipe discards the triangles collected for a tile, including their storage writes,
-        # when an opaque triangle covers the tile; a draw that keeps alpha is not opaque there.
+        # when an opaque triangle covers the tile. A draw that keeps the target's alpha does not
+        # count as opaque.
         mesh.target.color_mask = KEEP_ALPHA
         mesh.bind()
         if self._in_order:
@@ -243,11 +246,10 @@ class Mesh(Drawing):
     def sample(self, repeats: int) -> Sample:
         """Draw `repeats` times.
 
-        A GPU draws instances of a single call, and never waits for the next call. A software
-        rasteriser gets a call and a flush per draw, because drivers collect a frame before drawing
-        and would skip tiles of a draw that a later draw covers. For the same reason each map tile
-        is a separate call. With a depth test each draw starts with cleared depths, also on a
-        GPU.
+        On a GPU a single call draws all repeats as instances, so that the GPU never waits for a
+        call. A software rasteriser gets a call and a flush per draw and map tile, because its
+        driver collects a frame before drawing and would skip what a later draw covers. With a depth
+        test each draw is a call that clears the depths first, also on a GPU.
         """
         self.context.activate()
         self.program["work"] = self.options.work
@@ -275,17 +277,17 @@ class Mesh(Drawing):
         (ctx.disable if self.frame.depths is None else ctx.enable)(ctx.DEPTH_TEST)
 
     def draw(self, instances: int = 1) -> None:
-        """Submit the triangles, `instances` times in a call per tile."""
+        """Submit the triangles, a call per tile or view that draws `instances` instances."""
         for rows in self.draws:
             self.draw_rows(rows, instances)
 
     def begin(self) -> None:
-        """Begin a tile or a view: clear the depths, if there is a depth test."""
+        """Clear the depths before a tile or a view, if there is a depth test."""
         if self.frame.depths is not None:
             self.context.clear(context.DEPTH_BUFFER_BIT)
 
     def draw_rows(self, rows: slice, instances: int = 1) -> None:
-        """Submit some of the triangles, `instances` times in a call."""
+        """Submit the triangles `rows` in a call that draws `instances` instances."""
         self.begin()
         if self.counting:
             self.program["start"] = rows.start

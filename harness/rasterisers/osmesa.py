@@ -14,7 +14,7 @@ OSMESA_RGBA, UNSIGNED_BYTE = 0x1908, 0x1401
 OSMESA_FORMAT, OSMESA_PROFILE, OSMESA_CORE_PROFILE = 0x22, 0x33, 0x34
 OSMESA_MAJOR, OSMESA_MINOR = 0x36, 0x37
 SIDE = 16
-"""Side of OSMesa's own buffer, px; everything is drawn into framebuffer objects instead."""
+"""Side in px of the buffer that OSMesa requires; drawings go into framebuffer objects instead."""
 
 
 class OSMesaContext:
@@ -38,7 +38,7 @@ class OSMesaContext:
         osmesa.OSMesaDestroyContext.argtypes = [ctypes.c_void_p]
         self._pixels = (ctypes.c_ubyte * (4 * SIDE * SIDE))()
         settings = (OSMESA_FORMAT, OSMESA_RGBA, OSMESA_PROFILE, OSMESA_CORE_PROFILE)
-        attributes = (*settings, OSMESA_MAJOR, 3, OSMESA_MINOR, 3, 0)  # or newer
+        attributes = (*settings, OSMESA_MAJOR, 3, OSMESA_MINOR, 3, 0)  # 3.3 or newer
         values = (ctypes.c_int * len(attributes))(*attributes)
         self._context: int | None = osmesa.OSMesaCreateContextAttribs(values, None)
         if self._context is None:
@@ -69,7 +69,7 @@ class OSMesa(OpenGL):
 
     name = "osmesa"
     device_names: ClassVar[tuple[str, ...]] = ("osmesa",)
-    remedies: ClassVar[Mapping[str, str]] = {"": f"run: {INSTALL} (Mesa 25.1 dropped it)"}
+    remedies: ClassVar[Mapping[str, str]] = {"": f"run: {INSTALL} (not in Mesa 25.1 and newer)"}
     drawn_by: ClassVar[str] = "llvmpipe"
 
     @classmethod

@@ -1,4 +1,4 @@
-"""List the devices of EGL or WebGPU: a program that runs in the environment of the wanted device.
+"""Program that lists the devices of EGL or WebGPU; it runs in the environment of a kind of device.
 
 `probe.py egl hardware` opens each hardware device of EGL, `probe.py egl software` the first
 software device; `probe.py webgpu BACKEND,BACKEND` (Vulkan, Metal, DX12, GL) lists adapters without
@@ -60,7 +60,10 @@ def open_device(index: int) -> dict[str, str]:
 
 
 def egl(kind: str) -> dict[str, Any]:
-    """Probe the EGL devices of one kind; {"devices": [...], "problems": [...]}."""
+    """Return the EGL devices that open, {"devices": [...], "problems": [...]}.
+
+    kind : "hardware" for all hardware devices, "software" for the first software device
+    """
     result: dict[str, Any] = {"devices": [], "problems": []}
     try:
         listed = egl_devices()
@@ -77,7 +80,7 @@ def egl(kind: str) -> dict[str, Any]:
 
 
 def webgpu(backends: str) -> dict[str, Any]:
-    """List the adapters of some backends; {"devices": [...], "problems": [...]}."""
+    """Return the adapters of comma-separated backends, {"devices": [...], "problems": [...]}."""
     try:
         import wgpu
         from wgpu.backends.wgpu_native.extras import set_instance_extras

@@ -1,8 +1,8 @@
-"""pyrender: times triangulations as roofs of a city, or of a model, in a scene-graph renderer.
+"""Timing in pyrender, a scene-graph renderer, which draws polygons as roofs of a city.
 
-It represents common renderers: perspective, depth test, multisampling, and a frame that is read
-back. It cannot count. pyrender is unmaintained (0.1.45) and runs in a separate process. Polygons
-become roofs; a model's views are drawn in their projection, one frame per view.
+pyrender is an example of common renderers: perspective, depth test, multisampling, and a frame that
+is read back. Nothing can be counted. pyrender is unmaintained (0.1.45) and runs in a separate
+process. Views of a model are drawn in their own projection, one frame per view, without roofs.
 """
 
 import importlib.util
@@ -38,11 +38,13 @@ DISTANCE = 1.5
 """Distance of the camera from the city's centre, in viewport widths."""
 
 OLD_INFINITY = "infty"
+"""Name of infinity in numpy 1, which pyrender still uses."""
 
 LOWEST, TALLEST = 0.005, 0.035
 """Heights of roofs, as shares of the viewport's width."""
 
 GOLDEN = 0.6180339887498949
+"""Step of the heights of successive roofs, modulo 1: spreads them evenly."""
 WALL_SHADE = 0.55
 
 SKY = (0.93, 0.95, 0.98, 1.0)
@@ -81,7 +83,6 @@ class Pyrender(Rasteriser):
 
     def __init__(self, device: Device) -> None:
         device.require_environment()
-        # pyrender 0.1.45 still uses a name that numpy 2 removed.
         if not hasattr(np, OLD_INFINITY):
             setattr(np, OLD_INFINITY, np.inf)
         try:
@@ -93,7 +94,7 @@ class Pyrender(Rasteriser):
         self.pyrender: Any = pyrender
         try:
             self.renderer: Any = pyrender.OffscreenRenderer(8, 8)
-        except Exception as error:  # pyrender passes on any exception of PyOpenGL
+        except Exception as error:  # PyOpenGL may raise any exception
             raise NoRasteriserError(
                 f"pyrender on {device.name}: {error}; {self.remedy(device.name)}"
             ) from error
@@ -225,7 +226,7 @@ def extrude_polygons(frame: Frame, triangles: Triangles) -> Solid:
 
 
 def project_triangles(frame: Frame, triangles: Triangles) -> Solid:
-    """Return projected triangles (m, 3) of a model's views, z from 0 down to -1."""
+    """Return triangles (m, 3) of a model's view, projected; z is from 0, near, to -1, far."""
     assert frame.depths is not None
     used, faces = np.unique(triangles, return_inverse=True)
     if not len(used):

@@ -2,7 +2,7 @@
 
 Binning assigns triangles to tiles, as the first pass of a tiled GPU does. A tile counts if its
 interior meets the triangle's interior. Binning by bounding box tests only the box; exact binning
-also tests the three edges, each at the tile's corner that lies furthest inside
+also tests the three edges, each at the corner of the tile that lies furthest inside the edge
 (T. Akenine-Moller, "Conservative rasterization", GPU Gems 2, chapter 42).
 """
 
@@ -36,17 +36,17 @@ COUNTED = (*SHADED, "blocks", "bbox_tests")
 def predict(
     points: NDArray[np.int32], triangles: Triangles, window: NDArray[np.int64] = UNBOUNDED
 ) -> dict[str, NDArray[np.int64]]:
-    """Return the counters of each triangle, computed from coordinates; every value is (m,).
+    """Return the counters of each triangle, (m,) by name, computed from coordinates.
 
-    fragments : pixels whose centre the triangle covers
-    quads : 2x2 blocks with a covered pixel
-    helper_lanes : lanes of these quads whose pixel is not covered
-    partial_quads : quads with a helper lane
-    covering_triangles : 1 if a pixel is covered, otherwise 0
-    blocks : 4x4 blocks with a covered pixel
-    bbox_tests : pixel centres in the bounding box
+    Pixels outside the window (`Frame.window`) do not count. The counters are
 
-    Pixels outside the window (`Frame.window`) do not count.
+    - fragments: pixels whose centre the triangle covers
+    - quads: 2x2 blocks with a covered pixel
+    - helper_lanes: lanes of these quads whose pixel is not covered
+    - partial_quads: quads with a helper lane
+    - covering_triangles: 1 if a pixel is covered, otherwise 0
+    - blocks: 4x4 blocks with a covered pixel
+    - bbox_tests: pixel centres in the bounding box
     """
     counts = spans.count_triangles(points, triangles, window).T
     fragments, quads, partial, blocks, tests = counts
@@ -56,7 +56,7 @@ def predict(
 def _derive_shaded(
     fragments: NDArray[np.int64], quads: NDArray[np.int64], partial: NDArray[np.int64]
 ) -> dict[str, NDArray[np.int64]]:
-    """Return the counters `SHADED` of triangles, (m,) each."""
+    """Return all counters of `SHADED`, (m,) by name, from three counters (m,) of triangles."""
     covering = (fragments > 0).astype(np.int64)
     values = (fragments, quads, 4 * quads - fragments, partial, covering)
     return dict(zip(SHADED, values, strict=True))
@@ -65,11 +65,12 @@ def _derive_shaded(
 def predict_visible(
     frame: Frame, triangles: Triangles, picture: NDArray[np.uint32] | None = None
 ) -> dict[str, NDArray[np.int64]]:
-    """Return the counters of triangles (m, 3) drawn in their order with a depth test, (m,) each.
+    """Draw triangles (m, 3) in order with a depth test; return their counters, (m,) by name.
 
-    fragments, quads, helper_lanes, partial_quads, covering_triangles : of shaded pixels
-    depth_ties : tests that depend on rounding; a device may differ in as many pixels and quads
-    picture : (height, width), row 0 at the bottom; receives each polygon's colour
+    The counters `SHADED` count only pixels that pass the depth test. `depth_ties` counts depth
+    tests that depend on rounding: a device's counts of pixels and quads may differ by that number.
+
+    picture : (height, width), row 0 at the bottom; receives the colours of polygons
     """
     assert frame.depths is not None
     draws = frame.draws(triangles)
@@ -85,10 +86,11 @@ def predict_visible(
 def count_outline_quads(
     frame: Frame, parts: Sequence[NDArray[np.int32] | None]
 ) -> NDArray[np.int64]:
-    """Return the number of 2x2 blocks that each polygon covers, (p,); -1 for a part that is None.
+    """Return the number of 2x2 blocks that each polygon covers, (p,); -1 without a triangulation.
 
     Drawing a polygon in one piece shades these blocks: a lower bound for every triangulation.
-    parts : any triangulation (m, 3) without gaps of each polygon
+
+    parts : for each polygon any triangulation (m, 3) without gaps, or None
     """
     sizes = [0 if part is None else len(part) for part in parts]
     bounds = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
@@ -97,7 +99,7 @@ def count_outline_quads(
 
 
 def count_quads(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray[np.int64]:
-    """Return the number of 2x2 blocks that each polygon's triangles (m, 3) shade, (p,)."""
+    """Return the number of quads that each polygon's triangles, `parts[k]` (m, 3), shade, (p,)."""
     triangles = frame.join(parts)
     return sum_per_polygon(
         frame, triangles, predict(frame.points, triangles, frame.window)["quads"]
@@ -105,7 +107,7 @@ def count_quads(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDAr
 
 
 class Reference(CpuRasteriser):
-    """Scan conversion in Numba, row by row, on one core."""
+    """Scan conversion row by row on one core, compiled by Numba."""
 
     name = "reference"
     limitation = "one sample per pixel, no fragment work and no textures"
@@ -147,13 +149,16 @@ class _FillDrawing(Drawing):
 
 
 def polygon_colours(polygons: NDArray[np.int32]) -> NDArray[np.uint32]:
-    """Return an opaque colour for each polygon number, little-endian RGBA in (m,) uint32."""
+    """Return an opaque colour for each of the polygon numbers (m,): RGBA, little-endian uint32."""
     mixed = (polygons.astype(np.uint32) + np.uint32(1)) * np.uint32(2654435761)
     return (mixed >> np.uint32(8)) | np.uint32(0xFF404040)
 
 
 def find_disagreements(frame: Frame, drawn: Counters, expected: Counters) -> list[str]:
-    """Return a sentence for each counter in both that differs for some polygon."""
+    """Return a sentence for each counter that differs for some polygon.
+
+    Only counters that `drawn` and `expected` both have per polygon are compared.
+    """
     sentences = []
     for name, values in expected.items():
         if name not in drawn or drawn[name].shape != values.shape:
@@ -175,10 +180,10 @@ TILES = (16, 32, 64)
 def predict_tiles(
     points: NDArray[np.int32], triangles: Triangles, window: NDArray[np.int64] = UNBOUNDED
 ) -> dict[str, NDArray[np.int64]]:
-    """Return the number of tiles in the window that each triangle is binned into, (m,) a name.
+    """Return the number of tiles into which each triangle is binned, (m,) by name.
 
-    tiles_16, tiles_32, tiles_64 : by bounding box
-    tiles_16_exact, ... : by exact overlap
+    Names are tiles_16, tiles_32 and tiles_64 for binning by bounding box, and tiles_16_exact, ...
+    for exact binning. Tiles outside the window (in pixels) do not count.
     """
     counts = {}
     for side in TILES:
@@ -195,10 +200,11 @@ def count_tiles(
     side: int,
     window: NDArray[np.int64],
 ) -> NDArray[np.int64]:
-    """Count tiles of `side` (1/256 px) for each triangle: (m, 2), by bounding box and exactly.
+    """Return the number of tiles of `side` (1/256 px) of each triangle, (m, 2).
 
-    Tiles outside the window (first column and row, last column and row) do not count. A triangle
-    without an area is in no tile.
+    Column 0 is for binning by bounding box, column 1 for exact binning. Tiles outside the window
+    (first column and row, last column and row of tiles) do not count. A triangle without an area is
+    in no tile.
     """
     counts = np.zeros((len(triangles), 2), np.int64)
     corners = np.zeros((3, 2), np.int64)
@@ -249,12 +255,15 @@ def tile_box(
 def tile_span(
     corners: NDArray[np.int64], row: int, side: int, min_column: int, max_column: int
 ) -> tuple[int, int]:
-    """Return first and last tile of a row that no edge of the triangle excludes."""
+    """Return the first and last column of the tiles of a row that no edge of the triangle excludes.
+
+    Only columns from `min_column` to `max_column` are considered.
+    """
     for k in range(3):
         x, y = corners[k, 0], corners[k, 1]
         dx, dy = corners[(k + 1) % 3, 0] - x, corners[(k + 1) % 3, 1] - y
         furthest_row = row + 1 if dx > 0 else row
-        # Inside at column x' if value > dy * side * x', x' a corner of the tile.
+        # The corner at x = side * x' of that row is inside the edge if value > dy * side * x'.
         value = dx * (side * furthest_row - y) + dy * x
         if dy > 0:
             max_column = min(max_column, (value - 1) // (dy * side))

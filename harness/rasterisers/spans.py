@@ -9,10 +9,10 @@ an edge function is linear in x, so one floor division gives its first or last c
 Source of the edge functions: J. Pineda, "A Parallel Algorithm for Polygon Rasterization",
 SIGGRAPH 1988.
 
-With a depth test coverage is the same. Depth is a plane through the triangle's snapped vertices, in
-double precision. A device computes it in single precision, so if the distance of two surfaces is
-within that rounding error, either may pass: such a test is a *tie*. Counters differ from a device's
-by at most one pixel and one quad per tie.
+A depth test does not change which pixels are covered. The depth is a plane through the triangle's
+snapped vertices, here in double precision. A device computes depths in single precision, so if the
+distance of two surfaces is within that rounding error, either may be visible: such a test is a
+*tie*. Counters differ from a device's by at most one pixel and one quad per tie.
 """
 
 import numpy as np
@@ -35,7 +35,10 @@ _HALF = 128
 
 @njit(inline="always")
 def pixel_range(low: int, high: int) -> tuple[int, int]:
-    """First and last pixel whose centre lies in [low, high], in 1/256 px; empty if first > last."""
+    """Return the first and last pixel whose centre lies in [low, high], in 1/256 px.
+
+    If no centre lies there, the first is greater than the last.
+    """
     return -((_HALF - low) // _UNIT), (high - _HALF) // _UNIT
 
 
@@ -43,12 +46,12 @@ def pixel_range(low: int, high: int) -> tuple[int, int]:
 def setup(
     points: Points, triangle: NDArray[np.int32], edges: Edges, window: Window
 ) -> tuple[int, int, int, int, bool]:
-    """Prepare one triangle: its edge functions and its bounding box in pixels of the window.
+    """Write a triangle's edge functions to `edges`, and return its bounding box in the window.
 
-    Fills `edges` (3, 3): constant + per_row*y - per_column*x is an edge function at the centre
-    of pixel (x, y), less 1 if the top-left rule excludes the edge itself, so that a pixel is
-    inside if no edge function is negative. Returns (first row, last row, first column,
-    last column, whether the triangle has an area).
+    A row of `edges` (3, 3) is constant, per_row, per_column: constant + per_row*y - per_column*x is
+    the edge function at the centre of pixel (x, y), less 1 if the top-left rule excludes the edge
+    itself, so that a pixel is inside if no edge function is negative. Returns (first row, last row,
+    first column, last column, whether the triangle has an area); only with an area `edges` is set.
     """
     ax, ay = np.int64(points[triangle[0], 0]), np.int64(points[triangle[0], 1])
     bx, by = np.int64(points[triangle[1], 0]), np.int64(points[triangle[1], 1])
@@ -74,14 +77,17 @@ def setup(
 
 @njit(error_model="numpy", inline="always")
 def find_span(edges: Edges, y: int, min_x: int, max_x: int) -> tuple[int, int]:
-    """First and last covered pixel of row `y`; empty if first > last."""
+    """Return the first and last covered pixel of row `y`; no pixel is covered if first > last.
+
+    Only pixels from `min_x` to `max_x` are considered.
+    """
     for k in range(3):
         value = edges[k, 0] + edges[k, 1] * y
         step = edges[k, 2]
         if step > 0:
             max_x = min(max_x, value // step)
         elif step < 0:
-            # The least x with value - step x >= 0 is value / step rounded up; // rounds down.
+            # The minimum x with value - step x >= 0 is value / step rounded up; // rounds down.
             min_x = max(min_x, -(value // -step))
         elif value < 0:
             return min_x, min_x - 1
@@ -124,10 +130,10 @@ def count_triangles(points: Points, triangles: Triangles, window: Window) -> NDA
 def outline_quads(
     points: Points, triangles: Triangles, bounds: NDArray[np.int64], window: Window
 ) -> NDArray[np.int64]:
-    """Count the 2x2 blocks with a pixel of the window that each polygon covers, (p,).
+    """Return the number of 2x2 blocks in which each polygon covers a pixel of the window, (p,).
 
-    triangles[bounds[k]:bounds[k + 1]] cover polygon k once. A mask of the polygon's bounding box
-    marks touched blocks, so that a block that several triangles touch counts once.
+    triangles[bounds[k]:bounds[k + 1]] are a triangulation of polygon k. A mask of the polygon's
+    bounding box marks touched blocks, so that a block that several triangles touch counts once.
     """
     counts = np.zeros(len(bounds) - 1, np.int64)
     edges = np.zeros((3, 3), np.int64)
@@ -159,14 +165,14 @@ def outline_quads(
 
 @njit(inline="always")
 def count_full_quads(spans: NDArray[np.int64]) -> int:
-    """Count the 2x2 blocks of two rows, the lower one even, that the spans (2, 2) fully cover."""
+    """Count the quads that the spans (2, 2) of two rows fully cover; the lower row is even."""
     low, high = max(spans[0, 0], spans[1, 0]), min(spans[0, 1], spans[1, 1])
     return int(max(0, ((high + 1) >> 1) - ((low + 1) >> 1)))
 
 
 @njit
 def count_touched_cells(spans: NDArray[np.int64], shift: int) -> int:
-    """Count the cells of 2**shift px that any of the spans (k, 2) touches; sorts `spans`."""
+    """Count the cells, 2**shift px wide, that any of the spans (k, 2) touches; sorts `spans`."""
     total = 0
     reach = np.int64(-1)
     for i in range(len(spans)):
@@ -211,9 +217,9 @@ def shade(
     helpers: NDArray[np.int64],
     window: Window,
 ) -> None:
-    """Add the covering and helper lanes of each pixel to `covered` and `helpers` (height, width).
+    """Add the numbers of covering and helper lanes at each pixel to `covered` and `helpers`.
 
-    Row 0 is at the bottom. Height and width must be even.
+    Both arrays are (height, width), with row 0 at the bottom; height and width must be even.
     """
     edges = np.zeros((3, 3), np.int64)
     rows = np.zeros((2, 2), np.int64)
@@ -265,13 +271,15 @@ def count_visible(
     window: Window,
     picture: NDArray[np.uint32],
 ) -> NDArray[np.int64]:
-    """Count the pixels and quads of each triangle that pass the depth test, (m, 4), and draw them.
+    """Draw triangles with a depth test, and return the counters of each triangle, (m, 4).
 
-    points : (n, 2) in 1/256 px; depths : (n,) from 0, near, to `DEEPEST`
-    begins : (v + 1,) rows of triangles at which views begin; each view starts with cleared depths
-    picture : (height, width), even, row 0 at the bottom; gets `colours` (m,)
     Columns: FRAGMENTS, pixels that pass; QUADS, 2x2 blocks with a passing pixel; PARTIAL_QUADS, 2x2
-    blocks in which some pixels pass and others do not; TIES.
+    blocks in which some pixels pass and others do not; TIES, tests within the rounding error.
+
+    points, depths : (n, 2) in 1/256 px, and (n,) from 0, near, to `DEEPEST`
+    begins : (v + 1,) rows of triangles at which views begin; each view starts with cleared depths
+    colours : (m,) the colour of each triangle in `picture`
+    picture : (height, width), both even, row 0 at the bottom; receives the visible colours
     """
     counts = np.zeros((len(triangles), 4), np.int64)
     edges = np.zeros((3, 3), np.int64)

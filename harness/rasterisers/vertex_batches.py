@@ -80,7 +80,7 @@ def _count(
     triangles: np.ndarray, max_vertices: int, max_triangles: int, cache_size: int
 ) -> tuple[int, int]:
     first = triangles.min()
-    # Before any batch: no vertex of a later batch, which begins at time 0 or later, is reused.
+    # -1, a time before the first batch, which begins at time 0: not transformed yet.
     entered = np.full(triangles.max() - first + 1, -1, dtype=np.int64)
     batches, size, begin, time = 1, 0, 0, 0
     for row in range(len(triangles)):

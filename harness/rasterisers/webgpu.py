@@ -33,14 +33,14 @@ from scenes.spec import format_install_command
 FORMAT = "rgba8unorm"
 
 QUAD_COUNT_SCALE = 12
-"""Sum that the pixels of a quad add to its counter; see shaders/count.wgsl."""
+"""Number that the covered pixels of a quad together add to a counter; see shaders/count.wgsl."""
 
 MAX_LANES = 2**30
-"""Maximum lanes of one counting draw; its counters stay below 3 * 2**30."""
+"""Maximum lanes of one counting draw, 2**28 quads, so that counters stay at or below 3 * 2**30."""
 
 KEEP_ALPHA = 7
 """Write red, green and blue: llvmpipe discards a tile's collected storage writes when an opaque
-triangle covers the tile; a draw that keeps alpha is not opaque to it."""
+triangle covers the tile, and a draw that keeps alpha does not count as opaque."""
 WRITE_ALL = 15
 
 STEPS = (1, 2, 4, 8, 16)
@@ -74,12 +74,12 @@ COUNT_BUFFERS = [
 LIMITS = ("max-texture-dimension-2d", "max-buffer-size", "max-storage-buffer-binding-size")
 
 IMMEDIATE = ("nvidia", "amd", "radeon", "intel")
-"""GPUs that shade triangles immediately. Other GPUs collect a pass first and skip triangles that
-later opaque triangles hide, so they get one pass per draw instead of instances."""
+"""Words in the names of GPUs that shade triangles immediately. Other GPUs collect a pass first and
+skip triangles that later opaque triangles hide, so they get a pass per draw, not instances."""
 
 
 class WebGPU(Rasteriser):
-    """WebGPU without a window; its shaders cannot detect helper lanes, which follow from quads."""
+    """WebGPU without a window; as its shaders cannot detect helper lanes, 4 quads - fragments."""
 
     name = "webgpu"
     shades_fragments = True
@@ -119,7 +119,7 @@ class WebGPU(Rasteriser):
         self.gpu = adapter.request_device_sync(
             required_features=list(features), required_limits=limits
         )
-        from wgpu.backends.wgpu_native import lib  # absent from the standard: a timestamp's step
+        from wgpu.backends.wgpu_native import lib  # only wgpu has a timestamp's unit
 
         period_ns = float(lib.wgpuQueueGetTimestampPeriod(self.gpu.queue._internal))
         self.period_ns = period_ns if features else None
@@ -150,8 +150,8 @@ class WebGPU(Rasteriser):
     def _find_step(self) -> int | None:
         """Return the step of the grid to which the device snaps vertices, in 1/256 px, or None.
 
-        A frame's grid has a step of 1; a backend's grid has a step of up to 16. The result is the
-        first step at which the device's counters of random triangles equal the reference's.
+        The grid of frames has a step of 1, that of a device up to 16. The result is the first step
+        at which the device's counters of random triangles equal the reference's, or None.
         """
         rng = np.random.default_rng(7)
         corners = rng.integers(SUBPIXEL, (PROBE_PX - 1) * SUBPIXEL, (3 * PROBES, 2))
@@ -206,7 +206,7 @@ class WebGPU(Rasteriser):
         return frame.with_points(coarsen(frame.points, self._step))
 
     def get_target(self, frame: Frame) -> Any:
-        """Return a view of a texture to draw into; the last texture is reused if equal.
+        """Return a view of a texture to draw into; the last texture is reused if the size is equal.
 
         Raises
         ------
@@ -237,7 +237,10 @@ class WebGPU(Rasteriser):
         return self.gpu.create_bind_group(layout=layout, entries=entries)
 
     def _build_pipeline(self, name: str, entry: str, mask: int, buffers: Sequence[Any]) -> Any:
-        """Build a pipeline from a file in shaders/ with the fragment shader `entry`."""
+        """Build a pipeline from shaders/NAME.wgsl; `entry` is its fragment shader's function.
+
+        mask, buffers : colour channels to write, and layouts of the vertex buffers
+        """
         module = self.gpu.create_shader_module(code=read_shader(f"{name}.wgsl"))
         return self.gpu.create_render_pipeline(
             layout="auto",
@@ -312,8 +315,8 @@ class _UploadedTriangles(Drawing):
     def sample(self, repeats: int) -> Sample:
         """Draw `repeats` times.
 
-        A GPU that shades triangles immediately gets instances in a pass. Tiling GPUs collect
-        triangles before shading and skip hidden triangles, so each draw is submitted separately.
+        A GPU that shades triangles immediately gets one pass, which draws instances. Other GPUs
+        collect a pass before shading and skip hidden triangles, so each draw is a separate pass.
         """
         instances = repeats if self.one_pass else 1
         passes = [self._draws] if self.one_pass else [[rows] for rows in self._draws] * repeats

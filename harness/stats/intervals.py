@@ -1,7 +1,7 @@
-"""Confidence intervals that assume little about the distribution.
+"""Confidence intervals that assume little about the distribution of the values.
 
-`scripts/studies/interval_coverage.py` simulates the coverage of each interval. Ratios of the times
-of two drawings use rounds in which both were timed.
+`scripts/studies/interval_coverage.py` simulates the coverage of each interval. A ratio of two
+drawings' times is computed from rounds in which both were timed.
 """
 
 from collections.abc import Sequence
@@ -15,30 +15,31 @@ from numpy.typing import NDArray
 CONFIDENCE = 0.95
 
 MIN_VALUES = 6
-"""Minimum number of polygons or groups for an interval: with fewer the median's is unbounded."""
+"""Minimum number of polygons or groups for an interval: fewer cannot bound a median with 95 %."""
 
 TAIL = 0.01
-"""Share of a studentised bootstrap's resamples beyond either end. 2.5 % suits many values of little
-skew. For ratios and regrets, whose sum has a few large values, 2 % cover 90 % with 96 values; 1 %
-cover at least 94 %."""
+"""Share of a studentised bootstrap's resamples beyond either end of an interval. The usual 2.5 %
+suit many values with little skew. The sums behind ratios and regrets have a few large values: there
+2 % give intervals that cover the truth in 90 % of cases (96 values), and 1 % in at least 94 %."""
 
 RESAMPLES = 1999
 
 UNKNOWN = (float("nan"), float("nan"))
-"""Ends of an interval that the values do not determine."""
+"""Result of functions for an interval whose ends cannot be determined from the values."""
 
 
 def median_interval(samples: list[float], confidence: float = CONFIDENCE) -> tuple[float, float]:
     """Return the exact order-statistics confidence interval of the median, by default of 95 %.
 
-    The interval is free of assumptions about the distribution. For fewer than six samples the range
-    is returned. Source: David & Nagaraja, Order Statistics, section 7.1.
+    No assumption is made about the distribution. For fewer than six samples the result is their
+    range, whose confidence is lower. Source: David & Nagaraja, Order Statistics, section 7.1.
     """
     from scipy.special import bdtr
 
     ordered = sorted(samples)
     n = len(ordered)
-    # Largest k with P(Binomial(n, 1/2) < k) <= 2.5 %: the k-th smallest and k-th largest.
+    # The ends are the k-th smallest and k-th largest sample, for the maximum k with
+    # P(Binomial(n, 1/2) < k) <= (1 - confidence) / 2.
     below = bdtr(np.arange(n), n, 0.5)
     k = int(np.searchsorted(below, (1 - confidence) / 2, side="right"))
     if k == 0:
@@ -69,11 +70,11 @@ def student_interval(
 def mean_interval(values: NDArray[np.float64], seed: int = 0) -> tuple[float, float]:
     """Return the studentised bootstrap's 95 % confidence interval of the mean of (n,) values.
 
-    The interval follows the skew of the values, unlike the percentile bootstrap and Student's.
-    `UNKNOWN` for fewer than `MIN_VALUES` values, for equal values, whose spread is unknown, and if
-    one value outweighs the others so much that either end is unbounded. An event rarer than one in
-    n / 3 is probably absent from n values, and no interval covers it. Source: B. Efron and
-    R. Tibshirani, An Introduction to the Bootstrap, 12.5.
+    The interval is asymmetric if the values are skewed, unlike Student's. The result is `UNKNOWN`
+    for fewer than `MIN_VALUES` values, for equal values, whose spread is unknown, and if one value
+    outweighs the others so much that either end is unbounded. If rare values dominate the mean, one
+    in n or fewer, they may be absent from the n values, and no interval allows for them. Source:
+    B. Efron and R. Tibshirani, An Introduction to the Bootstrap, 12.5.
     """
     n = len(values)
     if n < MIN_VALUES or np.ptp(values) == 0:
@@ -90,11 +91,12 @@ def ratio_interval(
 ) -> tuple[float, float]:
     """Return the studentised bootstrap's 95 % interval of sum(values) / sum(base), both (n,).
 
-    Values are resampled in pairs with bases; a ratio's standard error is the jackknife's.
-    `UNKNOWN` as for `mean_interval`, if a base is negative or all are 0, and if an end lies further
-    outside the range of the single ratios than the width of that range: resamples of a few values
-    can be so similar that their errors are almost 0. Source: B. Efron and R. Tibshirani, An
-    Introduction to the Bootstrap, 11 and 12.5.
+    Each value is resampled together with its base; a ratio's standard error is the jackknife's.
+    The result is `UNKNOWN` in the cases of `mean_interval`; if an element of `base` is negative, or
+    all are 0; and if an end of the interval lies outside the range of the ratios value / base by
+    more than the width of that range. The last happens if resamples of a few values are so similar
+    that their standard errors are almost 0. Source: B. Efron and R. Tibshirani, An Introduction to
+    the Bootstrap, 11 and 12.5.
     """
     n = len(values)
     if n < MIN_VALUES or (base < 0).any() or not base.any():
@@ -117,7 +119,7 @@ def ratio_interval(
 
 
 def _find_interval_ends(value: float, error: float, t: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the interval of a value with a standard error, from the resamples' statistics t."""
+    """Return the interval of an estimate from its standard error and the t of each resample."""
     low, high = np.quantile(np.where(np.isnan(t), 0.0, t), [TAIL, 1 - TAIL], method="inverted_cdf")
     if not (np.isfinite(low) and np.isfinite(high)):
         return UNKNOWN
@@ -127,7 +129,9 @@ def _find_interval_ends(value: float, error: float, t: NDArray[np.float64]) -> t
 def _estimate_errors(
     residuals: NDArray[np.float64], base: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the (k,) jackknife standard errors of the ratios of the rows of (k, n) values.
+    """Return the jackknife standard errors (k,) of k ratios sum(values) / sum(base), row by row.
+
+    residuals, base : (k, n), the values less ratio * base, and the base
 
     A factor common to all rows is omitted, as it cancels in the studentised bootstrap.
     """
@@ -151,9 +155,10 @@ UNDECIDED: Final = "not significant"
 class Ratio:
     """Ratio of the times of two drawings, with a 95 % confidence interval.
 
-    rounds : number of rounds
-    quiet : False if the run was disturbed, so that the verdict is never significant
-    joint : the ratio with a simultaneous interval for the best of several, or None if not computed
+    rounds : number of rounds from which the ratio was computed
+    quiet : False if the run was disturbed, so that the verdict is always "not significant"
+    joint : the same ratio with an interval that allows for the choice of the lowest of several
+        ratios, or None if not computed
     """
 
     value: float
@@ -165,17 +170,18 @@ class Ratio:
 
     @property
     def verdict(self) -> Verdict:
-        """Verdict of the interval about the first drawing relative to the second."""
+        """Whether the first drawing is faster or slower than the second, by the interval."""
         if not self.quiet:
             return UNDECIDED
         return FASTER if self.high < 1 else SLOWER if self.low > 1 else UNDECIDED
 
 
 RUN_SCATTER = 0.003
-"""Standard deviation of the log ratio of two drawings between runs in one state of the machine,
-beyond the scatter of rounds and epochs: memory layout differs between processes, and so does the
-load of a shared host. Measured by 20 equal runs; tested on runs of four processes each, on another
-CPU, and on the runs of docs/findings-tables.md, "What do other programs do to an answer?"."""
+"""Standard deviation between runs of the log ratio of two drawings, on an undisturbed machine, in
+excess of the scatter of rounds and epochs within a run: processes differ in memory layout, and the
+load of a shared host changes. Measured by 20 equal runs; tested on runs of four processes each, on
+another CPU, and on the runs of docs/findings-tables.md, "What do other programs do to an answer?".
+"""
 
 MIN_EPOCHS = 4
 """Minimum number of epochs to estimate the scatter between epochs."""
@@ -187,12 +193,12 @@ FOLDS = 6
 def split_rounds(
     processes: Sequence[int], epochs: Sequence[int], rounds: int
 ) -> list[NDArray[np.intp]]:
-    """Return the indices of rounds in parts that are as independent as possible.
+    """Split the `rounds` rounds of a timing into parts that are as independent as possible.
 
-    The parts are processes if there are several, otherwise epochs, otherwise `FOLDS` parts of
-    alternating rounds.
+    A part is a process if there are several; otherwise an epoch if there are `MIN_EPOCHS`;
+    otherwise every sixth round (`FOLDS`). Returns the indices of each part's rounds.
 
-    processes, epochs : number of rounds of each
+    processes, epochs : number of rounds of each process, and of each epoch
     """
     for parts, minimum in ((processes, 2), (epochs, MIN_EPOCHS)):
         if len(parts) >= minimum and sum(parts) == rounds:
@@ -211,12 +217,16 @@ def paired_ratio(
 ) -> Ratio:
     """Return the ratio of the times of two drawings, with a confidence interval.
 
-    A machine that slows down slows both drawings of a round, so drift cancels. Buffers are
-    created again between epochs: with `MIN_EPOCHS` epochs the ratio is the mean of the epochs'
-    median log ratios, with Student's interval, which includes the effect of the buffers' positions
-    in memory. With several processes the ratio is the mean of the processes' means over epochs.
-    Otherwise the ratio is the median of all rounds, with the exact order-statistics interval, which
-    does not include the effect of the buffers' positions.
+    A machine that slows down slows both drawings of a round, so drift cancels. Buffers are created
+    again before each epoch, so an interval from the scatter between epochs includes the effect of
+    the buffers' positions in memory. The ratio is
+
+    - with several processes, the exponential of the mean over processes of each process's mean over
+      epochs of the median log ratio, with Student's interval over processes;
+    - otherwise, with `MIN_EPOCHS` epochs, the exponential of the mean over epochs of the median log
+      ratio, with Student's interval over epochs;
+    - otherwise, the median over rounds, with the exact order-statistics interval, which does not
+      include the effect of the buffers' positions.
 
     Parameters
     ----------
@@ -227,8 +237,9 @@ def paired_ratio(
     mask : (r,) array of bool, optional
         Rounds to use; by default all.
     candidates : int, optional
-        Number of ratios from which this ratio is selected by value; the interval is simultaneous
-        for all of them by Sidak's inequality, which is exact for independent ratios.
+        Number of ratios of which the caller reports, say, the lowest. If there are several, the
+        interval is widened so that with 95 % confidence the intervals of all of them hold (Sidak's
+        inequality, which is exact for independent ratios).
 
     Returns
     -------
@@ -256,7 +267,7 @@ def paired_ratio(
     medians = np.array([np.median(part) for part in np.split(np.log(ratios), ends[:-1])])
     process_rounds = _count_rounds(mask, processes)
     if len(process_rounds) > 1:
-        # An epoch belongs to the process in which it ended.
+        # An epoch belongs to the process of its last round.
         owners = np.searchsorted(np.cumsum(process_rounds), ends)
         medians = np.array([medians[owners == owner].mean() for owner in np.unique(owners)])
     if len(process_rounds) > 1 or len(medians) >= MIN_EPOCHS:
@@ -267,7 +278,10 @@ def paired_ratio(
 
 
 def _count_rounds(mask: NDArray[np.bool_], parts: Sequence[int] | None) -> list[int]:
-    """Return the number of used rounds of each part that has any, or [] without parts."""
+    """Return the number of rounds in `mask` of each part with such rounds, or [] without parts.
+
+    parts : number of rounds of each epoch or process
+    """
     if parts is None or sum(parts) != len(mask):
         return []
     counts = [int(part.sum()) for part in np.split(mask, np.cumsum(parts)[:-1])]
@@ -275,11 +289,12 @@ def _count_rounds(mask: NDArray[np.bool_], parts: Sequence[int] | None) -> list[
 
 
 def add_run_scatter(ratio: Ratio, candidates: int = 1) -> Ratio:
-    """Return the ratio of a run with an interval that also covers the scatter between runs.
+    """Return a run's ratio with its interval widened by the scatter between runs.
 
-    The half-widths of the interval and of `RUN_SCATTER` add as squares.
+    The new half-width, of the log ratio, is the root of the sum of squares of the old half-width
+    and the half-width that `RUN_SCATTER` alone would give.
 
-    candidates : see `paired_ratio`
+    candidates : number of ratios, as for `paired_ratio`
     """
     middle, low, high = np.log([ratio.value, ratio.low, ratio.high])
     quantile = NormalDist().inv_cdf(0.5 + CONFIDENCE ** (1 / max(1, candidates)) / 2)

@@ -1,10 +1,11 @@
 """Decide whether a run's timings were disturbed.
 
-A CPU rasteriser is timed by the CPU time of its process: waiting for a core does not add to a
-sample, but empties the caches. Other programs on the core or in its cache lengthen all draws and
-change their ratios without any waiting. Only the reference draw of the same rounds, compared
-with the fastest on this machine (`harness.measuring.reference_draws`), reveals this disturbance;
-the load average does not, and no number of rounds averages the disturbance out.
+A CPU rasteriser is timed by the CPU time of its process. Waiting for a core does not add to that
+time, but the program that used the core meanwhile has replaced the content of the caches. Programs
+that share the core or its caches also lengthen all draws and change their ratios without any
+waiting. Only the reference draw of the same rounds, compared with the fastest on this machine
+(`harness.measuring.reference_draws`), reveals this disturbance; the load average does not, and no
+number of rounds averages the disturbance out.
 
 Times of a disturbed run are not used, except for two versions timed in the same rounds, which are
 affected equally.
@@ -33,28 +34,30 @@ MAX_WAITED_SHARE = 0.02
 """Maximum share of an undisturbed sample's time spent waiting for a core."""
 
 UNDISTURBED_QUANTILE = 0.1
-"""Quantile of the ratios of wall clock to CPU time, taken as an undisturbed sample's ratio."""
+"""Quantile, over samples, of the ratio of wall clock to CPU time that an undisturbed sample has."""
 
 MIN_QUIET_ROUNDS = 12
-"""Minimum number of undisturbed rounds with which the disturbed rounds are excluded."""
+"""Minimum number of undisturbed rounds; if there are fewer, disturbed rounds are used as well."""
 
 MAX_DISTURBED_SHARE = 0.10
-"""Maximum on a quiet machine of the share of disturbed samples, because the operating system
-computes as well; of drawings with two modes; and of a core that other programs use."""
+"""Three maxima on a quiet machine: the share of disturbed samples, as the operating system computes
+as well; the share of drawings whose times have two modes; and the share of a core that other
+programs use."""
 
 MAX_STOLEN_SHARE = 0.05
 """Maximum share of a core's time that the host takes from a quiet virtual machine."""
 
 MAX_REFERENCE_RATIO = 1.35
-"""Maximum ratio of the reference draw's time to the fastest reference draw on a quiet machine.
-Ratios are constant up to there: H-optimal against ear clipping, city at 1024 px on llvmpipe, took
-0.837 to 0.847 with reference draws of 0.70 to 0.92 ms, and 0.862 or more from 1.06 ms on."""
+"""Maximum, on a quiet machine, of the reference draw's time relative to the fastest such draw. Up
+to there the ratios of other drawings are constant: H-optimal took 0.837 to 0.847 of the time of ear
+clipping (city at 1024 px on llvmpipe) in runs whose reference draw took 0.70 to 0.92 ms, and 0.862
+or more from 1.06 ms on."""
 
 MODE_SHARE, MODE_GAP, MODE_WIDTHS = 0.2, 1.1, 5.0
 """Criteria for two modes: minimum share of the samples in each, minimum ratio of the upper to the
-lower mode, and minimum distance in standard deviations. Halves of a normal distribution are 2.7
-apart, halves of a uniform distribution 3.5 (Ashman, Bird and Zepf, Astronomical Journal 108,
-1994)."""
+lower mode, and minimum distance of their medians in standard deviations of a mode. The halves of a
+single normal distribution are 2.7 apart, those of a uniform distribution 3.5 (Ashman, Bird and
+Zepf, Astronomical Journal 108, 1994)."""
 
 REMEDY = (
     "results use exact counters; measure again on an idle machine, or compare two versions with "
@@ -64,7 +67,7 @@ REMEDY = (
 
 @dataclass(frozen=True)
 class RunState:
-    """State of the machine during a run, and a clause for each reason."""
+    """State of the machine during a run; `why` has a clause for each disturbance."""
 
     state: State
     why: tuple[str, ...] = ()
@@ -83,11 +86,12 @@ class RunState:
 
 
 def find_undisturbed(time: Time) -> NDArray[np.bool_]:
-    """Return the (r,) mask of the samples that waited for a core at most `MAX_WAITED_SHARE`.
+    """Return the (r,) mask of samples with a share of waiting of at most `MAX_WAITED_SHARE`.
 
-    All samples, if the waiting is unknown. Waiting for another thread of the same process, as in
-    Vulkan on the CPU, is not a disturbance: a sample's waiting is limited to its wall clock beyond
-    the shortest for its CPU time. Parallel threads need less wall clock.
+    If the waiting is unknown, all samples are in the mask. Threads of one process that wait for
+    each other, as in Vulkan on the CPU, are not a disturbance, and do not lengthen the wall time.
+    So a sample's waiting counts only up to the excess of its wall time over the least that its CPU
+    time needs; with parallel threads that may be less than the CPU time.
     """
     samples, waited, wall = map(np.array, (time.samples_s, time.waited_s, time.wall_s))
     if len(waited) != len(samples):
@@ -100,7 +104,10 @@ def find_undisturbed(time: Time) -> NDArray[np.bool_]:
 
 
 def select_rounds(time: Time, base: Time) -> NDArray[np.bool_]:
-    """Return the (r,) mask of the rounds for a ratio: undisturbed rounds, if there are enough.
+    """Return the (r,) mask of the rounds to use for the ratio of two drawings.
+
+    These are the rounds in which both samples are undisturbed, or all rounds if there are fewer
+    than `MIN_QUIET_ROUNDS` of these.
 
     Raises
     ------
@@ -117,8 +124,8 @@ def select_rounds(time: Time, base: Time) -> NDArray[np.bool_]:
 def find_two_modes(samples: Sequence[float] | NDArray[np.float64]) -> tuple[float, float] | None:
     """Return the medians of the two modes of the samples, or None for a single mode.
 
-    The logarithms are split at the minimum of the variance within both parts (N. Otsu, IEEE
-    Transactions on Systems, Man and Cybernetics 9, 1979).
+    The sorted logarithms are split in two where the sum of the squared deviations within the parts
+    is minimal (N. Otsu, IEEE Transactions on Systems, Man and Cybernetics 9, 1979).
     """
     values = np.asarray(samples, np.float64)
     logs = np.sort(np.log(values[values > 0]))
@@ -178,7 +185,7 @@ def assess_records(records: Iterable[Record], draws: Sequence[Mapping[str, Any]]
 
 
 def _find_disturbances(drawings: Mapping[str, Time]) -> dict[str, State]:
-    """Return the disturbances of the samples of a device's drawings: clause -> state."""
+    """Return a clause for each disturbance of a device's samples, with the state it implies."""
     problems: dict[str, State] = {}
     masks = {name: find_undisturbed(time) for name, time in drawings.items()}
     count = sum(len(quiet) for quiet in masks.values())
@@ -188,7 +195,8 @@ def _find_disturbances(drawings: Mapping[str, Time]) -> dict[str, State]:
         for time in drawings.values()
         if time.others_s is not None and time.timing_s
     ]
-    # Without other programs, threads waited for other threads of the same process.
+    # If other programs used little CPU time, threads of this process waited for each other, which
+    # is no disturbance.
     if (
         waited > MAX_DISTURBED_SHARE * count
         and max(other_shares, default=math.inf) > MAX_DISTURBED_SHARE
@@ -201,7 +209,7 @@ def _find_disturbances(drawings: Mapping[str, Time]) -> dict[str, State]:
         samples, quiet = _level_processes(time), masks[name]
         if modes := find_two_modes(samples[quiet] if quiet.sum() >= MIN_QUIET_ROUNDS else samples):
             low, high = (f"{second * 1e3:.3g}" for second in modes)
-            # CPU time does not include the scheduler's time slices; other clocks do.
+            # Other clocks include the time slices of other programs, so their times are untrusted.
             state: State = DISTURBED if time.timer == "cpu" else UNTRUSTED
             bimodal[f"{name} ({low} and {high} ms)"] = state
     if len(bimodal) > MAX_DISTURBED_SHARE * len(drawings):
@@ -217,7 +225,10 @@ def _find_disturbances(drawings: Mapping[str, Time]) -> dict[str, State]:
 
 
 def _level_processes(time: Time) -> NDArray[np.float64]:
-    """Return (r,) samples with one median for all processes: a memory layout is not a mode."""
+    """Return the samples (r,), scaled so that those of each process have the same median.
+
+    Processes differ in memory layout, which must not count as two modes.
+    """
     samples = np.array(time.samples_s, np.float64)
     if len(time.processes) < 2 or sum(time.processes) != len(samples):
         return samples
@@ -226,7 +237,7 @@ def _level_processes(time: Time) -> NDArray[np.float64]:
 
 
 def get_run_state(run: Run) -> RunState:
-    """Return the state in a run's `run.json`, or the state computed from the samples."""
+    """Return the state stored in a run's `run.json`, or else computed from the samples."""
     stored = run.facts.get("state")
     if isinstance(stored, Mapping) and stored.get("state") in STATES:
         why = stored.get("why")
@@ -236,9 +247,9 @@ def get_run_state(run: Run) -> RunState:
 
 
 def explain_incomparable(base: Time, head: Time, *, machines_differ: bool) -> str:
-    """Return why the times of a case in two separate runs are incomparable, or "".
+    """Return the reason for which a case's times in two separate runs are incomparable, or "".
 
-    machines_differ : True if reference draws differ because of the machines
+    machines_differ : True if the machines differ, so that different reference draws are expected
     """
     for name, time in (("BASE", base), ("HEAD", head)):
         if problems := _find_disturbances({"it": time}):

@@ -1,4 +1,4 @@
-"""A pool of named worker processes that run tasks one after another."""
+"""A pool of named worker processes, each of which runs tasks one after another."""
 
 import logging
 import time
@@ -22,7 +22,7 @@ MEMORY_SHARE = 0.75
 """Share of the free memory that a third party's triangulator may allocate."""
 
 POLL_S = 0.1
-"""Maximum time in which a caller that waits for a task cannot handle a signal."""
+"""Interval at which a caller that waits for a task can handle a signal."""
 
 
 def get_third_party_limits() -> Limits:
@@ -33,7 +33,11 @@ def get_third_party_limits() -> Limits:
 
 @dataclass(frozen=True)
 class WorkerSpec:
-    """A worker process: name, environment variables, and limits if third-party code runs in it."""
+    """Description of a worker process.
+
+    environment : variables to set in the process
+    limits : limits of a process that runs third-party code, or None
+    """
 
     name: str
     environment: Mapping[str, str] = field(default_factory=dict)
@@ -42,6 +46,8 @@ class WorkerSpec:
 
 class WorkerPool:
     """Worker processes by name, started on first use, replaced after a failure.
+
+    A worker runs one task at a time; tasks of different workers run at the same time.
 
     open_worker : starts a process
     timeout_s : default time limit of a task
@@ -67,7 +73,8 @@ class WorkerPool:
         timeout_s : time limit, by default the pool's
         tick : called while the function runs, with the seconds so far
 
-        The result raises `TaskError` if the process crashed or hung, or the function raised.
+        `result()` of the future raises `TaskError` if the process crashed, hung or the function
+        raised.
         """
         if spec.name not in self._threads:
             self._threads[spec.name] = ThreadPoolExecutor(max_workers=1)
@@ -90,7 +97,11 @@ class WorkerPool:
             worker.close()
 
     def close(self, *, at_once: bool = False, abandoned: Sequence[str] = ()) -> None:
-        """End all workers; `at_once`, or if `abandoned` by name, without waiting for their task."""
+        """End all workers after their tasks in progress; tasks that wait are cancelled.
+
+        at_once : True to kill all workers without waiting for their tasks
+        abandoned : names of workers that are killed without waiting in any case
+        """
         for name, thread in self._threads.items():
             thread.shutdown(wait=not at_once and name not in abandoned, cancel_futures=True)
         for name, worker in list(self._workers.items()):
@@ -129,7 +140,7 @@ class WorkerPool:
             raise
 
     def _forget(self, spec: WorkerSpec) -> None:
-        """Reset the caller's notes about the state of a failed worker."""
+        """Hook of subclasses: discard what they know about the state of a worker that failed."""
 
 
 def wait_for_result(future: Future[T]) -> T:

@@ -1,13 +1,13 @@
 """The fork server of worker processes, and the main loop of a worker.
 
 The server has imported all modules, and loads no driver. A worker that starts from scratch takes
-two seconds for imports and compiled code; a forked worker has both. Python's forkserver makes the
-server, which ends with the process that started it. On systems without a safe fork (macOS, Windows)
-workers start from scratch.
+two seconds to import modules and load compiled code; a forked worker has both. Python's module
+`forkserver` starts the server, which ends with the process that started it. On systems without a
+safe fork (macOS, Windows) workers start from scratch.
 
 A worker runs tasks one after another and returns the results. A worker for third-party code has two
-processes: a parent that only waits, and a child that runs the tasks. A task that kills or suspends
-its parent does not affect the server, from which all other workers are forked.
+processes: one only waits, and its child runs the tasks. So a task that kills or suspends its parent
+does not affect the server, from which all other workers are forked.
 """
 
 import errno
@@ -40,7 +40,7 @@ SOURCES = str(Path(__file__).resolve().parents[2])
 
 
 def wake_server() -> None:
-    """Resume the server if it was suspended; otherwise no process could be started or ended."""
+    """Resume the server, as a suspended server cannot start or end processes."""
     server = getattr(forkserver._forkserver, "_forkserver_pid", None)
     if server is not None:
         with suppress(ProcessLookupError):
@@ -48,7 +48,10 @@ def wake_server() -> None:
 
 
 def start_server() -> ForkServerContext | SpawnContext:
-    """Start the server unless running, without waiting; return the context of processes."""
+    """Start the server unless it runs; return multiprocessing's context that starts workers.
+
+    The server's imports continue in the background.
+    """
     if sys.platform != "linux" or not hasattr(os, "fork"):
         return multiprocessing.get_context("spawn")
     paths = (SOURCES, os.environ.get("PYTHONPATH", ""))
@@ -65,7 +68,7 @@ def start_server() -> ForkServerContext | SpawnContext:
     try:
         multiprocessing.set_forkserver_preload([PRELOADED])
         wake_server()
-        resource_tracker.ensure_running()  # it unblocks signals
+        resource_tracker.ensure_running()  # before signals are blocked, as it unblocks them
         # Block Ctrl-C until the server has its own process group.
         blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         forkserver.ensure_running()
@@ -83,7 +86,8 @@ def start_server() -> ForkServerContext | SpawnContext:
 class Limits:
     """Limits of a process in which third-party code runs.
 
-    memory_bytes : maximum memory, or None with a driver, which maps more memory than it uses
+    memory_bytes : maximum address space, or None; no limit with a driver, which maps more memory
+        than it uses
     file_bytes : maximum size of a written file, including the captured output
     """
 
@@ -110,13 +114,14 @@ def serve(
     environment: Mapping[str, str],
     limits: Limits | None,
 ) -> None:
-    """Run tasks until a task is None; main function of a worker process.
-
-    environment : all variables of the process
-    limits : None if the process runs only built-in code
+    """Run the tasks received from `connection` until a task is None; main function of a worker.
 
     Sends None when ready for a task, None again after unpickling a task, then (True, result) or
     (False, error).
+
+    output : file to which standard output and standard error are appended
+    environment : all variables of the process
+    limits : None if the process runs only built-in code
     """
     _prepare(output, environment, limits)
     if limits is not None and sys.platform == "linux":
@@ -153,7 +158,7 @@ def serve(
 
 
 def _prepare(output: str, environment: Mapping[str, str], limits: Limits | None) -> None:
-    """Prepare a new process for tasks."""
+    """Set the environment, limits, process group, signals, output and log of a new process."""
     os.environ.clear()
     os.environ.update(environment)
     if limits is not None:
@@ -171,7 +176,7 @@ def _prepare(output: str, environment: Mapping[str, str], limits: Limits | None)
 
 
 def _wait_for_child(connection: Connection) -> None:
-    """Continue in a child; this process waits for the child and ends in the same way."""
+    """Return in a child of this process; this process waits for the child and ends as it does."""
     waiting = os.getpid()
     child = os.fork()
     if child == 0:
@@ -195,7 +200,7 @@ def _sanitise(error: HarnessError) -> HarnessError:
 
 
 def make_failure(error: BaseException) -> TaskError:
-    """Return the failure of a task that raised `error`."""
+    """Return the `TaskError` that reports that a task raised `error`."""
     if isinstance(error, MemoryError):
         return TaskError("out of memory")
     if isinstance(error, OSError) and error.errno == errno.EFBIG:

@@ -1,12 +1,13 @@
-"""A worker process for code that may crash, hang or require a separate environment.
+"""A worker process for code that may crash, hang or require other environment variables.
 
-A `Worker` is one process, which is started again after a crash. Tasks are module-level functions;
-state that outlives a task (an open device) is a module global of the worker process.
+A `Worker` has one process at a time, and starts another after a crash. Tasks are module-level
+functions; state that outlives a task (an open device) is a module global of the worker process.
 
 A task may be third-party code and is not trusted: it may exit, be killed, fork, or raise a
-`BaseException`. The operating system, not a pipe, tells whether the process runs, because a forked
-child would keep a pipe open. The process group is killed with the process. A task may also suspend
-its process, kill its parent (see `serving`), or print without end.
+`BaseException`. Whether the process runs is known from the operating system, not from a closed
+pipe, because a child that the task forked would keep the pipe open. The process group is killed
+with the process. A task may also suspend its process, kill its parent (see `serving`), or print
+without end.
 """
 
 import atexit
@@ -42,7 +43,8 @@ MAX_OUTPUT_LINES = 5
 MAX_OUTPUT_CHARACTERS = 500
 
 SUSPENSION_CHECK_S = 4.0
-"""Interval of checks for a suspended process, which is killed at the second check."""
+"""Interval of checks for a suspended process; two successive checks that find it suspended kill it.
+"""
 
 POLL_S = 0.1
 """Interval at which `tick` of a waiting caller is called."""
@@ -54,13 +56,13 @@ END_TIMEOUT_S = 2.0
 """Time limit for a process to end on request."""
 
 _STARTING = threading.Lock()
-"""Held while a process starts, which changes this process's environment for a moment."""
+"""Held while a process is started, because that changes this process's environment for a moment."""
 
 
 class Worker:
-    """A process with a separate environment that runs tasks one after another.
+    """A process with its own environment variables that runs tasks one after another.
 
-    The process ends if the thread that made the worker ends.
+    The process ends at the latest with the thread that constructed the worker.
 
     Parameters
     ----------
@@ -97,11 +99,12 @@ class Worker:
     ) -> T:
         """Run `function(*arguments)` in the process and return its result.
 
-        `tick` is called every tenth of a second with the seconds waited. The start of the process
-        does not count.
+        `tick` is called every tenth of a second with the seconds waited. `timeout_s` does not
+        include the start of the process.
 
-        Raises TaskError if the process crashes or the function raises; TaskTimeoutError if the
-        function exceeds `timeout_s`; the process is killed; HarnessError if the function raised it.
+        Raises TaskError if the process crashes or the function raises an exception; a HarnessError
+        is raised unchanged if `limits` is None. Raises TaskTimeoutError if the function exceeds
+        `timeout_s`; the process is then killed.
         """
         if self._process is not None and self._process.exitcode is not None:
             self._end(at_once=True)  # killed since its last task
@@ -114,7 +117,7 @@ class Worker:
         except OSError:
             self._raise_crash(written)
         except Exception as error:
-            # The process announces only once that it waits for a task.
+            # End the process: it has announced that it waits for a task, and will not do so again.
             self._end(at_once=True)
             raise TaskError(
                 f"{self.name}: the task cannot be sent: {summarize_error(error)}"
@@ -125,7 +128,7 @@ class Worker:
             if answer is None:
                 answer = self._receive(written, timeout_s, tick)
         except KeyboardInterrupt:
-            # The pending answer would be taken for the next task's.
+            # End the process: the answer to this task would be taken for the next task's answer.
             self._end(at_once=True)
             raise
         succeeded, result = answer
@@ -148,7 +151,7 @@ class Worker:
             arguments = (
                 child_end,
                 str(self._output),
-                # All variables, as the server may have older values.
+                # All variables, as the server's may be older than this process's.
                 {**os.environ, **self._environment},
                 self._limits,
             )
@@ -171,7 +174,10 @@ class Worker:
     def _receive(
         self, written: int, timeout_s: float | None, tick: Callable[[float], None] | None
     ) -> Any:
-        """Return the next message of the process; raise `TaskError` if no message comes."""
+        """Return the next message of the process; raise `TaskError` if it crashes or is too slow.
+
+        written : size of the file of output before the task; errors quote what follows
+        """
         assert self._process is not None
         start = time.monotonic()
         next_check_s, suspended = SUSPENSION_CHECK_S, False
@@ -183,7 +189,7 @@ class Worker:
                 if suspended and before:
                     self._end(at_once=True)
                     self._fail(f"{self.name} was suspended (SIGSTOP) and killed", written)
-            # A process that answered before it ended leaves a message to read.
+            # The process may have answered before it ended; then there is a message to read.
             if self._process.exitcode is not None and not self._connection.poll(0):
                 self._raise_crash(written)
             if timeout_s is not None and waited > timeout_s:
@@ -225,7 +231,7 @@ class Worker:
                 self._connection.send(None)
             process.join(END_TIMEOUT_S)
         serving.wake_server()
-        # The process leads the group, unless it ended before it made the group.
+        # The process leads its group, unless it ended before it could create one.
         system.kill_group(process.pid)
         process.kill()
         process.join()
@@ -264,7 +270,7 @@ _shared = threading.local()
 
 
 def get_shared_worker(name: str, limits: Callable[[], Limits] | None = None) -> Worker:
-    """Return this thread's worker of a name; start it on first use, end it at program exit.
+    """Return this thread's worker called `name`; start it on first use, end it at program exit.
 
     limits : returns the limits of a worker that runs third-party code
     """

@@ -106,7 +106,7 @@ def test_rings_close_on_themselves(frame):
 def test_unsupported_options_are_refused(frame):
     kind = get("pyrender")
     rasteriser = object.__new__(kind)
-    with pytest.raises(UsageError, match="use opengl for these"):
+    with pytest.raises(UsageError, match="does not support these options"):
         rasteriser.prepare(frame, joined(frame, "delaunay"), Options(samples=4))
 
 
