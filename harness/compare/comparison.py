@@ -62,8 +62,11 @@ def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comp
     Raises
     ------
     InputError
-        If a run is truncated, the devices differ without `settings.across_devices`, or neither run
-        has the metric of a threshold.
+        If a run is truncated.
+    IncompatibleRunsError
+        If the devices differ without `settings.across_devices`, or cannot be paired.
+    UsageError
+        If the metric of a threshold is neither registered nor in one of the runs.
     """
     settings = settings or Settings()
     for run in (base, head):
@@ -107,14 +110,14 @@ def compare_without_baseline(path: str, head: Run, settings: Settings) -> Compar
 
 
 def _has_other_device(matches: Sequence[Match]) -> bool:
-    """Whether any case ran on another device in BASE."""
+    """Return whether any case ran on different devices in BASE and HEAD."""
     return any(m.base.id.device_name != m.head.id.device_name for m in matches if m.base and m.head)
 
 
 def _compare_counters(match: Match, run: Run, settings: Settings) -> CaseChange:
-    """Return a case with the status and, if measured in both runs, the counters.
+    """Return the status of a case and, if measured in both runs, the changes of its counters.
 
-    run : HEAD, with the plan
+    run : HEAD; its plan tells whether a case without a record is missing
     """
     base, head = match.base, match.head
     status, reason = _find_status(match, run)
@@ -163,7 +166,7 @@ def _explain_failure(record: Record) -> str:
 def _compare_times(
     matches: Sequence[Match], cases: Sequence[CaseChange], settings: Settings, machines_differ: bool
 ) -> tuple[list[CaseChange], list[Drift]]:
-    """Return the cases with changes of times, and the drift of each group."""
+    """Return `cases` with their changes of time added, and the drift of each group."""
     changes_by_case = {}
     groups: dict[CaseGroup, dict[int, times.Pair]] = defaultdict(dict)
     for number, (match, case) in enumerate(zip(matches, cases, strict=True)):
@@ -242,8 +245,8 @@ def _decide(comparison: Comparison) -> Verdict:
 def read_exact_metrics(record: Record) -> dict[str, float]:
     """Return the exact metrics of a record by name: counters, metrics, then predictions.
 
-    A plugin's counter with the name of a metric that is not a counter is named `counted_...`, and a
-    prediction that is not a registered metric `predicted_...`.
+    A plugin's counter that shares its name with a metric of another kind is named `counted_NAME`,
+    and a prediction without a registered metric `predicted_NAME`.
     """
     counters = record.counters
     values: dict[str, float] = {
@@ -259,7 +262,7 @@ def read_exact_metrics(record: Record) -> dict[str, float]:
 
 
 def counter_name(name: str) -> str:
-    """Return the name of a counter in a comparison."""
+    """Return a counter's name in a comparison: `counted_NAME` if another kind of metric has it."""
     return name if find_metric(name).kind == "counter" else f"counted_{name}"
 
 
@@ -279,7 +282,7 @@ def _compare_values(name: str, base: float, head: float, settings: Settings) -> 
 
 
 def compute_totals(cases: Sequence[Sequence[CounterChange]]) -> tuple[Total, ...]:
-    """Return the sums of each metric over the compared cases, except for ratios."""
+    """Return the sums of each metric over the compared cases; ratios have no sum."""
     columns = defaultdict(list)
     for change in chain.from_iterable(cases):
         if find_metric(change.metric).unit != "x":

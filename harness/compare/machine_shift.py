@@ -10,13 +10,13 @@ from scipy import stats
 from harness.compare.model import Against
 
 MIN_PEERS = 3
-"""Minimum number of peers of unequal counters; with fewer, the reference draw is used."""
+"""Minimum number of peers, whatever their counters; with fewer, the reference draw is used."""
 
 MIN_CASE_SD = 0.0075
 """Minimum standard deviation of a case's log ratio between two runs of equal code."""
 
 OUTLIER_CONFIDENCE = 0.99
-"""Confidence of the interval outside which a single peer is excluded."""
+"""Confidence of the other peers' interval; a single peer outside the interval is excluded."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class MachineShift:
 
     low, high : bounds of the share
     sd : standard deviation of the case's log ratio about the share
-    degrees : degrees of freedom of `sd`; inf for a constant
+    degrees : degrees of freedom of `sd`; inf if `sd` is a constant, not an estimate
     against : source of the estimate
     """
 
@@ -48,9 +48,9 @@ def shift_of_peers(logs: NDArray[np.float64], confidence: float) -> MachineShift
     2 % between processes.
 
     sigma is at least `MIN_CASE_SD`, and peers can agree by chance. If sigma equals that minimum,
-    the normal quantile times `MIN_CASE_SD` is wide enough; if not, Student's times s is: the larger
-    of both covers the case in either situation. A single peer with changed code would widen the
-    interval of all cases: a peer is excluded if outside the 99 % interval of the other peers.
+    the normal quantile times `MIN_CASE_SD` is wide enough; if sigma is larger, Student's quantile
+    times s is. So the larger of both is used. A single peer with changed code would widen the
+    interval of all cases, so one peer outside the 99 % interval of the other peers is excluded.
     """
     if len(logs) > MIN_PEERS:
         shifts = [
@@ -77,5 +77,5 @@ def _estimate_shift_of(logs: NDArray[np.float64], confidence: float) -> MachineS
 
 
 def two_sided_quantile(confidence: float, degrees: float = math.inf) -> float:
-    """Return the standard deviations that a two-sided interval reaches: Student's, or normal."""
+    """Return a two-sided interval's half-width in standard deviations, by Student or normal."""
     return float(stats.t.ppf(0.5 + confidence / 2, degrees))

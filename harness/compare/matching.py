@@ -1,8 +1,8 @@
 """Match the cases of two runs by identity.
 
 A case's key is not used: it includes the scene's content, and changed content is to be reported. A
-case of HEAD's plan without a record in HEAD is lost. Differences of plan, software and machine
-between the runs are listed.
+case of BASE that HEAD's plan has and HEAD's records lack was not done. Differences of plan,
+software and machine between the runs are listed.
 """
 
 from collections import defaultdict
@@ -38,7 +38,7 @@ def match_cases(base: Run, head: Run, *, across_devices: bool) -> list[Match]:
     Raises
     ------
     IncompatibleRunsError
-        if the runs are of different devices without `across_devices`, or cannot be paired
+        if the devices differ without `across_devices`, or a rasteriser has several devices to pair
     """
     device_pairs = _pair_devices(base, head, across_devices=across_devices)
     before: dict[CaseId, Record] = {}
@@ -62,7 +62,7 @@ def _list_devices(records: Sequence[Record]) -> dict[str, set[str]]:
 
 
 def _pair_devices(base: Run, head: Run, *, across_devices: bool) -> dict[tuple[str, str], str]:
-    """Return (rasteriser, device in BASE) -> device in HEAD of the devices to pair."""
+    """Return (rasteriser, device in BASE) -> device in HEAD, for devices that differ."""
     before, after = _list_devices(base.records), _list_devices(head.records)
     common = {name: (before[name], after[name]) for name in before.keys() & after.keys()}
     if across_devices:
@@ -90,7 +90,7 @@ def _pair_devices(base: Run, head: Run, *, across_devices: bool) -> dict[tuple[s
 
 
 def find_changed_hardware(base: Run, head: Run) -> dict[str, tuple[str, str]]:
-    """Return label -> renderers of the devices with different renderers in the two runs.
+    """Return label -> (BASE's, HEAD's) renderer of each device whose renderer differs.
 
     The driver's version, in brackets in a renderer's name, may change.
     """
@@ -141,9 +141,9 @@ def _is_planned(plan: Mapping[str, Any], case: CaseId, head: Run) -> bool:
     for name, value in parts.items():
         if isinstance(plan.get(name), list) and value not in plan[name]:
             return False
-    # For a moved file the plan has the old path, and the records have the name.
+    # The plan may have an old path of a moved file; HEAD's records have the scene's name.
     scenes = {Path(str(plan.get("scene", case.scene))).name, *(r.id.scene for r in head.records)}
-    # Without a named device the records have the selected device.
+    # If the plan names no device, HEAD's records have the device that was selected.
     devices = plan.get("devices")
     used = [r.id.device_name for r in head.records if r.id.rasteriser == case.rasteriser]
     named = (*used, *(devices if isinstance(devices, list) else ()))

@@ -13,13 +13,14 @@ from harness.metrics.registry import find_metric, list_metrics
 from harness.results.record import CaseGroup, CaseId
 
 Exact = Literal["equal", "better", "worse", "changed"]
-"""Change of an exact figure; `changed` if neither direction is better."""
+"""Change of an exact metric; `changed` if neither direction is better."""
 
 Outcome = Literal["regressed", "improved", "unchanged", "inconclusive"]
 """Change of a time; `inconclusive` means too noisy for a conclusion, never good."""
 
 Against = Literal["rounds", "same-triangles", "peers", "reference", "none"]
-"""Estimate of the machine's drift; `same-triangles`: the versions have the same drawing."""
+"""Source of the estimate of machine drift. None is needed if both versions were timed in the same
+`rounds`, or have the `same-triangles`, which were timed once; `none`: no drift is assumed."""
 
 Status = Literal[
     "compared",
@@ -52,7 +53,7 @@ STATUS_TEXT: dict[Status, str] = {
 """Description of a status, for a case and for counts of cases."""
 
 BROKEN: tuple[Status, ...] = ("now-failing", "now-skipped", "not-done", "fewer-polygons")
-"""Measured in BASE, planned and not completed in HEAD: a regression, whatever the gates."""
+"""Statuses of cases measured in BASE, but not completely in HEAD: regressions without a gate."""
 
 Verdict = Literal["good", "regression", "inconclusive", "nothing-comparable", "no-baseline"]
 
@@ -67,10 +68,10 @@ EXIT_CODES: dict[Verdict, int] = {
 
 @dataclass(frozen=True)
 class CounterChange:
-    """An exact figure of a case in both runs.
+    """An exact metric of a case in both runs.
 
-    change : relative, or None if BASE has 0
-    threshold : tolerated relative increase, or None if the figure is not gated
+    change : growth relative to BASE, or None if only BASE is 0
+    threshold : tolerated relative increase, or None if the metric is not gated
     """
 
     metric: str
@@ -89,12 +90,11 @@ class TimeChange:
     ratio, low, high : HEAD over BASE without machine drift, with a confidence interval, or None
         if not computable
     raw_ratio : HEAD over BASE as timed
-    against : estimate of the machine drift: none is needed in common `rounds`; otherwise `peers`,
-        the `reference` draw, or `none`
+    against : source of the estimate of machine drift
     threshold : tolerated relative increase, or None if the times were not compared
-    p_value : Mann-Whitney's, or of the rounds' signs
-    q_value : the p-value in common rounds, otherwise the larger of it and the interval's p-value;
-        corrected for the number of cases
+    p_value : of the Mann-Whitney test, or in common rounds of the sign test
+    q_value : p-value corrected for the number of cases; without common rounds, of the larger of
+        `p_value` and the interval's p-value
     reason : why the change is inconclusive, or ""
     """
 
@@ -118,8 +118,8 @@ class TimeChange:
 class Drift:
     """Common change of all cases that were timed together, between BASE and HEAD.
 
-    ratio, low, high : median HEAD over BASE of the cases, with an interval that spans the ratios as
-        timed and relative to the reference draw
+    ratio, low, high : median of the cases' HEAD over BASE; of separate runs, the interval includes
+        both the ratio as timed and the ratio relative to the reference draw
     reference : HEAD over BASE of the reference draw, or None if a run has none
     gated : True if `regressed` makes the gate fail: only if both were timed in the same rounds
     """
@@ -158,8 +158,8 @@ class CaseChange:
 class Total:
     """An exact metric over all compared cases.
 
-    affected : cases in which the metric differs, of which `better` and `worse`
-    base, head : sums
+    affected, better, worse : number of cases in which the metric differs, is better, is worse
+    base, head : sums over the cases
     """
 
     metric: str
@@ -196,7 +196,7 @@ class Comparison:
 
     machines_differ : the runs are of different processors or GPUs
     drifts : of each group of cases that were timed together
-    notes : devices, normalisation, unreadable records
+    notes : warnings about the runs, their records and machines, one line each
     changes : differences between the runs' plans and environments, one line each
     """
 
@@ -244,25 +244,25 @@ GATES = ("counters", "time")
 Normalise = Literal["auto", "reference", "none"]
 TABLE = "raster-harness"
 KEYS = ("gate", "threshold", "normalise", "require-all", "allow-inconclusive")
-"""Table of a project's settings in pyproject.toml, and the keys."""
+"""Table of a project's settings in pyproject.toml, and the keys of the table."""
 
 TIME_THRESHOLD = 0.05
 """Tolerated relative increase of a time by default; see docs/how-to/ci.md."""
 
 PAIRED_TIME_THRESHOLD = 0.015
-"""Tolerated relative increase by default if both were timed in the same rounds."""
+"""Tolerated relative increase by default if both versions were timed in the same rounds."""
 
 
 @dataclass(frozen=True)
 class Settings:
     """Settings of a comparison.
 
-    gates : which kinds of verdict decide the exit code, of `GATES`
+    gates : changes that decide the exit code: of counters, of times, or of both
     thresholds : tolerated relative increase, by "time", "counters" or a counter's name
-    confidence : of the intervals, and 1 - the false discovery rate over all cases
+    confidence : of the intervals; 1 - confidence is the false discovery rate over all cases
     normalise : estimate of the machine drift: "auto" is a case's peers if there are enough,
         otherwise the reference draw; "reference" is that draw; "none" assumes no drift
-    across_devices : compare runs of different devices, an error otherwise
+    across_devices : compare runs of different devices, which is otherwise an error
     require_all : a case skipped by or missing from HEAD is a regression
     allow_inconclusive : exit with 0 if times are too noisy for a conclusion
     """
@@ -281,7 +281,7 @@ class Settings:
         return "time" in self.gates
 
     def time_threshold_of(self, *, paired: bool) -> float:
-        """Return the tolerated increase of a time; `paired`: timed in the same rounds."""
+        """Return the tolerated increase of a time; paired : both versions in the same rounds."""
         default = PAIRED_TIME_THRESHOLD if paired else TIME_THRESHOLD
         return self.thresholds.get("time", default)
 
@@ -296,7 +296,7 @@ class Settings:
 
 
 def parse_gates(text: str | Iterable[str]) -> tuple[str, ...]:
-    """Read `counters,time`, or a list of such names.
+    """Return the gates of `counters,time`, or of a list of such names.
 
     Raises
     ------
@@ -311,7 +311,7 @@ def parse_gates(text: str | Iterable[str]) -> tuple[str, ...]:
 
 
 def parse_threshold(text: str) -> tuple[str, float]:
-    """Read `name=5%`.
+    """Return the name and the threshold, as a fraction, of `name=5%`.
 
     Raises
     ------

@@ -102,13 +102,13 @@ MAX_COMMENT_LENGTH = 60_000
 """GitHub rejects comments of more than 65,536 characters."""
 
 MARKER = "<!-- raster-harness compare -->"
-"""Last line of the text, which identifies a comment to replace."""
+"""Last line of the text, by which an earlier comment is found, to be replaced."""
 
 
 def to_markdown(
     comparison: Comparison, limit: int = MAX_COMMENT_LENGTH, grown: Sequence[Grown] = ()
 ) -> str:
-    """Return Markdown: the verdict, then differences, then all other facts folded.
+    """Return Markdown: the verdict, then differences, then other facts in collapsed sections.
 
     limit : maximum number of characters; further tables are omitted and counted
     grown : polygons with the largest growth
@@ -206,8 +206,8 @@ FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]
 def to_junit(comparison: Comparison) -> str:
     """Return a test suite per group of cases, with two tests per case: `counters` and `time`.
 
-    JUnit has no inconclusive tests: incomparable cases, inconclusive times and times that are not
-    gated are skipped, with the reason.
+    JUnit has no inconclusive tests, so inconclusive times, times that are not gated, and cases that
+    cannot be compared without being a regression are skipped tests, with the reason.
     """
     suites = Element("testsuites", name="raster-harness compare")
     groups: dict[CaseGroup | None, None] = dict.fromkeys(case.id.group for case in comparison.cases)

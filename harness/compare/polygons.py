@@ -73,7 +73,7 @@ def find_largest_growth(base: Run, head: Run, comparison: Comparison) -> list[Gr
 
 
 def _find_growths(base: Run, head: Run, match: Match) -> Iterator[tuple[str, int, int, int]]:
-    """Yield counter, index, old and new value of the polygons of a case that grew most."""
+    """Yield (counter, index, BASE, HEAD) of a case's polygons whose main counter grew most."""
     if match.base is None or match.head is None:
         return
     before, after = _read_counters(base, match.base), _read_counters(head, match.head)

@@ -1,13 +1,12 @@
-"""Classify the change of times between two runs, without blaming a triangulator for the machine.
+"""Classify the change of times between two runs, separating the triangulator from the machine.
 
 Between two runs the machine drifts: all cases of a run become a few per cent faster or slower
-together, and further programs lengthen some samples but shorten none. Three rules follow.
+together, and other programs lengthen some samples but shorten none. Three rules follow.
 
-- A time is summarised by a low quantile of the samples, which further programs hardly affect.
-- The drift is the median log ratio of a group's cases. A case is compared with the peers in the
-group,
-  cases that drew the same polygons. The peers' scatter is the difference between two runs of equal
-  code, as memory layout differs between processes; the interval includes this scatter.
+- A time is summarised by a low quantile of the samples, which other programs hardly affect.
+- The drift is the median log ratio of a group's cases. A case is compared with its peers: cases of
+  the group that drew the same polygons. Even with equal code the ratios of peers scatter, because
+  memory layout differs between processes; the interval includes this scatter.
 - The drift is reported and never gated: the machine causes drift as often as the code.
 
 These rules are unnecessary if both versions were timed in the same rounds. A round's disturbance
@@ -44,26 +43,26 @@ from harness.stats.intervals import paired_ratio
 from harness.stats.run_quality import MIN_QUIET_ROUNDS, select_rounds
 
 QUANTILE = 0.1
-"""Quantile of the samples: low enough to exclude other programs, steadier than the minimum."""
+"""Low enough to exclude samples that other programs lengthened, steadier than the minimum."""
 
 RESAMPLES = 2000
 
 MAX_ROUNDS_Q = 1e-3
-"""Maximum q-value of an alarm from common rounds: 1 in 1,000 alarms may be chance."""
+"""Maximum q-value of a change in common rounds: 1 in 1,000 reported changes may be chance."""
 
 Samples = NDArray[np.float64]
 
 Parts = tuple[Sequence[int] | None, Sequence[int] | None]
-"""Rounds of each epoch, and of each process."""
+"""Number of rounds in each epoch, and in each process; None if unknown."""
 
 MIN_ROUNDS = 8
-"""Minimum number of samples in either run."""
+"""Minimum number of samples of a case that both runs must have."""
 
 MIN_STEADY_PEERS = 2
-"""Minimum number of peers of equal counters; with fewer, all peers are used."""
+"""Minimum number of peers with equal counters in both runs; with fewer, all peers are used."""
 
 DRIFT_SD = 0.015
-"""Standard deviation of the drift's log ratio relative to the reference draw's."""
+"""Standard deviation of log ratios of equal code about the reference draw's log ratio."""
 
 
 @dataclass(frozen=True)
@@ -75,9 +74,9 @@ class Pair:
     polygons : number of polygons drawn, equal in both runs; 0 if unknown
     same_rounds : True if both versions were timed in the same rounds
     same_drawing : True if both versions have the same triangles, which were timed once
-    parts : rounds of each common epoch and process
-    quiet : (r,) common rounds that the ratio uses, or None for all
-    obstacle : why the states of the machine in two separate runs forbid a comparison, or ""
+    parts : number of common rounds in each epoch and in each process
+    quiet : (r,) True for the common rounds that the ratio uses, or None for all
+    obstacle : why the machine's state during the two separate runs forbids a comparison, or ""
     """
 
     base: Samples
@@ -100,7 +99,7 @@ class Pair:
 def read_pair(
     base: Record, head: Record, *, same_work: bool, machines_differ: bool = False
 ) -> Pair | TimeChange | None:
-    """Return a case's times, or why they cannot be compared, or None if neither run has any."""
+    """Return a case's times, an inconclusive change if incomparable, or None without times."""
     if base.time is None and head.time is None:
         return None
     before, after = base.time or Time(), head.time or Time()
@@ -134,10 +133,10 @@ def read_pair(
 
 
 def _are_one_drawing(base: Record, head: Record) -> bool:
-    """Return whether one drawing was timed for both versions, whose triangles are equal.
+    """Return whether both versions have equal triangles, so that one drawing was timed for both.
 
-    Both records then have the same samples. A coarse timer may give equal samples, so the sums of
-    the criteria and the counters are compared, too.
+    Both records then have the same samples. A coarse timer may give equal samples by chance, so the
+    sums of the criteria and the counters must be equal as well.
     """
     return (base.time, base.predicted, base.counters) == (head.time, head.predicted, head.counters)
 
@@ -147,8 +146,8 @@ def compare_group(
 ) -> tuple[list[TimeChange], Drift | None]:
     """Return the changes of a group's cases and the group's drift.
 
-    q-values are not yet corrected for the number of cases of all groups. In common rounds the drift
-    is that of the drawings that differ, or None if fewer than two do.
+    The q-values are not yet corrected for the number of cases (see `correct`). In common rounds the
+    drift is that of the cases whose triangles differ, or None if fewer than two cases differ.
     """
     if all(pair.same_rounds for pair in pairs):
         changes = [
@@ -187,7 +186,7 @@ def _estimate_shift(
     """Return the machine's share of a pair's log ratio, or why it cannot be estimated.
 
     The estimate uses peers. Without enough peers the share lies between 0 and the reference draw's
-    log ratio; on different machines it is the reference draw's. A case that drew other polygons
+    log ratio; on different machines it equals the latter. A case that drew other polygons
     than the rest of its group (`fan` draws 229 of 500) has no estimate: 49 of 49 wrong verdicts
     between separate runs of equal code were of such cases.
     """
@@ -210,7 +209,7 @@ def _estimate_shift(
 
 
 def correct(changes: Sequence[TimeChange], settings: Settings) -> list[TimeChange]:
-    """Correct q-values for the number of cases; without evidence a change is inconclusive."""
+    """Correct q-values for the number of cases; a change above the limit becomes inconclusive."""
     p_values = [change.q_value for change in changes if change.q_value is not None]
     if not p_values:
         return list(changes)
@@ -234,7 +233,7 @@ def _compare_with_shift(
 ) -> TimeChange:
     """Compare a case of separate runs.
 
-    error : (2,) reach of the log ratio's interval below and above, by its samples alone
+    error : (2,) reach of the log ratio's interval below and above, from the samples' scatter only
     """
     raw = pair.log_ratio
     margin = two_sided_quantile(settings.confidence, shift.degrees) * shift.sd
@@ -261,7 +260,7 @@ def _compare_with_shift(
 
 
 def _select_faster_half(samples: Samples) -> Samples:
-    """Return the samples up to their median: the slower half contains other programs."""
+    """Return the samples up to their median: other programs lengthen some of the slower half."""
     return np.sort(samples)[: (len(samples) + 1) // 2]
 
 
@@ -276,7 +275,7 @@ def _measure_run_drift(
 
     The drift is never gated: separate runs cannot distinguish slower code from a slower machine,
     which slows the reference draw, one large triangle, by another factor than a thousand small
-    triangles. The machine's share lies at least between 0 and the reference draw's log ratio.
+    triangles. The machine's share may be any value between 0 and the reference draw's log ratio.
     """
     shift = float(np.median([pair.log_ratio for pair in pairs]))
     references = [pair.reference for pair in pairs if pair.reference is not None]
@@ -303,7 +302,10 @@ def _measure_run_drift(
 def _compute_p_value(
     lowest: float, highest: float, low: float, high: float, confidence: float, degrees: float
 ) -> float:
-    """Return the two-sided p-value of no change that belongs to a Student interval."""
+    """Return the two-sided p-value of "no change" that corresponds to a Student interval.
+
+    The log ratio is in `lowest`..`highest`, with the interval `low`..`high`.
+    """
     nearest, reach = (lowest, lowest - low) if lowest > 0 else (-highest, high - highest)
     if nearest <= 0:
         return 1.0
@@ -350,9 +352,9 @@ def compare_rounds(
 ) -> TimeChange:
     """Compare two versions by the ratios of rounds; element r of both is from round r.
 
-    parts : rounds of each epoch and of each process, in order
-    quiet : (r,) rounds to use: a disturbance affects both versions, unless one version waited
-        for a core
+    parts : number of rounds in each epoch and in each process, in order
+    quiet : (r,) True for the rounds to use. A round in which one version waited for a core is left
+        out; any other disturbance affects both versions alike
     """
     ratio = paired_ratio(head, base, *parts, quiet)
     if quiet is not None:
@@ -383,7 +385,7 @@ def measure_round_drift(
     parts: Parts = (None, None),
     quiet: NDArray[np.bool_] | None = None,
 ) -> Drift:
-    """Compare all cases of a group by the median case of each round."""
+    """Compare all cases of a group by each round's median ratio; pairs : each case's samples."""
     ratios = np.exp(np.median([np.log(head / base) for base, head in pairs], axis=0))
     change = compare_rounds(np.ones(len(ratios)), ratios, settings, parts, quiet)
     outcome, reason = change.outcome, change.reason
@@ -394,7 +396,7 @@ def measure_round_drift(
 
 
 def sign_test(logs: Samples) -> float:
-    """Return the two-sided p-value of the signs of (r,) log ratios if either is as likely."""
+    """Return the two-sided p-value of the signs of (r,) log ratios, equally likely by chance."""
     slower, faster = int((logs > 0).sum()), int((logs < 0).sum())
     if slower + faster == 0:
         return 1.0

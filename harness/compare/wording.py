@@ -109,7 +109,7 @@ def _summarise_without_regression(comparison: Comparison) -> str:
 
 
 def format_thresholds(comparison: Comparison) -> str:
-    """Return the thresholds of times, such as `±5 %`; common rounds have a different threshold."""
+    """Return the thresholds of times, `±5 %`, or two: times of common rounds have a lower one."""
     times = [case.time for case in comparison.cases if case.time is not None]
     thresholds = sorted({time.threshold for time in times if time.threshold is not None})
     thresholds = thresholds or [comparison.settings.time_threshold_of(paired=False)]
@@ -166,7 +166,7 @@ def sort_by_cost(names: Iterable[str]) -> list[str]:
 
 
 Kind = Literal["bad", "unsure", "good", "plain"]
-"""Highlighting of a case; cases are listed in this order."""
+"""Highlighting of a case; the cases of a table are sorted in this order."""
 
 ORDER: tuple[Kind, ...] = get_args(Kind)
 
@@ -230,12 +230,15 @@ SECONDARY_COUNTERS = (
     "t_junctions",
     "coverage_error",
 )
-"""Counters with a column only if they differ."""
+"""Counters that have a column in a table only if they differ in some case."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One case of a table: cells in the order of `CaseTable.heading`, and its time."""
+    """One case of a table, with cells in the order of `CaseTable.heading`.
+
+    affected : False if the case is unchanged, and thus only in the table of all cases
+    """
 
     cells: tuple[str, ...]
     kind: Kind

@@ -12,17 +12,18 @@ from harness.stats.intervals import FASTER, SLOWER, Ratio, student_interval
 Kind = Literal["at once", "after", "up to", "not significant", "never"]
 
 MIN_ROUNDS = 4
-"""With fewer rounds the scatter of the triangulation time is unknown."""
+"""Minimum number of rounds of triangulation from which an interval is computed."""
 
 
 @dataclass(frozen=True)
 class BreakEven:
     """Number of draws from which triangulating and drawing together take less than the base's.
 
-    kind : "at once": drawing is significantly faster and triangulating is not slower; "after":
-        drawing is significantly faster; "up to": drawing is significantly slower and triangulating
-        faster, so that fewer draws take less; "not significant": the draw times do not differ
-        significantly; "never": drawing is significantly slower, and triangulating is not faster
+    kind : "at once": drawing is significantly faster, and triangulating takes no longer; "after":
+        drawing is significantly faster, but triangulating may take longer; "up to": drawing is
+        significantly slower and triangulating faster, so that up to `draws` draws take less in all;
+        "not significant": the draw times do not differ significantly; "never": drawing is
+        significantly slower, and triangulating is not significantly faster
     draws, low, high : number of draws of "after" and "up to", with a 95 % interval; infinite if
         unbounded; None if triangulating was timed once, so that the interval is unknown
     """
@@ -82,11 +83,11 @@ class _Estimate(NamedTuple):
 def compute_break_even(record: Record, base: Record, ratio: Ratio | None) -> BreakEven | None:
     """Return the break-even of a record against the base, or None if undefined.
 
-    Undefined for the base, and unless drawing and triangulating of both were timed. A draw
-    saves (1 - ratio) times the base's draw. Both triangulate in the same rounds, too: the extra
-    time is the mean of the rounds' differences, with Student's interval.
+    It is undefined for the base, and unless drawing and triangulating of both were timed. A draw
+    saves (1 - ratio) times the base's draw. Both are also triangulated in the same rounds: the
+    extra triangulation time is the mean of the rounds' differences, with Student's interval.
 
-    ratio : `compute_time_ratio` of both
+    ratio : `compute_time_ratio` of `record` and `base`
     """
     if ratio is None or record is base or base.time is None:
         return None

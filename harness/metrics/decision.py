@@ -80,7 +80,7 @@ class Decision:
         reach `MAIN_PART` of the largest saving
     best : the triangulator with the largest saving
     measure : the main counter, or None without counters
-    timed : whether times of two or more are compared
+    timed : whether times of two or more complete triangulators are compared
     saving : if the reason is "faster": the choice's ratio to the base, with a simultaneous interval
         over all candidates, because a choice among several noisy ratios is biased
     """
@@ -134,9 +134,9 @@ def decide_all(run: Run) -> list[Decided]:
 def _rank(
     record: Record, group: RecordGroup, base: Record, all_polygons: int, compared: int
 ) -> Standing:
-    """Rank by the paired ratio if there is one, as the verdict does.
+    """Return the standing of a record; the cost is the paired ratio of times if there is one.
 
-    Medians of two drawings may be in another order than the rounds that timed both.
+    The verdict uses that ratio, and two medians may be in another order than the paired ratio.
 
     compared : number of complete records that the base is compared with
     """
@@ -194,14 +194,14 @@ def _choose(
 
 
 def _joint_ratio(standing: Standing) -> Ratio | None:
-    """Return the ratio to the base with a simultaneous interval, if there is one."""
+    """Return the ratio to the base, with the simultaneous interval if computed, or None."""
     return standing.ratio and (standing.ratio.joint or standing.ratio)
 
 
 def _take_cheapest(
     standings: Mapping[str, Standing], saved: Mapping[str, float]
 ) -> tuple[Standing, Standing]:
-    """Return the standings of the cheapest with most of the saving, and of the best."""
+    """Return the standings of `choose_cheapest` and of the largest saving."""
     seconds = {name: standing.record.triangulate_s for name, standing in standings.items()}
     return standings[choose_cheapest(saved, seconds)], standings[find_best(saved)]
 
@@ -214,10 +214,10 @@ def find_best(saved: Mapping[str, float]) -> str:
 def choose_cheapest(saved: Mapping[str, float], seconds: Mapping[str, float | None]) -> str:
     """Return the cheapest triangulator with most of the saving.
 
-    That is the one with the least triangulation time among those with `MAIN_PART` of the largest
-    saving. If no time is known, it is the one with the largest saving.
+    Of the triangulators that save at least `MAIN_PART` of the largest saving, it has the minimum
+    triangulation time; if no time is known, it has the largest saving.
 
-    saved : saved share of a cost by triangulator; seconds : triangulation times
+    saved, seconds : saved share of a cost, and triangulation time, by triangulator
     """
     best = find_best(saved)
     enough = [name for name, share in saved.items() if share >= MAIN_PART * saved[best]]
@@ -235,7 +235,7 @@ def describe_cheapest(name: str) -> str:
 
 
 def _compute_saved_share(record: Record, base: Record, measure: str | None) -> float:
-    """Return the saved share of the base's quads (four shaded lanes each), or main counter."""
+    """Return the saved share of the base's quads (four lanes each), or else of `measure`."""
     names = ["quads", *([measure] if measure else [])]
     count, base_count = (first_value(r, names) or 0.0 for r in (record, base))
     return 1.0 - count / base_count if base_count else 0.0

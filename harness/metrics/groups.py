@@ -15,7 +15,7 @@ DEFAULT_BASE = "ear-clipping"
 """Default base of ratios: the method that most programs use today."""
 
 IDENTIFYING = ("overdraw", "half_perimeter", "edge_length", "shape")
-"""Criteria that are all equal only if two records have the same triangulation."""
+"""Criteria whose values are all equal only for the same triangulation of a polygon."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class RecordGroup:
 def group_records(
     records: Iterable[Record], base_name: str = "", state: State = QUIET
 ) -> list[RecordGroup]:
-    """Split records into groups, in order; the order within a group is kept."""
+    """Split records into sorted groups; the records of a group stay in the given order."""
     ordered = sorted(records, key=lambda record: record.id.group)
     return [
         RecordGroup(group, tuple(members), base_name, state)
@@ -102,8 +102,8 @@ def compute_time_ratio(
 
     The interval includes the scatter between runs (`add_run_scatter`).
 
-    candidates : number of ratios from which this ratio may be selected by value; with several, a
-        ratio significantly below 1 also has a simultaneous interval (`joint`)
+    candidates : number of ratios of which the caller may report the lowest. If there are several, a
+        ratio significantly below 1 also gets an interval corrected for that choice (`joint`)
     quiet : False if the run was disturbed, so that the ratio is not used
     """
     if base is None or record.polygons != base.polygons:

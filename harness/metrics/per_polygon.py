@@ -25,7 +25,7 @@ def read_columns(run: Run, record: Record) -> Columns | None:
 
 
 def compute_ratios(columns: Columns, base: Columns, name: str) -> Column:
-    """Return (p,) column `name` over that of `base`; NaN if a polygon is missing in either."""
+    """Return (p,) column `name` over the base's; NaN if either lacks the polygon, or if it is not > 0."""
     drawn = (columns[f"{PREDICTED}triangles"] > 0) & (base[f"{PREDICTED}triangles"] > 0)
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = columns[name] / base[name]
@@ -56,7 +56,7 @@ def compute_ranks(values: Column) -> Column:
 
 def spearman(x: Column, y: Column) -> float:
     """Return Spearman's coefficient; NaN if either column is constant or shorter than 3."""
-    # Importing `scipy.stats` takes longer than a short run.
+    # Computed here, because importing `scipy.stats` takes longer than a short run.
     if len(x) < 3:
         return float("nan")
     x_ranks, y_ranks = compute_ranks(x), compute_ranks(y)
@@ -73,7 +73,7 @@ def rank_correlation(x: Column, y: Column) -> float | None:
 
 
 def compute_rms_error(x: Column, y: Column) -> float | None:
-    """Return the root mean square of log(x / y), about the relative error, or None if undefined."""
+    """Return the root mean square of log(x / y), about x's relative error, or None if undefined."""
     valid = np.isfinite(x) & np.isfinite(y) & (x > 0) & (y > 0)
     if not valid.any():
         return None
@@ -83,10 +83,10 @@ def compute_rms_error(x: Column, y: Column) -> float | None:
 def pair_ratios(
     columns: dict[str, Columns], base: str, criterion: str, measure: str
 ) -> tuple[Column, Column]:
-    """Return the ratios of predictions and of counters, one per polygon and triangulator.
+    """Return the ratios to the base of a criterion and of a counter, per polygon and triangulator.
 
-    columns : triangulator -> columns, which are divided by the columns of `base`; the result is
-        empty if a triangulator lacks the criterion, or the base the measure
+    columns : triangulator -> columns, including the columns of the triangulator `base`. The results
+        are empty if any triangulator lacks the criterion, or the base lacks the measure
     """
     name, base_columns = PREDICTED + criterion, columns[base]
     complete = measure in base_columns and all(name in column for column in columns.values())

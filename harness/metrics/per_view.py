@@ -19,7 +19,7 @@ class ViewStatistics:
     """A counter of a record over its views, with 95 % intervals over the views; NaN if unknown.
 
     mean : mean of the views, with `mean_low` and `mean_high`
-    ratio : ratio of the sum to the base's, with `ratio_low` and `ratio_high`
+    ratio : sum over the views relative to the base's sum, with `ratio_low` and `ratio_high`
     """
 
     views: int

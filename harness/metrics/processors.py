@@ -1,6 +1,6 @@
 """Processors of runs: times of software devices on different processors are never compared.
 
-A software rasteriser is as fast as the processor.
+The speed of a software rasteriser is the processor's.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -19,7 +19,7 @@ SOFTWARE_DEVICES = ("cpu", "zink", "osmesa")
 def read_processor(facts: Mapping[str, Any]) -> str:
     """Return the processor of a run from its `run.json`, or "" if unknown.
 
-    Older runs have only the processor's name.
+    Older runs have the processor's name in place of the longer label.
     """
     processor, environment = facts.get("cpu"), facts.get("environment")
     label = processor.get("label") if isinstance(processor, Mapping) else None

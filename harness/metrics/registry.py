@@ -58,7 +58,7 @@ class Metric:
     heading, form : str
         Heading and format string in the terminal's table; "" omits the metric.
     gated : bool
-        Whether `compare` gates the metric; a driver's statistics are not exact.
+        Whether `compare` gates the metric; False for a driver's statistics, which are not exact.
     """
 
     name: str
@@ -127,9 +127,9 @@ def _divide(value: float | None, base: float | None, factor: float = 1) -> float
 
 
 def compute_lower_bound(record: Record) -> Record | None:
-    """Return a record with a lower bound for every triangulation, or None if unknown.
+    """Return a record whose counters are lower bounds for every triangulation, or None if unknown.
 
-    The polygons are drawn in one piece each.
+    The counters are those of polygons that are drawn in one piece each, without diagonals.
     """
     fragments, outline = record.counters.get("fragments"), record.outline_quads
     if fragments is None or outline is None:
@@ -282,7 +282,7 @@ def _make_estimate_metric(name: str) -> Metric:
 
 @cache
 def _make_feature_metric(column: str) -> Metric:
-    """Return a prediction that is not a criterion: a term of fits, or of a removed criterion."""
+    """Return the metric of a predicted column that is not a criterion, such as a term of fits."""
     read = _read_prediction(column)
     label = column.replace("_", " ")
     return Metric(PREDICTED + column, label, "1", read, kind="prediction", better="none")

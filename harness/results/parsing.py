@@ -52,7 +52,7 @@ def parse_json(content: bytes) -> Any:
     Raises
     ------
     ValueError
-        if it is invalid, or nested too deeply
+        if `content` is invalid JSON, or nested too deeply
     """
     try:
         value = json.loads(content, parse_float=_parse_finite, parse_constant=lambda _: None)
@@ -72,7 +72,7 @@ def _parse_finite(text: str) -> float | None:
 class _Fields:
     """Typed access to the fields of a JSON object; each method raises `FieldError`.
 
-    prefix : of the names in error messages
+    prefix : text before the names of fields in error messages
     """
 
     def __init__(self, values: Any, prefix: str = "") -> None:
@@ -173,8 +173,8 @@ def _are_numbers(values: Iterable[Any]) -> bool:
 def parse_record(values: Mapping[str, Any]) -> Record:
     """Return the record of a line of `cases.jsonl`.
 
-    Fields of other versions are ignored. Names of older versions, which contain a number, `@0` or
-    a host, are split.
+    Unknown fields, which other versions write, are ignored. Names in the records of older versions,
+    which contain a number, `@0` or a host, are split.
 
     Raises
     ------
@@ -303,7 +303,8 @@ def _parse_time(fields: _Fields) -> Time:
 def identify_rounds(reference_s: Iterable[float]) -> str:
     """Return the `round_group` of cases timed with these reference draws, "" if there are none.
 
-    It is a digest of the reference draws' times in s, so that older files get one when read.
+    It is a digest of the reference draws' times in s, so that records of older versions, which have
+    no identifier, get one when read.
     """
     values = list(reference_s)
     if not values:

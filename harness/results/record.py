@@ -99,7 +99,7 @@ class CaseId:
     triangulator : name with its criterion, without number and marks
     number : seed of `random`, position in `pareto` or `listed`; None if the name has none
     upright : True if polygons were triangulated at rotation 0 and then turned
-    scene_hash : hash of the scene's content, "" if unknown; only part of `key`
+    scene_hash : hash of the scene's content, "" if unknown; a part of `key`, not of equality
     """
 
     scene: str
@@ -160,14 +160,14 @@ class Time:
     """Times of one draw in s; sample r of each tuple is from round r.
 
     timer : "gpu", "cpu" or "wall"
-    median_s, ci95_s : of the undisturbed samples, with the ends of the 95 % interval
-    wall_s, waited_s : of CPU time: wall clock, and how long threads waited for a core
-    empty_s, reference_s : an empty draw and the reference triangle
-    epochs, processes : rounds of each epoch and of each process
-    repeats : draws of a sample
-    disturbed : samples that waited for a core too long
-    stolen_s, others_s, timing_s : of all rounds: time taken by the host, CPU time of other
-        processes, duration
+    median_s, ci95_s : median of the undisturbed samples, and the ends of its 95 % interval
+    wall_s, waited_s : if `timer` is "cpu": wall time, and time that threads waited for a core
+    empty_s, reference_s : times of an empty draw and of the reference triangle
+    epochs, processes : number of rounds in each epoch and in each process
+    repeats : number of draws in a sample, whose time is divided by it
+    disturbed : number of samples in which threads waited for a core too long
+    stolen_s, others_s, timing_s : totals over all rounds: core time that the host took, CPU time of
+        other processes, duration
     round_group : identifier of the rounds; cases with equal identifiers can be paired
     """
 
@@ -201,8 +201,9 @@ class Time:
 class LeastQuads:
     """Sums over the polygons whose minimum quad count is known.
 
-    polygons : number of polygons; quads : minimum
-    shaded, fragments : quads and pixels of the record's triangles
+    polygons : number of these polygons
+    quads : sum of the minimum quad counts
+    shaded, fragments : quads shaded and pixels covered by the record's triangles of these polygons
     """
 
     polygons: int
@@ -215,7 +216,7 @@ class LeastQuads:
 class ViewCounters:
     """Sums of counters over each map tile or view of a model, (v,) each.
 
-    names : of a model's views
+    names : names of a model's views, () for map tiles
     """
 
     counters: Mapping[str, tuple[float, ...]]

@@ -1,4 +1,4 @@
-"""A run on disk: a plain folder that any tool can read and that survives a crash; reading it.
+"""Reading a run on disk: a plain folder that any tool can read and that survives a crash.
 
 `run.json` holds environment and plan, `cases.jsonl` one record per line. A record is written in one
 append and forced to the disk before the next case starts, so a kill loses at most the case in
@@ -32,7 +32,7 @@ SCHEMA_VERSION = 1
 FACTS = "run.json"
 CASES = "cases.jsonl"
 COUNTED = "counted.jsonl"
-"""Files of finished records, and of records that are counted but not timed."""
+"""Names of the files of finished records (`CASES`), and of counted but not timed records."""
 
 STORED_PROFILE = "profile.json"
 """File with the profile of `run --profile`."""
@@ -146,7 +146,7 @@ def read_run(path: Path) -> Run:
 def select_latest(run: Run) -> Run:
     """Return the run with the last record of each case, and a problem for each skipped record.
 
-    A run that was resumed by force may hold two contents of a scene.
+    A run that was resumed by force may have two records of a case, from two contents of the scene.
     """
     problems = list(run.problems)
     records: dict[CaseId, Record] = {}
@@ -248,7 +248,7 @@ def read_arrays(run: Run, key: str, folder: str = POLYGONS) -> dict[str, NDArray
     run : Run
         A run read from a folder.
     key : str
-        Key of the case (`Record.key`).
+        Key of the case (`Record.key`), or the file's stem in another folder.
     folder : str
         Subfolder of the run.
 

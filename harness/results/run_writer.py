@@ -63,7 +63,7 @@ class _RecordFile:
 
     @property
     def written(self) -> dict[str, Any]:
-        """Length and digest of the content written by this process."""
+        """Length and digest of the file's content."""
         return {"bytes": self._bytes, "sha256": self._digest.hexdigest()}
 
     def append(self, record: Record, *, forced: bool) -> None:
@@ -111,13 +111,13 @@ class RunFolder:
 
         Raises
         ------
-        UsageError
-            if the folder cannot be written or already has a run
+        UsageError, StorageError
+            if the folder already has a run; if it cannot be written or is in use
         """
         writer = cls(path, remedy)
         with translate_errors(path, remedy):
             path.mkdir(parents=True, exist_ok=True)
-            # A process that was killed immediately leaves an empty file.
+            # An empty file is not a run: a process killed right after its start leaves one.
             cases = writer._cases.path
             if (cases.exists() and cases.stat().st_size) or (path / FACTS).exists():
                 raise UsageError(
@@ -132,8 +132,8 @@ class RunFolder:
 
         Raises
         ------
-        InputError
-            if the folder has no run or cannot be written
+        InputError, StorageError
+            if the folder has no run; if it cannot be written or is in use
         """
         if not (path / FACTS).is_file():
             raise InputError(f"{path} has no run to resume ({FACTS} is missing)")
@@ -172,7 +172,7 @@ class RunFolder:
 
         Raises
         ------
-        UsageError
+        StorageError
             if the disk is full or gone; earlier records stay readable
         """
         with translate_errors(self.path, self._remedy):
