@@ -54,7 +54,7 @@ VERSION = 1
 
 
 class CaseContent(TypedDict):
-    """A triangulation: base64 of uint32 rows, and of exact counters per polygon."""
+    """A triangulation: base64 of uint32 triangles (`rows`) and of exact counters per polygon."""
 
     rows: str
     fragments: str
@@ -99,8 +99,11 @@ class GridContent(TypedDict):
 
 
 class GroupsContent(TypedDict):
-    """Positions of draws, their groups and folds, and quantiles of intervals.
+    """The draws of a fit.
 
+    places : indices of the draws
+    labels, folds : number of each draw's group, and of its cross-validation fold
+    reach : half-widths of intervals in standard errors, for one interval and for the family
     standard_errors : `law.STANDARD_ERRORS`
     """
 
@@ -134,7 +137,7 @@ class ProfileContent(TypedDict):
 
 
 def write_page(content: PageContent | ProfileContent, file: Path) -> None:
-    """Write the page of a run's content, or of a profile's content, without charts."""
+    """Write the page for a run's content, with charts, or for a profile's content, without."""
     profiling = content["format"] == PROFILE_FORMAT
     shaders = {name: read_shader(f"{name}.wgsl") for name in ("draw", "count")}
     styles = ("page.css", *["profile.css"] * profiling)
@@ -226,7 +229,7 @@ def _make_case(record: Record, geometry: Geometry) -> CaseContent:
 SEED = 0
 
 DRAW_FIELDS = ("kind", "name", "group", "work", "aspect", "area")
-"""Properties of a draw in the page."""
+"""Properties of a draw that the page receives."""
 
 GRID_STEPS = (1, 2, 4, 8, 16)
 """Steps of devices' vertex grids, in 1/256 px; see `grid.js`."""

@@ -28,8 +28,8 @@ from triangulators.devices import is_software
 FORMAT = "raster-harness device profile"
 
 LAW_TOLERANCE = 0.02
-"""Tolerated relative difference of a draw's time by the page's law and by ours. Both fits end when
-no time changes by 1e-4."""
+"""Tolerated relative difference between a draw's time by the page's law and by a new fit. Both fits
+stop when no time changes by 1e-4, so they differ slightly."""
 
 Counted = Mapping[str, int]
 
@@ -75,10 +75,11 @@ class Result(saved.Measured):
 
 
 def import_profile(file: Path, result: Result, name: str) -> tuple[dict[str, Any], str, list[str]]:
-    """Return the profile of a page's result without advice, a problem of its times, and warnings.
+    """Return the profile of a page's result, why its times are unreliable, and warnings.
+
+    The profile has no advice yet; the second value is "" if the times are reliable.
 
     name : name of the device
-    The problem is "" if there is none.
 
     Raises
     ------
@@ -125,7 +126,7 @@ def import_profile(file: Path, result: Result, name: str) -> tuple[dict[str, Any
 
 
 def _check_draws(file: Path, result: Result, draws: list[Draw], exact: Sequence[Counted]) -> None:
-    """Raise InputError unless draws and counters are those of the design, as far as stated."""
+    """Raise InputError for draws of another design, or if `result.differing` is wrong."""
     actual = [draw.checksum for draw in result.draws]
     expected = [draw.checksum for draw in draws]
     if actual != expected[: len(actual)] or (result.times and len(actual) != len(expected)):
@@ -146,7 +147,7 @@ def _check_draws(file: Path, result: Result, draws: list[Draw], exact: Sequence[
 def _check_law(
     file: Path, result: Result, draws: list[Draw], exact: Sequence[Counted], measurement: Measured
 ) -> None:
-    """Raise InputError unless the page's law and a fit to its times agree for each draw."""
+    """Raise InputError unless the page's law and a new fit to the page's times agree."""
     if result.law is None:
         return
     if list(result.law.seconds) != list(TERMS) or result.law.form not in FORMS:

@@ -93,7 +93,7 @@ RECORD_FIELDS, COUNTERS = tuple(_Record.model_fields), tuple(_Counters.model_fie
 
 
 def count_exactly(geometry: Geometry, rows: NDArray[Any]) -> tuple[NDArray[np.int64], ...]:
-    """Return the page's counters (p,) of triangles (m, 3), by the CPU reference."""
+    """Return `COUNTERS`, (p,) each per polygon, of (m, 3) triangles by the CPU reference."""
     predicted = predict(geometry.points, rows)
     owner = np.searchsorted(geometry.grid.vertex_offsets, rows[:, 0], side="right") - 1
     size = len(geometry.grid)
@@ -107,7 +107,7 @@ class _Case(SavedModel):
 
     @validator(mode="after")
     def _check_counters(self) -> Self:
-        """Raise ValueError if the counters are impossible for any polygons."""
+        """Raise ValueError for counters that no polygons can have."""
         record = self.record
         polygons = record.polygons + record.polygons_skipped + record.polygons_failed
         counters = self.counters.arrays()
@@ -184,8 +184,8 @@ def import_result(result: Result, folder: Path, device: str, run: Run | None = N
     run : the run from which the page was made, if available, whose frames and predictions per
         polygon are copied
 
-    Raises UsageError if the folder already holds a run, or `run` has different polygons or
-    contradicts the result.
+    Raises UsageError if the folder already has a run; IncompatibleRunsError or InputError if `run`
+    has different polygons or contradicts the result.
     """
     for case in (case for view in result.views for case in view.cases.values()):
         if run is not None:
@@ -323,7 +323,7 @@ def _find_record(run: Run, name: str, scene_hash: str, view: View) -> Record | N
 def _add_polygons(
     writer: RunFolder, run: Run, record: Record, counters: Mapping[str, np.ndarray]
 ) -> None:
-    """Store the frame, and predictions and counters per polygon."""
+    """Store the run's frame and predictions per polygon, and the page's counters per polygon."""
     name = drawings.view_name(record.id.view)
     if not (writer.path / drawings.FOLDER / f"{name}.npz").exists():
         arrays = read_arrays(run, name, drawings.FOLDER)

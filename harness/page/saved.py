@@ -1,4 +1,4 @@
-"""Files saved by measuring pages: digest, device, timer and times, as for all pages.
+"""Files saved by measuring pages: reading, and the fields that all kinds of pages have.
 
 The files are untrusted, so that all fields are validated.
 """
@@ -38,8 +38,8 @@ class SavedModel(BaseModel):
 class SavedDevice(SavedModel):
     """GPU as reported by a browser.
 
-    step : step of the vertex grid, in 1/256 px
-    limits : limits by name
+    step : step of the vertex grid, in 1/256 px; None if no grid gives the device's coverage
+    limits : WebGPU limits by name
     """
 
     vendor: Text
@@ -71,7 +71,7 @@ class Times(SavedModel):
 
 
 def check_rounds(times: Mapping[str, Times], epochs: Sequence[int]) -> None:
-    """Raise ValueError unless all draws have the same rounds, and no time is zero."""
+    """Raise ValueError unless draws have the same rounds, and only the empty draw takes 0 s."""
     if {len(draw.samples_s) for draw in times.values()} - {sum(epochs)}:
         raise ValueError("draws have different numbers of rounds")
     if any(0.0 in draw.samples_s for name, draw in times.items() if name != EMPTY):

@@ -61,7 +61,7 @@ MAX_TRIANGLES = 1_500_000
 
 
 class PackedTriangles(TypedDict):
-    """Numbers of triangles per polygon, and base64 of uint32 indices of the polygon's points."""
+    """Number of triangles of each polygon; base64 of uint32 indices of their polygon's points."""
 
     counts: list[int]
     rows: str
@@ -77,7 +77,7 @@ class Drawing(TypedDict):
 
 
 class ViewContent(TypedDict):
-    """A view: numbers of sampled polygons, and each triangulator's predictions for the sample."""
+    """A view: indices of sampled polygons, and each triangulator's predictions for the sample."""
 
     polygons: int
     sampled: list[int]
@@ -86,7 +86,12 @@ class ViewContent(TypedDict):
 
 
 class GroupContent(TypedDict):
-    """A group of comparable cases; correlations : measure -> criterion -> rank correlation."""
+    """A group of comparable cases.
+
+    correlations : measure -> criterion -> rank correlation
+    estimated : estimate -> rank correlation (`rank`) and RMS error (`error`) of ratios to the base
+    answer : the recommended triangulator; judged : the criterion that predicts best; as sentences
+    """
 
     scene: str
     rasteriser: str
@@ -104,7 +109,7 @@ class GroupContent(TypedDict):
 
 
 class CaseContent(TypedDict):
-    """A case: number of the group, row of summary.csv, counters of the sampled polygons."""
+    """A case: index of its group, its row of summary.csv, and counters of the sampled polygons."""
 
     group: int
     row: dict[str, Any]
@@ -192,7 +197,7 @@ def _list_standings(decision: Decision | None) -> Sequence[Standing]:
 def _list_correlations(
     groups: Sequence[GroupContent],
 ) -> Iterator[tuple[tuple[str, str, str], Mapping[str, float | None]]]:
-    """Yield ((rasteriser, device, measure), criterion -> rank correlation) of the first view."""
+    """Yield (rasteriser, device, measure) and criterion -> correlation, of the first view only."""
     for group in groups:
         if group["view"] == groups[0]["view"]:
             for measure, values in group["correlations"].items():
@@ -212,7 +217,7 @@ class _Polygons:
         self._samples: dict[str, NDArray[np.int64]] = {}
 
     def read(self, record: Record) -> Columns | None:
-        """Return a case's columns; on first use, add the view with drawings and predictions."""
+        """Return a case's columns; add the case's predictions, and its view if new, to `views`."""
         columns = read_columns(self.run, record) if record.is_ok else None
         if columns is None:
             return None
@@ -334,7 +339,7 @@ def _describe_metric(metric: Metric) -> dict[str, Any]:
 
 
 def _list_triangulators(run: Run) -> list[str]:
-    """Return the names of the plan in order, then other names of records."""
+    """Return measured triangulators: those of the plan in its order, then others of records."""
     planned = run.facts.get("plan", {}).get("triangulators", [])
     measured = dict.fromkeys(record.name for record in run.records)
     return list(dict.fromkeys([*(name for name in planned if name in measured), *measured]))
@@ -348,17 +353,18 @@ def _round(value: Any) -> Any:
 
 
 def choose_sample(polygons: int, limit: int) -> NDArray[np.int64]:
-    """Return sorted numbers of at most `limit` polygons, all or a fixed random sample."""
+    """Return sorted indices of at most `limit` polygons: all, or a fixed random sample."""
     sample = np.random.default_rng(0).choice(polygons, min(polygons, limit), replace=False)
     return np.sort(sample).astype(np.int64)
 
 
 def pack_drawing(geometry: Geometry, numbers: NDArray[np.int64]) -> Drawing:
-    """Return points and triangles of the polygons `numbers`, JSON-ready.
+    """Return points and triangles of some polygons, JSON-ready.
 
-    points : base64 of int32 x, y in 1/256 px, y up, polygon by polygon; sizes : vertex counts
-    triangles : triangulator -> {"counts", "rows"}: triangles per polygon, and base64 of uint32
-        indices of the polygon's points
+    numbers : indices of the polygons in `geometry`
+
+    The returned `points` are base64 of int32 x, y in 1/256 px, y up, polygon by polygon, and
+    `sizes` the polygons' vertex counts.
     """
     offsets = geometry.grid.vertex_offsets
     starts, sizes = offsets[numbers], geometry.grid.vertex_counts[numbers]
@@ -399,7 +405,7 @@ def list_facts(run: Run) -> list[Row]:
 
 
 def list_key_facts(run: Run) -> list[tuple[str, str]]:
-    """Return (name, value) of the facts that affect times most, as far as known."""
+    """Return (name, value) of the known facts that affect times most, and of the run's origin."""
     machine = run.facts.get("environment") or {}
     scene = run.facts.get("scene") or {}
     rows = [("processor", read_processor(run.facts)), ("system", machine.get("kernel"))]

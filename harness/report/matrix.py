@@ -1,7 +1,8 @@
 """The matrix of a report: how well each criterion predicts each measurement.
 
-`study validate` writes `correlations.csv` with intervals into the run's folder; other runs have the
-rank correlation of polygons' ratios. A sentence names the criterion that predicts the cost best.
+A study's matrix is read from `correlations.csv` of `study validate`, with intervals. The matrix
+of another run has the rank correlation of polygons' ratios to the base. A sentence names the
+criterion that predicts the cost best.
 """
 
 import math
@@ -48,7 +49,7 @@ Cell = tuple[tuple[str, str, str], str, list[float | None]]
 
 
 def read_study_matrices(folder: Path) -> list[Matrix]:
-    """Return a matrix per statistic of the study in `folder`, [] without a study.
+    """Return the matrices of the study in `folder`, one per statistic; [] without a study.
 
     Raises InputError if `correlations.csv` lacks a column or has an invalid number.
     """
@@ -79,7 +80,7 @@ def read_study_matrices(folder: Path) -> list[Matrix]:
 def make_run_matrices(
     correlations: Iterable[tuple[tuple[str, str, str], Mapping[str, float | None]]],
 ) -> list[Matrix]:
-    """Return the matrix of a run's ((rasteriser, device, measure), criterion -> value) pairs."""
+    """Return a run's matrix from (rasteriser, device, measure) and criterion -> correlation."""
     cells = [
         (target, criterion, [value, None, None])
         for target, values in correlations
@@ -184,7 +185,10 @@ SPREAD = "spread.csv"
 
 
 def write_spread(run: Run) -> Path | None:
-    """Write `SPREAD` for the first view with stored drawings; return the path, or None."""
+    """Write criteria and counters of many triangulations of some polygons of a run to `SPREAD`.
+
+    The first view with stored drawings is used. Returns the path, or None if nothing was written.
+    """
     for record in run.records:
         view = record.id.view
         if record.is_ok and (geometry := drawings.read(run, view)) is not None:
@@ -216,7 +220,7 @@ def read_spread(run: Run, view: View) -> pd.DataFrame | None:
 
 
 def correlate_spread(table: pd.DataFrame, measure: str) -> dict[str, Estimate]:
-    """Return the rank correlation within polygons of each criterion, if defined."""
+    """Return the rank correlation of each criterion with `measure` within polygons, if defined."""
     estimates = {
         name: estimate_median(correlate_within(table, name, measure))
         for name in list_predictions()

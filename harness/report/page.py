@@ -14,7 +14,7 @@ from harness.webpages import load_template, pack_json, read_static, write_atomic
 
 PACKAGE = "harness.report"
 ELEMENTS, SPANS = "elements.js", "spans.js"
-"""Scripts that measuring pages also use, as well as `CHARTS` and the style."""
+"""Scripts of reports and of measuring pages, which also share `CHARTS` and `STYLE`."""
 FILE = "report.html"
 STYLE = "report.css"
 

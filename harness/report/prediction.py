@@ -24,7 +24,7 @@ from harness.results.run_folder import STORED_PROFILE, Run
 
 
 class PredictedRow(TypedDict):
-    """Predicted cost of a triangulator: milliseconds in its own order and in that of a walk."""
+    """Predicted cost: milliseconds with triangles in the triangulator's order and in walk order."""
 
     name: str
     draw_ms: float
@@ -45,7 +45,8 @@ class PredictedView(TypedDict):
 class Prediction(TypedDict):
     """Predicted costs of a run on a device.
 
-    device : the device, and the processor if it is software, on which the profile was measured
+    device : the device on which the profile was measured, with the processor if it is software
+    has_stages : True if the profile tells apart the stages of a draw
     skipped : why views are missing, or ""
     """
 
@@ -118,9 +119,9 @@ def _predict_view(
 def make_prediction(
     run: Run, decided: Sequence[Decided], device: DeviceCosts | None
 ) -> tuple[Prediction | None, list[str]]:
-    """Return the prediction for a device, or for the stored profile's, and warnings.
+    """Return the prediction for a device, and warnings; None without a usable profile.
 
-    device : costs given with the command, or None
+    device : costs given with the command; if None, those of the profile stored in the run, if any
     """
     stored = run.folder / STORED_PROFILE
     try:

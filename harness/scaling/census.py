@@ -88,7 +88,10 @@ class Census(Counting):
 
 @dataclass(frozen=True)
 class TileCensus(Counting):
-    """A census of map tiles; selection : zooms, layers and a tile's side in pixels."""
+    """A census of map tiles.
+
+    selection : zooms, layers and a tile's side in pixels
+    """
 
     unit: ClassVar[str] = "tiles"
     noun: ClassVar[str] = "polygons"
@@ -112,7 +115,7 @@ class TileCensus(Counting):
 
 
 class _Batch(NamedTuple):
-    """Polygons of a group, their labels, and the number of tiles that have them."""
+    """Polygons of a group, their labels, and `times`, the number of tiles with these polygons."""
 
     group: Group
     polygons: NDArray[np.object_]
@@ -151,7 +154,12 @@ class _Counter:
         self.counted.cells.append(pd.DataFrame(rows.T, columns=names))
 
     def add_tile(self, tile: Tile, side: int) -> list[Any]:
-        """Add the polygons of a tile; count once enough wait; return layers with polygons."""
+        """Add a tile's polygons to `waiting`, and count these once there are `CHUNK_ROWS`.
+
+        side : side of a tile in pixels
+
+        Returns the tile's layers that have polygons.
+        """
         self.counted.layers.update(tile.content.layer_names)
         if tile.damage:
             self.counted.damaged.append((tile.name, tile.damage))
@@ -174,9 +182,9 @@ class _Counter:
         return layers
 
     def count_waiting(self, side: int) -> None:
-        """Count the waiting polygons in tiles of `side` pixels."""
+        """Count and remove the waiting polygons, drawn in tiles of `side` pixels."""
         if any(len(part.polygons) for part in self.waiting):
-            # Polygons extend at most one side beyond the edge.
+            # Polygons extend at most one tile beyond the edge of their tile.
             margin = -(-side // MARGIN_STEP_PX) * MARGIN_STEP_PX
             window = np.array([margin, margin, margin + side - 1, margin + side - 1], np.int64)
             self.count(self.waiting, 1.0, margin, window)
@@ -246,7 +254,7 @@ def scale_to_pixels(
 ) -> tuple[NDArray[Any], NDArray[np.int64]]:
     """Scale polygons to pixels, move each near the origin, and snap it to 1/256 px.
 
-    margin : translation of all polygons in pixels, if absolute pixel positions matter
+    margin : translation of all polygons in pixels, if their positions in a window matter
 
     Returns the pieces (p,), in px, and the index of each piece's polygon; polygons that vanish on
     the grid have no piece. Positions modulo `PERIOD_PX` are preserved.

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 SHARES = (0.01, 0.05, 0.10, 0.20, 0.30, 0.50)
-"""Gains for which the table has the share of footprints with at least this gain."""
+"""Gains for which the table has a column: the share of footprints that gain at least that."""
 
 QUANTILES = (0.05, 0.25, 0.50, 0.75, 0.95)
 
@@ -55,8 +55,8 @@ def make_rows(sums: Sums, triangulators: Sequence[str]) -> pd.DataFrame:
     lower = upto[:, np.searchsorted(EDGES, -0.01 - 1e-9) - 1]
     table["share_losing_1%"] = lower / np.maximum(1, count)
     for quantile in QUANTILES:
-        path = (upto < quantile * count[:, None]).sum(axis=1)
-        low = EDGES[np.minimum(path, BINS - 1)].round(4)
+        position = (upto < quantile * count[:, None]).sum(axis=1)
+        low = EDGES[np.minimum(position, BINS - 1)].round(4)
         table[f"gain_p{100 * quantile:.0f}"] = np.where(count, low, 0.0)
     return table
 
@@ -85,7 +85,7 @@ def write(folder: Path, counted: Counted, census: Census | TileCensus) -> list[s
 
 
 def _make_lines(counted: Counted, census: Census | TileCensus) -> pd.DataFrame:
-    """Return the rows of census.csv, of tiles by zoom and layer."""
+    """Return the rows of census.csv, for map tiles those of each zoom and layer."""
     tables = []
     for (zoom, layer), sums in _sort_groups(counted):
         table = make_rows(sums, census.triangulators)
@@ -96,8 +96,8 @@ def _make_lines(counted: Counted, census: Census | TileCensus) -> pd.DataFrame:
                 name: sums.count(name)
                 for name in ("tiles", "polygons", "vertices", "dropped", "repaired")
             }
-            for path, (name, value) in enumerate(about.items()):
-                table.insert(path, name, value)
+            for position, (name, value) in enumerate(about.items()):
+                table.insert(position, name, value)
         tables.append(table)
     return pd.concat(tables)
 

@@ -58,8 +58,8 @@ class FilePart:
     path : the file, absolute
     rows : (first, last + 1), or None for all rows
     size : number of rows, or 0 if unknown
-    about : all facts that the result depends on: the file's name (`source`) and content
-        (`identity`), rows, options and code; and `key`, 16 hexadecimal digits of these
+    about : the file's name (`source`), a digest of its content (`identity`), `rows`, `options` and
+        `code`; and `key`, 16 hexadecimal digits of a hash of all of these except the name
     """
 
     path: str
@@ -84,12 +84,12 @@ class FilePart:
 class PartResult:
     """Result of a part whose file is in the folder.
 
-    counts : [kind, reason, polygons] of dropped, repaired and failed polygons
+    counts : [kind, reason, number of polygons] of dropped, repaired and failed polygons
     proven : polygons whose optimum is proven
     certified : fields of `Certified`, or None if not requested
-    about : as of the part
-    notes : changes to the complete file
-    left_out : (kind, polygon, reason) of dropped and failed polygons, the first of each kind
+    about : the part's `about`
+    notes : messages about the file, such as the choice of a layer
+    left_out : (kind, polygon, reason) of the first dropped and the first failed polygons
     seconds : duration, or None if the file existed already
     """
 
@@ -189,7 +189,7 @@ def files(pattern: str) -> list[Path]:
     elif path.exists():
         paths = [path]
     else:
-        # Path.glob takes no absolute pattern
+        # `Path.glob` raises an error for an absolute pattern
         paths = sorted(map(Path, glob.glob(pattern, recursive=True)))  # noqa: PTH207
     if not paths:
         raise UsageError(f"{pattern}: no such file; check the path, and quote a pattern")
@@ -202,11 +202,12 @@ class Summary:
 
     parts, parts_done : number of parts, and of parts with a result
     fresh : parts that this command processed
-    counts : polygons dropped, repaired or failed by (kind, reason)
+    counts : number of dropped, repaired and failed polygons by (kind, reason)
     set_aside : reason for each file or part without a result
     pruned : rows skipped because the row group's statistics exclude the condition
     seconds : wall time of this command
-    left_out : (file, kind, polygon, reason) of dropped and failed polygons, the first of each part
+    certified : fields of `Certified` of each part that has them
+    left_out : (file, kind, polygon, reason) of the first dropped and failed polygons of each part
     """
 
     parts: int
@@ -227,9 +228,11 @@ class Dataset:
     """Files, cut into parts, and the folder of results.
 
     pattern : a file, a folder of files, or a pattern
+    out : the folder of results, made if missing
     work : the processing, with options
 
-    parts : in the order of files and rows; done : results in the folder, by key
+    The attribute `parts` has the parts in the order of files and rows; `done` has the results in
+    the folder, by the part's key.
 
     Raises
     ------
@@ -268,7 +271,7 @@ class Dataset:
             self._pruned += slices.pruned
             for rows, size in zip(slices.rows, slices.sizes, strict=True):
                 content = json.dumps([slices.identity, rows, self._about], sort_keys=True)
-                # A repeated file has repeated parts.
+                # Equal parts, as of a copied file, need different keys.
                 repetition = seen[content]
                 seen[content] += 1
                 about = {
@@ -321,9 +324,9 @@ class Dataset:
     ) -> Summary:
         """Process the missing parts, write the manifest, and return a summary.
 
-        on_success : called when a part succeeds
-
         A part that fails repeatedly is set aside. The manifest is written in any case.
+
+        on_success : called when a part succeeds
         """
         begun, before = time.perf_counter(), len(self.done)
         missing = {part.key: part for part in self.missing}
@@ -352,7 +355,7 @@ class Dataset:
             summary = self._summarise(len(self.done) - before, set_aside, begun)
             try:
                 self._write_manifest(summary)
-            except HarnessError as error:  # the parts are complete without it
+            except HarnessError as error:  # parts are usable without the manifest
                 summary.set_aside[str(self.out / MANIFEST)] = str(error)
         self._tidy()
         return summary

@@ -38,7 +38,7 @@ QUEUED_TASKS = 2
 """Tasks queued at each busy worker thread; queued tasks are lost with their worker."""
 
 SETTINGS = {
-    # a worker may start processes
+    # a worker starts a process for its tasks
     "distributed.worker.daemon": False,
     "distributed.comm.timeouts.connect": "20s",
     # the current folder may hold a stranger's modules
@@ -54,7 +54,7 @@ Task = tuple[Callable[..., Any], tuple[Any, ...]]
 
 
 class TaskResult(NamedTuple):
-    """The value of a task, or the reason of its repeated failure (`failed`)."""
+    """The value of a task, or why the task failed (`failed`)."""
 
     value: Any = None
     failed: str = ""
@@ -160,7 +160,7 @@ class DaskExecutor(Executor):
                 n_workers=number,
                 threads_per_worker=1,
                 dashboard_address="127.0.0.1:8787",  # not reachable from other machines
-                memory_limit=0,  # tasks use the memory of other processes
+                memory_limit=0,  # unlimited: tasks run in other processes
                 silence_logs=logging.CRITICAL,
             )
         return str(self._cluster.scheduler_address)
@@ -182,7 +182,7 @@ class DaskExecutor(Executor):
         ended = self._distributed.as_completed(loop=self._client.loop)
         try:
             while waiting or running:
-                if self._client.status != "running":  # its futures are lost
+                if self._client.status != "running":  # all submitted tasks are lost
                     raise self._make_unreachable_error()
                 room = (1 + QUEUED_TASKS) * max(1, self.threads)
                 while waiting and len(running) < room:
@@ -211,7 +211,7 @@ class DaskExecutor(Executor):
             return TaskResult(failed="the workers that ran the task were killed")
         except (self._distributed.CancelledError, OSError):
             raise
-        except Exception as error:  # of Dask: not picklable, or the worker lacks a module
+        except Exception as error:  # raised by Dask, e.g. if the worker lacks a module
             text = " ".join(str(error).split())
             return TaskResult(failed=f"{type(error).__name__}: {text}")
         return result if result.failed else TaskResult(pickle.loads(result.value))

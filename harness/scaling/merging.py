@@ -23,7 +23,7 @@ STATUSES = ("ok", "skipped", "failed")
 
 @dataclass(frozen=True)
 class _Source:
-    """A record and the run that it is from, where `record.key` names the arrays."""
+    """A record and its run, in whose folder `record.key` names the record's arrays."""
 
     record: Record
     run: Run
@@ -64,7 +64,7 @@ def merge(runs: Sequence[Run], out: Path) -> int:
     _refuse_one_run_twice(runs)
     if mixed := find_mixed_processors(runs):
         raise IncompatibleRunsError(
-            f"times of a software rasteriser are the processor's: {format_processors(mixed)}; "
+            f"software devices were timed on several processors: {format_processors(mixed)}; "
             "keep the runs apart with --hosts"
         )
     sources = _select_records(runs)
@@ -92,7 +92,7 @@ def _describe(record: Record) -> str:
 
 
 def _select_records(runs: Iterable[Run]) -> list[_Source]:
-    """Return a record of each case; raise IncompatibleRunsError if two measured records differ."""
+    """Return one record per case; raise IncompatibleRunsError if two measured records differ."""
     sources: dict[str, _Source] = {}
     for run in sorted(runs, key=lambda run: str(run.path)):
         for record in run.records:
@@ -102,13 +102,13 @@ def _select_records(runs: Iterable[Run]) -> list[_Source]:
             elif old.record.status == record.status == "ok" and old.record != record:
                 raise IncompatibleRunsError(
                     f"records of one case differ: {_describe(record)} ({old.run.path} and "
-                    f"{run.path}); if the runs are of different hosts, name these with --hosts"
+                    f"{run.path}); if the runs are of different hosts, name the hosts with --hosts"
                 )
     return list(sources.values())
 
 
 def _rank(source: _Source) -> tuple[int, str]:
-    """Return the sort key of records of a case: the minimum is used; measured records are equal."""
+    """Return the sort key of a case's records, of which the first is used; equal if measured."""
     record = source.record
     content = "" if record.is_ok else json.dumps(record_to_json(record), sort_keys=True)
     return STATUSES.index(record.status), content

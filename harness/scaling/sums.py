@@ -31,7 +31,7 @@ BINS = 400
 """Bins of a gain, 0.5 % each, from -100 % to 100 %; the first includes lower gains."""
 
 COUNTS = ("polygons", "vertices", "tiles", "dropped", "repaired")
-"""Tiles with a polygon; polygons that cannot be drawn; polygons that were repaired."""
+"""`tiles` have a polygon; `dropped` polygons cannot be drawn; `repaired` ones were invalid."""
 
 Group = tuple[int | None, str]
 """Zoom and layer of polygons of map tiles; all footprints are one group."""
@@ -44,7 +44,7 @@ class Sums(NamedTuple):
 
     counts : (len(COUNTS),) int64
     totals : (t, len(MEASURES)) float64; integers except the criteria
-    bins : (t, len(GAINED), BINS) int64, polygons by gain
+    bins : (t, len(GAINED), BINS) int64, number of polygons by gain
     """
 
     counts: NDArray[np.int64]
@@ -72,7 +72,7 @@ class Counted:
     """Counts of one or more parts.
 
     groups : sums by zoom and layer
-    cells : columns `x`, `y` (whole numbers), `footprints`, and each triangulator's helper lanes
+    cells : tables of map cells: indices `x` and `y`, `footprints`, helper lanes by triangulator
     damaged : (tile, reason) of unreadable tiles
     layers : names of all layers
     """

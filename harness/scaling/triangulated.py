@@ -20,7 +20,7 @@ FOOTER = "raster_harness_part"
 
 @dataclass(frozen=True)
 class Triangulating(PartWork):
-    """Settings of the triangulation of many files; parts are keyed by them."""
+    """Settings of the triangulation of many files; a part's key depends on all settings."""
 
     title: ClassVar[str] = "triangulating"
     suffix: ClassVar[str] = ".parquet"

@@ -71,7 +71,7 @@ class Estimate(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """Verdict about a difference from 0."""
+        """Whether the value is significantly above or below 0."""
         if np.isnan(self.low):
             return TOO_FEW
         return ABOVE if self.low > 0 else BELOW if self.high < 0 else NOT_SIGNIFICANT
@@ -146,7 +146,7 @@ def make_measure_table(records: Sequence[Record]) -> pd.DataFrame:
         rows.append(row)
     if not rows:
         return pd.DataFrame()
-    # Drawings that differ in the work alone are one row, with a time for each.
+    # Drawings that differ in the work per fragment alone are one row, with a column for each time.
     table = pd.DataFrame(rows).groupby(list(KEYS), sort=False, as_index=False).first()
     shared = [name for name in KEYS if name != "triangulator"]
     criteria = table[list(IDENTIFYING)].round(6)
@@ -213,7 +213,7 @@ def compare_criteria(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def correlate_by_resolution(table: pd.DataFrame) -> pd.DataFrame:
-    """Return `correlate` for each resolution, with the resolution; empty if there is only one."""
+    """Return `correlate` of each resolution, with that column; empty if there is only one."""
     if table.empty or table["resolution"].nunique() < 2:
         return pd.DataFrame()
     parts = [correlate(part).assign(resolution=size) for size, part in table.groupby("resolution")]
@@ -279,16 +279,16 @@ def _group_within(correlations: pd.DataFrame) -> Iterable[tuple[Any, pd.DataFram
 
 
 def _scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure:
-    """Draw measures against predictions, both over the polygon's median, to remove its size.
+    """Draw measures against predictions, both divided by the polygon's median to remove its size.
 
-    For the main counter and the time of the least work, a panel for the paper's criterion and one
-    for the criterion that ranks best; exact counts are not criteria.
+    The main counter and the time with the least work have two panels each: for the paper's
+    criterion, and for the criterion with the best rank correlation. Exact counts are not criteria.
     """
     values = part.set_index([part["criterion"].map(to_column), "measure"])["value"]
     measured = list(dict.fromkeys(part["measure"]))
     times = [name for name in measured if name.startswith(TIME)]
     pairs = []
-    # Quads are ranked as helper lanes are: all triangulations have the same fragments.
+    # One counter is enough: as fragments are equal, quads and helper lanes have the same ranks.
     for measure in [name for name in measured if name not in times][:1] + times[:1]:
         ranked = values.xs(measure, level="measure").dropna()
         best = ranked.drop([PAPER, *EXACT], errors="ignore").nlargest(1).index
@@ -301,7 +301,7 @@ def _scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure:
     for panel, (criterion, measure) in zip(axes, pairs, strict=True):
         x, y = scatter_over_medians(panel, rows, criterion, measure, ["polygon", "resolution"])
         drawn = np.isfinite(x) & np.isfinite(y)
-        # A cost has a part that no criterion predicts (covered pixels), so its slope is not 1.
+        # The slope is fitted: a part of the cost (covered pixels) is not predicted, so it is not 1.
         if np.ptp(x[drawn]) > 0:
             slope, height = np.polyfit(x[drawn] - 1, y[drawn], 1)
             panel.axline((1, height), slope=slope, color="black", linewidth=0.8, linestyle="--")

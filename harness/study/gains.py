@@ -33,8 +33,8 @@ KEYS = (*AXES, "fit", "order")
 def make_gain_table(runs: Sequence[Run], bases: Sequence[str]) -> pd.DataFrame:
     """Return one row per case and base: the paired ratio of times and of helper lanes.
 
-    runs : of several runs with the same view the first is used, as times of different runs are not
-        paired
+    runs : if several runs have the same view, the first is used, because times of different runs
+        are not paired
 
     Cases that skipped polygons have no ratio; textured cases are left out.
     """
@@ -83,9 +83,9 @@ def _make_row(
 
 
 def list_faster(table: pd.DataFrame, base: str) -> pd.DataFrame:
-    """Return one row per scene, device, view and shading with triangulators faster than `base`.
+    """Return one row per scene, device, view and shading, with a column `faster`.
 
-    faster : triangulators that are significantly faster, with gains
+    The column names the triangulators that are significantly faster than `base`, with their gains.
     """
     rows = table[(table["base"] == base) & (table["triangulator"] != base)]
     columns = zip(rows["triangulator"], rows["time_ratio"], rows["verdict"], strict=True)

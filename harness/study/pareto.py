@@ -47,7 +47,7 @@ MAX_POINTS = 15
 """Maximum measured points of a front; a longer front is sampled evenly, with both ends."""
 
 ALL = "all"
-"""`polygon` of the rows about the complete scene."""
+"""Value in the column `polygon` of rows about the complete scene."""
 
 NORMALISED = ("overdraw_over_area", "shape_a_triangle")
 """Columns that the mixture weighs: means over polygons of A over the area, and of D/T."""
@@ -57,7 +57,7 @@ TOLERANCE = 1e-9
 
 
 def name_mixture(alpha: float, beta: float, gamma: float = 0.0) -> str:
-    """Return the full name of the optimum for these weights."""
+    """Return the name of the triangulator that minimises alpha A + beta D + gamma C."""
     return f"optimal:{criteria.mixed(alpha, beta, gamma).name}"
 
 
@@ -85,7 +85,7 @@ def list_compared() -> tuple[str, ...]:
 def make_parts(
     label: str, scene: Scene, polygons: int, view: View
 ) -> tuple[list[ScenePart], dict[str, pd.DataFrame]]:
-    """Return the parts to measure, and `FRONTS` of each single polygon by the label of the part.
+    """Return the parts to measure, and each single polygon's front (`FRONTS`) by its part's name.
 
     polygons : number of single polygons; a scene of one polygon is always that polygon
 
@@ -147,7 +147,7 @@ def make_pareto_table(run: Run, fronts: Mapping[str, pd.DataFrame]) -> pd.DataFr
 
 
 def _make_row(run: Run, group: RecordGroup, record: Record, base: Record) -> dict[str, object]:
-    """Return a row; `base` is the end of the front with minimum A, the base of time ratios."""
+    """Return a row of pareto.csv; base : the end of the front with minimum A, for time ratios."""
     name, case = record.name, record.id
     ratio = group.compare(record, base)
     kind = "sweep" if name.startswith("optimal:mixed") else "named"

@@ -1,6 +1,6 @@
 """Regret: the extra cost of the triangulation that a criterion or a triangulator selects.
 
-A rank correlation measures how well a criterion sorts triangulations, and regret the cost of
+A rank correlation measures how well a criterion sorts triangulations. Regret measures the cost of
 errors: for each polygon, the cost of the selected triangulation relative to the minimum, less 1.
 The minimum of quads and helper lanes is exact if `optimal:exact-quads` was measured;
 otherwise the minimum of the measured triangulations is used.
@@ -8,7 +8,7 @@ otherwise the minimum of the measured triangulations is used.
 For times, the minimum of many noisy medians is lower than any true time, so that even the best
 triangulation would have a regret; and the best triangulation of a part of the rounds is not
 the best of every part. So a regret of a time has a lower and an upper estimate, which bracket the
-truth on average (`estimate_regret`). The parts are repeats or epochs, which share no buffers.
+truth on average (`estimate_regret`). The parts are processes or epochs, which share no buffers.
 """
 
 import math
@@ -32,7 +32,7 @@ from harness.style import format_latex_table, format_markdown_table, get_family
 OF_QUADS = ("quads", "helper_lanes")
 
 NOT_CHOSEN = ("worst", "listed")
-"""Families of triangulators that are measured only for the spread."""
+"""Families of triangulators that are measured only for a wide range of costs."""
 
 VIEW = ("rasteriser", "device", "resolution", "rotation", "samples")
 KEYS = (*VIEW, "measure", "kind", "name")
@@ -69,14 +69,16 @@ def estimate_regret(values: Column, selected: int) -> tuple[float, float]:
 def compute_regret_interval(low: Column, high: Column) -> tuple[float, float]:
     """Return the 95 % interval of the mean regret; NaN if unknown.
 
-    low, high : estimates of each polygon, (p,); the interval's ends are at least 0
+    low, high : lower and upper estimates of each polygon, (p,)
     """
     ends = mean_interval(low)[0], mean_interval(high)[1]
     return (max(0.0, ends[0]), ends[1]) if np.isfinite(ends).all() else UNKNOWN
 
 
 def make_regret_table(records: Sequence[Record]) -> pd.DataFrame:
-    """Return `COLUMNS`, one row for each polygon, measure, and criterion or triangulator.
+    """Return one row for each polygon, measure, and criterion or triangulator.
+
+    Columns (`COLUMNS`) are
 
     kind : "criterion" or "triangulator", with `name`; `triangulator` is the selected triangulator
     best : the triangulator with the minimum, for times over all rounds
@@ -131,7 +133,7 @@ def _list_choices(records: Sequence[Record]) -> Iterator[tuple[str, str, int]]:
 
 
 def _compare_counts(values: Sequence[float]) -> tuple[int, list[tuple[float, float]]]:
-    """Return the index of the minimum, and the regrets, twice each; NaN if the minimum is 0."""
+    """Return the index of the minimum, and (regret, regret) of each; NaN if the minimum is 0."""
     best = min(values)
     regrets = [0.0 if v == best else v / best - 1.0 if best else np.nan for v in values]
     return values.index(best), [(regret, regret) for regret in regrets]
@@ -149,7 +151,7 @@ def _compare_times(times: Sequence[Time]) -> tuple[int, list[tuple[float, float]
 
 
 def summarise_regret(table: pd.DataFrame) -> pd.DataFrame:
-    """Return `SUMMARY`: regret over polygons, with the 95 % interval of the mean.
+    """Return columns `SUMMARY`: regret over polygons, with the 95 % interval of the mean.
 
     Triangulations of one family, such as random ones, count once per polygon, by their mean.
 
@@ -171,7 +173,7 @@ def summarise_regret(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def write_regret(records: Sequence[Record], folder: Path) -> pd.DataFrame:
-    """Write regret.csv and regret_by_polygon.csv into `folder`; return the first."""
+    """Write regret.csv and regret_by_polygon.csv into `folder`; return the former's content."""
     table = make_regret_table(records)
     summary = summarise_regret(table)
     table.to_csv(folder / "regret_by_polygon.csv", index=False, float_format="%.6g")

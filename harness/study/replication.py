@@ -55,14 +55,14 @@ TABLES = {
     "walked": "walked/gains.csv",
     "turned": "turned/gains.csv",
 }
-"""Files of a study: `gains` of triangles in native order, in walk order, and rotated."""
+"""Files of the studies; gains.csv is of triangles in native order, in walk order, and rotated."""
 
 
 @dataclass(frozen=True)
 class Finding:
     """A result with an interval, and whether the result supports the claim.
 
-    comparison : text about the compared value
+    comparison : text about the compared value, which follows the result in `text`
     too_few : True if there are too few polygons to decide
     """
 
@@ -147,7 +147,7 @@ def _check_h_against_a(evidence: Evidence, measure: str) -> Finding | None:
     if of_h is None or of_a is None:
         return None
     comparison = f", A {of_a.text}"
-    # The table has the difference of A and H.
+    # The table has A - H, so the sign changes.
     row = _find_row(evidence.get("compared"), measure=measure, criterion=a, other=h)
     gap = _make_finding(row, "difference", "ci_high", "ci_low")
     if gap is None:
@@ -185,7 +185,10 @@ def _check_regret(evidence: Evidence, criterion: str, measure: str, limit: float
 
 
 def _check_rotation(evidence: Evidence, triangulator: str, *, below: bool) -> Finding | None:
-    """Check whether rotated triangles have at most 0.95 of the base's helper lanes, worst angle."""
+    """Check helper lanes of rotated triangles relative to rotated ear clipping, at the worst angle.
+
+    below : whether the claim is a ratio of at most 0.95, or else of more
+    """
     table = evidence.get("turned")
     if table is None:
         return None

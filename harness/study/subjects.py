@@ -4,9 +4,9 @@ A criterion is evaluated within a polygon, so each polygon is a separate scene t
 viewport. The polygon is triangulated in many ways: by common methods, with the minimum and the
 maximum of each criterion, and at random, uniformly over all triangulations.
 
-The few triangulations of a run differ too little for that. So some polygons of the run's first view
-are triangulated in about 25 more ways, counted by the exact CPU reference at the polygons'
-positions in the frame, and not timed.
+An ordinary run has too few triangulations of each polygon to evaluate a criterion. For its report,
+`count_triangulations` triangulates some polygons of a view in about 25 ways. These are counted by
+the exact CPU reference at the polygons' positions in the frame, and not timed.
 """
 
 from collections.abc import Iterator, Sequence
@@ -70,7 +70,10 @@ def choose_polygons(scene: Scene, design: StudySize) -> list[tuple[int, Scene]]:
 
 
 def _select_by_size(sizes: NDArray[Any], simple: NDArray[np.bool_], limit: int) -> list[int]:
-    """Return numbers of simple polygons with at most `limit` vertices; sizes, simple : (p,)."""
+    """Return indices of suitable polygons by ascending size: `MIN_VERTICES` to `limit` vertices.
+
+    sizes, simple : (p,) number of vertices, and whether the polygon has no holes
+    """
     numbers = np.flatnonzero(simple & (sizes >= MIN_VERTICES) & (sizes <= limit))
     return [int(number) for number in numbers[np.argsort(sizes[numbers], kind="stable")]]
 
@@ -103,7 +106,8 @@ def choose_triangulators(design: StudySize, polygon: Polygon) -> tuple[Recipe, .
 POLYGONS = 24
 RANDOM = 20
 MAX_VERTICES = 60
-"""Limit for random triangulations, which are slow for larger polygons."""
+"""Limits of `count_triangulations`: polygons, random triangulations of each polygon, and vertices
+of a polygon, because random triangulations of larger polygons are slow."""
 
 COUNTED = (
     "ear-clipping",
@@ -112,7 +116,7 @@ COUNTED = (
 )
 
 MEASURES = Reference.counters
-"""Counters of the reference, which criteria can be compared with."""
+"""Counters of the reference rasteriser, with which criteria can be correlated."""
 
 
 def count_triangulations(geometry: drawings.Geometry, view: View) -> list[dict[str, Any]]:
