@@ -34,16 +34,21 @@ from typing import Any
 
 import numpy as np
 
+from triangulators.certificate.annulus import (
+    BRIDGE,
+    CUT,
+    POCKET,
+    UNUSED,
+    classify_edges,
+    find_rings,
+)
 from triangulators.certificate.candidates import Candidates
-from triangulators.certificate.skeleton import find_position, make_ring
 from triangulators.compute.kernels import njit
 from triangulators.compute.operations import group_by_key
-from triangulators.geometry.predicates import cross, orientation
+from triangulators.geometry.predicates import cross
 
 MAX_CUTS = 250
 """Ways to cut a polygon open that are tried."""
-
-_CUT, _UNUSED, _POCKET, _BRIDGE = range(4)  # kinds of edges; sides of rings are cuts
 
 
 @njit(nogil=True)
@@ -150,109 +155,6 @@ def _list_bridges(
 
 
 @njit(nogil=True)
-def _count_crossings(points: np.ndarray, a: int, b: int, tip: int) -> int:
-    """Return 1 if a-b crosses the ray to the left of `tip` downwards, -1 if upwards, else 0."""
-    y = points[tip, 1]
-    above, other_above = points[a, 1] > y, points[b, 1] > y
-    if above == other_above:
-        return 0
-    side = orientation(points, a, b, tip)
-    return (1 if side > 0.0 else 0) if above else (-1 if side < 0.0 else 0)
-
-
-@njit(nogil=True)
-def _is_above(points: np.ndarray, v: int, tip: int, upper: int) -> bool:
-    """Whether v sees the leftmost vertex of a hole from above; upper: its neighbour further up."""
-    if points[v, 0] < points[tip, 0]:
-        return bool(points[v, 1] > points[tip, 1])
-    return bool(orientation(points, tip, upper, v) > 0.0)
-
-
-@njit(nogil=True)
-def _classify(
-    candidates: Candidates,
-    outer: np.ndarray,
-    inner: np.ndarray,
-    cut: np.ndarray,
-    usable: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the kind, the first and the second number of each edge, (e,) each.
-
-    outer (m,), inner (q,): rings of sites with the polygon on the left; inner[0] is leftmost. The
-    numbers of a bridge are its positions on the outer ring and on the hole, those of a pocket its
-    length, negative if it runs from the higher to the lower site, and 0.
-    """
-    points, edges, side = candidates.points, candidates.edges, candidates.side
-    m, q, tip, upper = len(outer), len(inner), inner[0], inner[1]
-    outer_start, outer_items = group_by_key(outer, len(points))
-    inner_start, inner_items = group_by_key(inner, len(points))
-    turn = np.zeros(m, dtype=np.int64)
-    for k in range(1, m):
-        turn[k] = turn[k - 1] + _count_crossings(points, outer[k - 1], outer[k], tip)
-    kind = np.full(len(edges), _UNUSED, dtype=np.int8)
-    first, second = np.zeros(len(edges), dtype=np.int64), np.zeros(len(edges), dtype=np.int64)
-    for e in range(len(edges)):
-        a, b = edges[e, 0], edges[e, 1]
-        if side[e] != 0 or cut[e]:
-            kind[e] = _CUT
-            continue
-        on_hole, to_hole = inner_start[a] < inner_start[a + 1], inner_start[b] < inner_start[b + 1]
-        if on_hole and not to_hole:
-            a, b = b, a
-        i = j = 0
-        if not on_hole or not to_hole:
-            i = find_position(points, outer, outer_start, outer_items, a, b)
-        if not on_hole and not to_hole:
-            j = find_position(points, outer, outer_start, outer_items, b, a)
-        if not usable[e] or i < 0 or j < 0:
-            continue
-        if on_hole != to_hole:
-            kind[e], first[e] = _BRIDGE, i
-            second[e] = q * turn[i] + _find_hole_position(
-                points, a, b, inner, inner_items[inner_start[b]]
-            )
-            continue
-        kind[e] = _POCKET
-        if on_hole:
-            i, j = inner_items[inner_start[a]], inner_items[inner_start[b]]
-            around, length = _count_turns(points, a, b, i, j, tip, upper), (j - i) % q
-            first[e] = length if around == 0 else length - q
-        else:
-            around = _count_crossings(points, b, a, tip) + turn[j] - turn[i] + (1 if i > j else 0)
-            length = (j - i) % m
-            first[e] = length if around == 0 else length - m
-    return kind, first, second
-
-
-@njit(nogil=True)
-def _find_hole_position(
-    points: np.ndarray, outer_end: int, end: int, inner: np.ndarray, index: int
-) -> int:
-    """Return the position of a bridge on the hole, relative to the turn of its outer end.
-
-    index: of the bridge's end in `inner`, which runs clockwise around the hole.
-    """
-    tip, q = inner[0], len(inner)
-    if index == 0:
-        return q if _is_above(points, outer_end, tip, inner[1]) else 0
-    return q * _count_crossings(points, outer_end, end, tip) + q - index
-
-
-@njit(nogil=True)
-def _count_turns(points: np.ndarray, a: int, b: int, i: int, j: int, tip: int, upper: int) -> int:
-    """Return the turns around a hole of its ring from i to j, and back along the edge b-a.
-
-    a, b: the sites at positions i and j. The hole's first vertex, on the ring, is passed upwards.
-    """
-    around = _count_crossings(points, b, a, tip)
-    if i == 0:
-        return around if _is_above(points, b, tip, upper) else around - 1
-    if j == 0:
-        return around - 1 if _is_above(points, a, tip, upper) else around
-    return around - 1 if i > j else around
-
-
-@njit(nogil=True)
 def _sort_triangles(
     candidates: Candidates,
     kind: np.ndarray,
@@ -272,14 +174,14 @@ def _sort_triangles(
         bridges, inside, pocket, base = 0, 0, 0, 0
         for s in range(3):
             e = c.sides[t, s]
-            if kind[e] == _UNUSED or not alive[t]:
+            if kind[e] == UNUSED or not alive[t]:
                 bridges = 3
-            elif kind[e] == _BRIDGE:
+            elif kind[e] == BRIDGE:
                 bridges += 1
             else:
                 base = s
                 forward = c.triangles[t, s] < c.triangles[t, s + 1 if s < 2 else 0]
-                if kind[e] == _POCKET and forward != (length[e] > 0):
+                if kind[e] == POCKET and forward != (length[e] > 0):
                     inside += 1
                     pocket = e
         if bridges == 0 and inside == 1:
@@ -312,9 +214,9 @@ def _weigh_pockets(
     start, items = group_by_key(pocket_of, count + 1)
     lengths = np.zeros(count, dtype=np.int64)
     for e in range(count):
-        if kind[e] == _CUT:
+        if kind[e] == CUT:
             pocket[e] = 0
-        elif kind[e] == _POCKET:
+        elif kind[e] == POCKET:
             lengths[e] = abs(length[e])
     by_length, in_order = group_by_key(lengths, lengths.max() + 1)
     for e in in_order[by_length[1] :]:
@@ -347,18 +249,18 @@ def _solve_annulus(
 
     starts: bridges of which each triangulation has one. The weight is `none` without a solution.
     """
-    c, (outer, inner) = candidates, _find_rings(candidates, ring_offsets, hole, cut)
+    c, (outer, inner) = candidates, find_rings(candidates, ring_offsets, hole, cut)
     m, q = len(outer), len(inner)
     on_hole = np.zeros(len(c.points), dtype=np.bool_)
     on_hole[inner] = True
-    kind, first, second = _classify(c, outer, inner, cut, usable)
+    kind, first, second = classify_edges(c, outer, inner, cut, usable)
     pocket_of, steps = _sort_triangles(c, kind, first, alive, on_hole)
     pocket, apex = _weigh_pockets(c, kind, first, pocket_of, weights, none)
     # Move each bridge by whole turns to a sum of positions in 0..period - 1.
     period = m + q
     sums = np.full(len(kind), period, dtype=np.int64)
     for e in range(len(kind)):
-        if kind[e] == _BRIDGE:
+        if kind[e] == BRIDGE:
             turns = (first[e] + second[e]) // period
             first[e] -= turns * m
             second[e] -= turns * q
@@ -384,7 +286,7 @@ def _solve_annulus(
     best, solution = none, np.empty(0, dtype=np.int64)
     walk, via = np.empty(len(kind), dtype=weights.dtype), np.empty(len(kind), dtype=np.int64)
     for s in starts:
-        if kind[s] == _BRIDGE:
+        if kind[s] == BRIDGE:
             at = rank[s]
             ahead = np.concatenate((order[at:], order[: at + 1]))
             total = _walk(
@@ -452,27 +354,6 @@ def _walk(
 
 
 @njit(nogil=True)
-def _find_rings(
-    candidates: Candidates, ring_offsets: np.ndarray, hole: int, cut: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the outer ring of the cut polygon, and a hole from its leftmost site on."""
-    points, edges, side = candidates.points, candidates.edges, candidates.side
-    first, last = ring_offsets[hole], ring_offsets[hole + 1]
-    root = inner_root = -1
-    for e in range(len(edges) - 1, -1, -1):
-        if side[e] != 0:
-            root = e  # the last one is of the first site, on the exterior
-            if first <= edges[e, 0] < last:
-                inner_root = e
-    outer, inner = make_ring(candidates, cut, root), make_ring(candidates, cut, inner_root)
-    leftmost = 0
-    for k in range(len(inner)):
-        if points[inner[k], 0] < points[inner[leftmost], 0]:
-            leftmost = k
-    return outer, np.roll(inner, -leftmost)
-
-
-@njit(nogil=True)
 def _trace(
     candidates: Candidates,
     kind: np.ndarray,
@@ -495,7 +376,7 @@ def _trace(
     while height > 0:
         height -= 1
         e = stack[height]
-        if kind[e] == _POCKET:
+        if kind[e] == POCKET:
             t = apex[e]
             triangles[size] = t
             size += 1

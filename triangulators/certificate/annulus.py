@@ -1,0 +1,135 @@
+"""Positions of edges around one hole, for walks of bridges (see `bridges`)."""
+
+import numpy as np
+
+from triangulators.certificate.candidates import Candidates
+from triangulators.certificate.skeleton import find_position, make_ring
+from triangulators.compute.kernels import njit
+from triangulators.compute.operations import group_by_key
+from triangulators.geometry.predicates import orientation
+
+CUT, UNUSED, POCKET, BRIDGE = range(4)  # kinds of edges; sides of rings are cuts
+
+
+@njit(nogil=True)
+def find_rings(
+    candidates: Candidates, ring_offsets: np.ndarray, hole: int, cut: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the outer ring of the cut polygon, and a hole from its leftmost site on."""
+    points, edges, side = candidates.points, candidates.edges, candidates.side
+    first, last = ring_offsets[hole], ring_offsets[hole + 1]
+    root = inner_root = -1
+    for e in range(len(edges) - 1, -1, -1):
+        if side[e] != 0:
+            root = e  # the last one is of the first site, on the exterior
+            if first <= edges[e, 0] < last:
+                inner_root = e
+    outer, inner = make_ring(candidates, cut, root), make_ring(candidates, cut, inner_root)
+    leftmost = 0
+    for k in range(len(inner)):
+        if points[inner[k], 0] < points[inner[leftmost], 0]:
+            leftmost = k
+    return outer, np.roll(inner, -leftmost)
+
+
+@njit(nogil=True)
+def classify_edges(
+    candidates: Candidates,
+    outer: np.ndarray,
+    inner: np.ndarray,
+    cut: np.ndarray,
+    usable: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the kind, the first and the second number of each edge, (e,) each.
+
+    outer (m,), inner (q,): rings of sites with the polygon on the left; inner[0] is leftmost. The
+    numbers of a bridge are its positions on the outer ring and on the hole, those of a pocket its
+    length, negative if it runs from the higher to the lower site, and 0.
+    """
+    points, edges, side = candidates.points, candidates.edges, candidates.side
+    m, q, tip, upper = len(outer), len(inner), inner[0], inner[1]
+    outer_start, outer_items = group_by_key(outer, len(points))
+    inner_start, inner_items = group_by_key(inner, len(points))
+    turn = np.zeros(m, dtype=np.int64)
+    for k in range(1, m):
+        turn[k] = turn[k - 1] + _count_crossings(points, outer[k - 1], outer[k], tip)
+    kind = np.full(len(edges), UNUSED, dtype=np.int8)
+    first, second = np.zeros(len(edges), dtype=np.int64), np.zeros(len(edges), dtype=np.int64)
+    for e in range(len(edges)):
+        a, b = edges[e, 0], edges[e, 1]
+        if side[e] != 0 or cut[e]:
+            kind[e] = CUT
+            continue
+        on_hole, to_hole = inner_start[a] < inner_start[a + 1], inner_start[b] < inner_start[b + 1]
+        if on_hole and not to_hole:
+            a, b = b, a
+        i = j = 0
+        if not on_hole or not to_hole:
+            i = find_position(points, outer, outer_start, outer_items, a, b)
+        if not on_hole and not to_hole:
+            j = find_position(points, outer, outer_start, outer_items, b, a)
+        if not usable[e] or i < 0 or j < 0:
+            continue
+        if on_hole != to_hole:
+            kind[e], first[e] = BRIDGE, i
+            second[e] = q * turn[i] + _find_hole_position(
+                points, a, b, inner, inner_items[inner_start[b]]
+            )
+            continue
+        kind[e] = POCKET
+        if on_hole:
+            i, j = inner_items[inner_start[a]], inner_items[inner_start[b]]
+            around, length = _count_turns(points, a, b, i, j, tip, upper), (j - i) % q
+            first[e] = length if around == 0 else length - q
+        else:
+            around = _count_crossings(points, b, a, tip) + turn[j] - turn[i] + (1 if i > j else 0)
+            length = (j - i) % m
+            first[e] = length if around == 0 else length - m
+    return kind, first, second
+
+
+@njit(nogil=True)
+def _find_hole_position(
+    points: np.ndarray, outer_end: int, end: int, inner: np.ndarray, index: int
+) -> int:
+    """Return the position of a bridge on the hole, relative to the turn of its outer end.
+
+    index: of the bridge's end in `inner`, which runs clockwise around the hole.
+    """
+    tip, q = inner[0], len(inner)
+    if index == 0:
+        return q if _is_above(points, outer_end, tip, inner[1]) else 0
+    return q * _count_crossings(points, outer_end, end, tip) + q - index
+
+
+@njit(nogil=True)
+def _count_turns(points: np.ndarray, a: int, b: int, i: int, j: int, tip: int, upper: int) -> int:
+    """Return the turns around a hole of its ring from i to j, and back along the edge b-a.
+
+    a, b: the sites at positions i and j. The hole's first vertex, on the ring, is passed upwards.
+    """
+    around = _count_crossings(points, b, a, tip)
+    if i == 0:
+        return around if _is_above(points, b, tip, upper) else around - 1
+    if j == 0:
+        return around - 1 if _is_above(points, a, tip, upper) else around
+    return around - 1 if i > j else around
+
+
+@njit(nogil=True)
+def _count_crossings(points: np.ndarray, a: int, b: int, tip: int) -> int:
+    """Return 1 if a-b crosses the ray to the left of `tip` downwards, -1 if upwards, else 0."""
+    y = points[tip, 1]
+    above, other_above = points[a, 1] > y, points[b, 1] > y
+    if above == other_above:
+        return 0
+    side = orientation(points, a, b, tip)
+    return (1 if side > 0.0 else 0) if above else (-1 if side < 0.0 else 0)
+
+
+@njit(nogil=True)
+def _is_above(points: np.ndarray, v: int, tip: int, upper: int) -> bool:
+    """Whether v sees the leftmost vertex of a hole from above; upper: its neighbour further up."""
+    if points[v, 0] < points[tip, 0]:
+        return bool(points[v, 1] > points[tip, 1])
+    return bool(orientation(points, tip, upper, v) > 0.0)
