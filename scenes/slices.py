@@ -2,7 +2,7 @@
 
 A slice of a file is a range of rows of GeoParquet, along its row groups if possible, or of features
 of a file that GDAL can read from the middle; other files are a single slice. A slice of tiles is a
-range of the numbers of a zoom: cutting an archive reads the directory in pieces, and reading a
+range of tile numbers within a zoom: cutting an archive reads only its directory, and reading a
 slice reads only its tiles.
 """
 
@@ -243,7 +243,7 @@ def _build_selection(
 
 
 def is_folder(name: str) -> bool:
-    """Whether a folder contains zooms or tiles."""
+    """Whether a path is a folder that contains tiles, or folders of zooms."""
     return any(
         _TILE.search(entry.name) or (entry.name.isdecimal() and entry.is_dir())
         for entry in _list_folder(name)
@@ -255,7 +255,7 @@ def _list_folder(name: str) -> list[Path]:
 
 
 def cut_tiles(path: str, zooms: tuple[int, int] | None) -> Slices:
-    """Return the slices of an archive; sizes are in runs of equal tiles.
+    """Return the slices of an archive; `sizes` are numbers of runs of equal tiles.
 
     Raises SceneError if the archive is missing, cannot be read, or has no tile of these zooms.
     """
@@ -317,6 +317,8 @@ class Tile(NamedTuple):
 
 def read_tiles(path: str, numbers: tuple[int, int], selection: TileSelection) -> Iterator[Tile]:
     """Yield the tiles of a slice; unreadable layers are skipped and noted.
+
+    numbers : tile numbers of the slice (first, stop)
 
     Raises SceneError if the file is missing or cannot be read.
     """

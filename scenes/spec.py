@@ -48,7 +48,7 @@ def format_install_command(extra: str) -> str:
     with suppress(ValueError):
         python = python.relative_to(Path.cwd())
     pip = f"{python} -m pip install"
-    # The egg-info of a checkout does not record the installation.
+    # The package may also be found as the egg-info of a checkout, without direct_url.json.
     records = [
         distribution.read_text("direct_url.json")
         for distribution in metadata.distributions(name=DISTRIBUTION)
@@ -110,7 +110,7 @@ def is_function(name: str) -> bool:
 
 
 def is_path(name: str) -> bool:
-    """Whether a name is a file: an existing path, or with a separator or suffix.
+    """Whether a name is a file: an existing path, or a name with a separator or suffix.
 
     >>> is_path("town.gpkg"), is_path("maps/town"), is_path("city"), is_path("my.module:squares")
     (True, True, False, False)

@@ -20,7 +20,7 @@ _SAMPLE = 100
 """Number of edges by which crossings are estimated."""
 
 _MAX_PEELED = 1000
-"""Maximum number of pieces of edges for `shapely.make_valid`."""
+"""Maximum number of edges, cut at crossings, of a polygon that `shapely.make_valid` repairs."""
 
 
 def fill_contours(contours: Sequence[NDArray[Any]], rule: Rule = "nonzero") -> list[Any]:
@@ -48,9 +48,10 @@ def fill_contours(contours: Sequence[NDArray[Any]], rule: Rule = "nonzero") -> l
 
 
 def _fill_nested(rings: NDArray[Any], rule: Rule) -> Any | None:
-    """Return the area of simple rings by the rings around each, or None if rings cross.
+    """Return the area that simple rings fill, or None if rings cross.
 
-    A ring bounds the area if the rule says "inside" on exactly one side.
+    The winding numbers on both sides of a ring follow from the rings around it; the ring bounds the
+    area if exactly one side is inside by the rule.
     """
     if len(rings) == 1:
         return shapely.MultiPolygon(list(rings))
@@ -182,16 +183,16 @@ def repair_polygon(polygon: shapely.Polygon) -> Any:
 
 
 def _check_crossings(rings: NDArray[Any]) -> None:
-    """Raise shapely.GEOSException for rings that cross or coincide too often, by some edges."""
+    """Raise shapely.GEOSException if, by a sample of edges, rings cross or coincide too often."""
     points, ring = shapely.get_coordinates(rings, return_index=True)
     if len(points) ** 2 / 2 <= MAX_CROSSINGS:
-        return  # fewer pairs of edges
+        return  # fewer pairs of edges than permitted crossings
     same = ring[1:] == ring[:-1]
     edges = shapely.linestrings(np.stack([points[:-1][same], points[1:][same]], axis=1))
     sample = edges[:: max(len(edges) // _SAMPLE, 1)]
     tree, pairs = shapely.STRtree(edges), 0
     limit = 2 * MAX_CROSSINGS * len(sample) / len(edges)
-    for edge in sample:  # one by one, as each may meet all others
+    for edge in sample:  # one by one, to stop early: each may meet all others
         meeting, touching = (len(tree.query(edge, predicate=p)) for p in ("intersects", "touches"))
         pairs += meeting - touching - 1  # without the edge itself
         if pairs > limit:

@@ -202,7 +202,7 @@ class Projection:
     def torn(self, geometries: NDArray[Any]) -> NDArray[np.bool_]:
         """Return whether each geometry crosses the 180th meridian, where the cylindrical map ends.
 
-        An edge of more than 180 degrees does, except an edge of exactly 360 along a parallel.
+        An edge of more than 180 degrees of longitude crosses it, except an edge of exactly 360.
         """
         torn = np.zeros(len(geometries), dtype=bool)
         if self.centre is None:
@@ -234,7 +234,7 @@ def _compute_cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np
 def _list_steps(
     geometries: Any,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Return step in longitude, latitude of the middle, and geometry of each edge of each ring."""
+    """Return for each edge of each ring: longitude difference, mean latitude, geometry's index."""
     parts, owner = shapely.get_parts(np.asarray(geometries, dtype=object), return_index=True)
     parts, inner = shapely.get_parts(parts, return_index=True)
     polygonal = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON

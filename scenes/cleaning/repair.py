@@ -118,7 +118,7 @@ def _repair(
     dropped: list[Note],
     repaired: list[Note],
 ) -> tuple[NDArray[Any], NDArray[np.int64]]:
-    """Return the polygons, each invalid one replaced by its repaired pieces, and their indices."""
+    """Return the polygons, invalid ones replaced by repaired pieces, and each polygon's source."""
     polygons: list[Any] = []
     owners: list[int] = []
     for part, index, is_valid in zip(parts, source, valid, strict=True):

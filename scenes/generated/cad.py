@@ -1,6 +1,6 @@
 """Parts cut from sheet metal: plates, flanges, brackets, gears, name plates.
 
-The faces, each in a plane, are the input of a mesh pipeline.
+`build` returns the outlines, `build_faces` the faces of the parts as solids of 20 mm.
 """
 
 from collections.abc import Callable
@@ -95,7 +95,7 @@ def _cut_holes(
 
 
 def _build_plate(rng: Generator, segments: int) -> shapely.Geometry:
-    """Return a plate with rounded corners, a bolt hole in each, and a row of slots."""
+    """Return a plate with rounded corners, a bolt hole at each, and slots one above the other."""
     w, h = rng.uniform(80, 160), rng.uniform(60, 110)
     inset, bolt = rng.uniform(9, 12), rng.uniform(2.5, 4.5)
     centres = [(x, y) for x in (inset, w - inset) for y in (inset, h - inset)]
@@ -109,7 +109,7 @@ def _build_plate(rng: Generator, segments: int) -> shapely.Geometry:
 
 
 def _build_flange(rng: Generator, segments: int) -> shapely.Geometry:
-    """Return a disc with a bore and a circle of bolts."""
+    """Return a disc with a bore and a circle of bolt holes."""
     radius, bolts = rng.uniform(35, 60), int(rng.integers(4, 13))
     bolt = min(4.5, 0.5 * np.pi * 0.8 * radius / bolts)
     bore = _build_circle(0, 0, rng.uniform(0.3, 0.5) * radius, 2 * segments)
@@ -137,7 +137,7 @@ def _build_bracket(rng: Generator, segments: int) -> shapely.Geometry:
 def _build_gear(rng: Generator, segments: int) -> shapely.Geometry:
     """Return a gear: involute teeth of 20 degrees, a bore with a keyway, and lightening holes.
 
-    The flank is the involute of the base circle; below it the tooth goes straight to the root.
+    A flank is the involute of the base circle; from there to the root it is straight.
     """
     teeth, module = int(rng.integers(14, 40)), rng.uniform(2.0, 3.5)
     pitch = teeth * module / 2

@@ -21,13 +21,14 @@ MAX_BUILDINGS = 100_000
 _AREA_A_BUILDING = 900.0  # square metres of city, streets included
 _MILLIMETRE = 3  # decimals; rounding makes coordinates equal on every platform
 
-# (share of buildings, vertices): quantiles seen in OpenStreetMap footprints of European cities
+# Shares of buildings, and for each share the number of vertices that these buildings do not exceed:
+# quantiles of the OpenStreetMap footprints of European cities.
 _VERTEX_QUANTILES = (
     (0.0, 0.16, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99, 1.0),
     (4.0, 4.0, 6.0, 9.8, 17.0, 27.5, 36.0, 78.0, 160.0),
 )
-_COURTYARDS = 0.1  # target share; irregular lots open some, which leaves about 0.08
-_COURTYARD_VERTICES = 8  # minimum of a building with a courtyard
+_COURTYARDS = 0.1  # share of buildings planned with courtyards; 0.08 remain after clipping to lots
+_COURTYARD_VERTICES = 8  # vertices added to a building with courtyards
 
 
 class _Lots(NamedTuple):
@@ -68,7 +69,7 @@ def build(*, seed: int = 0, buildings: int = 500) -> Scene:
 
 
 def _build_districts(rng: Generator, radius: float) -> NDArray[Any]:
-    """Return districts as polygons: Voronoi cells less the ring boulevard and the avenues."""
+    """Return districts as polygons: Voronoi cells without the ring boulevards and avenues."""
     count = max(7, int(np.pi * radius**2 / 55_000))
     angle = np.arange(count) * 2.399963 + rng.normal(0.0, 0.35, count)  # golden angle: even cover
     reach = radius * ((np.arange(count) + 0.5) / count) ** 0.62
@@ -130,14 +131,14 @@ def _rotate(geometry: Any, angle: float) -> Any:
 def _cut_range(
     rng: Generator, low: float, high: float, shortest: float, longest: float
 ) -> NDArray[Any]:
-    """Return cuts of [low, high] into lengths from about `shortest` to `longest`."""
+    """Return positions that cut [low, high] into lengths from about `shortest` to `longest`."""
     count = max(1, round((high - low) / ((shortest + longest) / 2)))
     lengths = rng.uniform(shortest, longest, count)
     return low + (high - low) * np.concatenate([[0.0], np.cumsum(lengths) / lengths.sum()])
 
 
 def _cut_blocks(rng: Generator, district: shapely.Polygon, central: bool) -> list[shapely.Polygon]:
-    """Return the blocks of a street grid over a district along the axes."""
+    """Return the blocks of a district that is rotated so that streets run along the axes."""
     x0, y0, x1, y1 = district.bounds
     rows = _cut_range(rng, y0, y1, *((36.0, 58.0) if central else (52.0, 74.0)))
     length = (45.0, 95.0) if central else (80.0, 150.0)
@@ -159,7 +160,7 @@ def _cut_blocks(rng: Generator, district: shapely.Polygon, central: bool) -> lis
 
 
 def _cut_lots(rng: Generator, block: shapely.Polygon, central: bool) -> _Lots:
-    """Return the lots of a block along the streets, with a box for each building."""
+    """Cut a block into one or two rows of lots; return the lots, with a box for each building."""
     x0, y0, x1, y1 = block.bounds
     kind = rng.random()
     is_single = kind < 0.08
@@ -195,7 +196,14 @@ def _cut_lots(rng: Generator, block: shapely.Polygon, central: bool) -> _Lots:
 def _place_buildings(
     rng: Generator, lots: NDArray[np.float64], low_street: bool, detached: bool, slabs: bool
 ) -> NDArray[np.float64]:
-    """Return (n, 4) boxes of buildings on a row of lots: party walls, detached, or slabs."""
+    """Return (n, 4) boxes of buildings, one on each lot of a row.
+
+    Most buildings are as wide as the lot, so that neighbours share walls.
+
+    low_street : whether the street is at the lots' lower y
+    detached : True for houses with space on both sides
+    slabs : True for long buildings across the lot
+    """
     n = len(lots)
     x0, y0, x1, y1 = lots.T
     depth = y1 - y0
@@ -248,7 +256,7 @@ def _build_footprints(rng: Generator, lots: _Lots) -> NDArray[Any]:
 def _correlate(
     rng: Generator, size: NDArray[Any], strength: float, uniform: NDArray[Any]
 ) -> NDArray[Any]:
-    """Return the uniform numbers in an order that correlates with the sizes."""
+    """Return the numbers of `uniform` in a new order: large sizes tend to get large numbers."""
     n = len(size)
     score = strength * (size - size.mean()) / (size.std() + 1e-9) + rng.normal(0.0, 1.0, n)
     result = np.empty(n)
@@ -257,7 +265,11 @@ def _correlate(
 
 
 def _build_polygons(rings: list[Any], counts: list[int], lots: _Lots) -> NDArray[Any]:
-    """Return polygons in the district's frame from rings in the frames of lots."""
+    """Return polygons in the district's frame.
+
+    rings : rings of all buildings, in the frames of their lots
+    counts : number of rings of each building
+    """
     coordinates = np.concatenate([[*ring, ring[0]] for ring in rings])
     ends = np.concatenate([[0], np.cumsum([len(ring) + 1 for ring in rings])])
     owners = np.concatenate([[0], np.cumsum(counts)])

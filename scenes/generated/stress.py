@@ -35,7 +35,7 @@ def build(*, seed: int = 0, vertices: int = 200, family: str = "all") -> Scene:
     polygons = []
     for number, name in enumerate(FAMILIES):
         if name in families:
-            # A generator per family: polygons do not depend on the other families.
+            # Seeded by family, so that a polygon does not depend on which families are requested.
             shape = FAMILIES[name](np.random.default_rng([seed, number]), vertices)
             polygons.append(shapely.Polygon(*(shape if isinstance(shape, tuple) else (shape,))))
     rounded = shapely.transform(np.array(polygons), lambda xy: np.round(xy, 9) + 0.0)
@@ -101,7 +101,7 @@ def koch(rng: Generator, n: int) -> Ring:  # noqa: ARG001
 
 
 def near_collinear(rng: Generator, n: int) -> Ring:
-    """Return a square with side vertices that are off the line by up to a millionth."""
+    """Return a square with vertices on its sides, displaced by up to a millionth of the side."""
     per_side = n // 4
     along = np.sort(rng.uniform(0.01, 0.99, (4, per_side - 1)), axis=1)
     offsets = rng.uniform(-1e-6, 1e-6, along.shape)
@@ -146,7 +146,7 @@ def random_star(rng: Generator, n: int) -> Ring:
 
 
 def random_monotone(rng: Generator, n: int) -> Ring:
-    """Return two random chains from left to right, the upper above the lower."""
+    """Return a polygon of two random chains from left to right, one above the other."""
     x = np.sort(rng.uniform(0, 1, n - 2))
     upper = rng.random(n - 2) < 0.5
     y = np.where(upper, rng.uniform(0.52, 1.0, n - 2), rng.uniform(0.0, 0.48, n - 2))
@@ -158,8 +158,8 @@ def random_monotone(rng: Generator, n: int) -> Ring:
 def random_maze(rng: Generator, n: int) -> Ring:
     """Return the outline of a random spanning tree of a grid, with perturbed vertices.
 
-    The path visits each point of the grid of half the pitch once. Vertices move by less than half
-    of the distance of neighbours, so the polygon stays simple for every tree.
+    The outline visits each point of a grid of half the cells' pitch once. Vertices are displaced by
+    less than half of the distance between neighbours, so the polygon stays simple for every tree.
     """
     side = max(2, round(np.sqrt(n / 4)))
     opens_right, opens_up = _draw_spanning_tree(rng, side)
@@ -184,7 +184,7 @@ def random_maze(rng: Generator, n: int) -> Ring:
 
 
 def _draw_spanning_tree(rng: Generator, side: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which cells are joined to the right, and which to the upper neighbour (Kruskal)."""
+    """Return whether each cell is joined to its right, and to its upper neighbour, (side, side)."""
     cell = np.arange(side**2).reshape(side, side)
     a = np.concatenate([cell[:-1].ravel(), cell[:, :-1].ravel()])
     b = np.concatenate([cell[1:].ravel(), cell[:, 1:].ravel()])
@@ -216,7 +216,7 @@ _PAPER = ((3, 7), (0, 8), (1, 11), (7, 11), (7, 6), (6, 3), (3, 0), (1, 3), (3, 
 
 
 def paper(*, seed: int = 0) -> Scene:  # noqa: ARG001 - every scene takes a seed
-    """Return the polygon of Kryvda and Sulema's Table 1, from the rows: 9 vertices, area 46."""
+    """Return the polygon reconstructed from Kryvda and Sulema's Table 1: 9 vertices, area 46."""
     return Scene(
         name="paper",
         polygons=[shapely.orient_polygons(shapely.Polygon(_PAPER))],

@@ -20,7 +20,7 @@ _DEPTHS = {
     "Solid": 1,
     **dict.fromkeys(("MultiSolid", "CompositeSolid"), 2),
 }
-"""Types of geometries to the number of levels above their surfaces."""
+"""Nesting depth of the surfaces in the `boundaries` of each type of geometry."""
 
 _INSTANCE = "has an instance of a template, which is unsupported: replace it by the geometry"
 _PLAN = "surfaces seen from above, with the height as an attribute"
@@ -116,7 +116,10 @@ def _find_crs(model: dict[str, Any]) -> str | None:
 
 
 def _read_vertices(model: dict[str, Any], source: dict[str, Any]) -> NDArray[np.float64]:
-    """Return (n, 3), scaled and translated by `about`: the model or the head of its sequence."""
+    """Return vertices (n, 3), scaled and translated by the `transform` of `source`.
+
+    source : the model itself, or the first line of its sequence
+    """
     vertices = np.array(model["vertices"], dtype=float).reshape(-1, 3)
     if "transform" in source:
         transform = source["transform"]
@@ -141,7 +144,7 @@ def _read_surfaces(
     semantics = shape.get("semantics") or {}
     kinds = [s.get("type") for s in semantics.get("surfaces") or []]
     surfaces = list(shape["boundaries"])
-    for _ in range(depth):  # surfaces of shells, of solids
+    for _ in range(depth):  # from solids to shells, from shells to surfaces
         surfaces = list(chain.from_iterable(surfaces))
     values = _flatten_values(semantics.get("values"), shape["boundaries"], depth)
     for rings, value in zip(surfaces, values, strict=True):
@@ -159,7 +162,7 @@ def _check_indices(ring: Any, count: int) -> NDArray[np.int64]:
 
 
 def _flatten_values(values: Any, boundaries: Any, depth: int) -> list[int | None]:
-    """Return the semantics of each surface; null may stand for a surface, a shell or a solid."""
+    """Return each surface's index in the semantics, or None; a shell or solid may have one null."""
     padded = [*(values or []), *[None] * len(boundaries)][: len(boundaries)]
     if depth == 0:
         return padded

@@ -28,7 +28,7 @@ _SURFACES = {15: _MULTI_POLYGON, 16: _MULTI_POLYGON, 17: 3}
 def load_library() -> Any | None:
     """Return GDAL as pyogrio loads it, or None if not found or pyogrio is not installed.
 
-    An extension module of pyogrio exposes GDAL; on Windows the library is in the next folder.
+    An extension module of pyogrio exposes GDAL; on Windows it is in pyogrio.libs.
     """
     try:
         import pyogrio
@@ -82,7 +82,7 @@ class FailureLog:
 
     @contextmanager
     def listen(self) -> Iterator[None]:
-        """Listen while GDAL is called. Never across a `yield`: handlers are a stack per thread."""
+        """Count failures in a block that does not `yield`: each thread has a stack of handlers."""
         library = load_library()
         if library is None:
             yield

@@ -64,8 +64,9 @@ def find_skipped_lines(
 ) -> Iterator[Raw]:
     """Yield chunks without geometry, with notes on the lines that are not features.
 
-    `count` features were read; GDAL reported `failures`, a lower bound; `is_complete` if all
-    features were requested, so that numbers can be compared.
+    count : number of features that were read
+    failures : number of failures that GDAL reported; more lines may have been skipped
+    is_complete : whether all features were requested, so that `count` should equal the lines
     """
     lines = sum(1 for _, line in number_lines(path) if not line.isspace()) if is_complete else 0
     if not failures and count >= lines:

@@ -36,7 +36,7 @@ def pyarrow_parquet(source: Source) -> Any:
 
 
 def _read_batches(file: Any, rows: tuple[int, int] | None, size: int) -> Iterator[tuple[int, Any]]:
-    """Yield batches of the rows asked for, and the number of the first row of each."""
+    """Yield (number of the first row, batch) for the requested rows."""
     sizes = [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
     ends = np.cumsum(sizes, dtype=np.int64)
     first, last = rows or (0, file.metadata.num_rows)

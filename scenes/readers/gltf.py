@@ -22,7 +22,7 @@ from scenes.readers.guard import refuse_special
 from scenes.scene import SceneError
 
 LINE_LOOP, TRIANGLES, STRIP, FAN = 2, 4, 5, 6
-"""Modes of a primitive: rings of polygons, and those that consist of triangles."""
+"""Modes of a primitive: rings (with EXT_mesh_polygon), and three layouts of triangles."""
 
 POLYGONS = "EXT_mesh_polygon"
 RESTART = 2**32 - 1
@@ -37,7 +37,7 @@ FULL_SCALE = {"i1": 127.0, "u1": 255.0, "i2": 32767.0, "u2": 65535.0}
 
 MAGIC, JSON, BIN = b"glTF", b"JSON", b"BIN\0"
 DATA_URI = "base64,"
-"""Last part of the head of a data URI."""
+"""Text before the content of a data URI."""
 
 COMPRESSED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
 """Extensions with compressed vertices and triangles."""
@@ -53,8 +53,8 @@ HARMLESS = re.compile(
 class GltfFile:
     """A model in memory: JSON, and the bytes of the buffers.
 
-    Raises SceneError for a file with compressed triangles, and other exceptions for a file that
-    violates the format.
+    Raises SceneError for an unsupported extension or a missing file of a buffer. A file that
+    violates the format raises ValueError, KeyError or others: call within `clear_errors`.
     """
 
     def __init__(self, path: Path) -> None:
@@ -77,13 +77,13 @@ class GltfFile:
         self.buffers = [self._read_buffer(buffer) for buffer in self.json.get("buffers", [])]
 
     def _read_chunks(self, data: bytes) -> bytes:
-        """Split a .glb into its chunks; return the JSON."""
+        """Return the JSON of a .gltf or .glb; store the chunks of a .glb."""
         self._chunks: list[tuple[bytes, bytes]] = []
         if data[:4] != MAGIC:
             return data
         version, length = struct.unpack_from("<II", data, 4)
         if version != 2 or length > len(data):  # bytes after the model are ignored
-            raise ValueError(f"version {version}, {len(data):,} of {length:,} bytes")
+            raise ValueError(f"GLB version {version} (not 2), or {len(data):,} of {length:,} bytes")
         start = 12
         while start < length:
             size, kind = struct.unpack_from("<I4s", data, start)
@@ -156,13 +156,13 @@ class GltfFile:
     def positions(
         self, primitive: dict[str, Any], placements: tuple[NDArray[np.float64], ...]
     ) -> tuple[NDArray[Any], tuple[NDArray[np.float64], ...]]:
-        """Return a primitive's stored positions (n, 3), and the placements for these numbers.
+        """Return a primitive's stored positions (n, 3), and the matrices (4, 4) that place these.
 
-        Normalized integers stay integers; the (4, 4) matrices then contain the scale.
+        Normalized integers stay integers; the returned matrices then contain their scale.
         """
         positions, normalized = self.values(primitive["attributes"]["POSITION"])
         if positions.shape[1] != 3:
-            raise ValueError(f"POSITION has {positions.shape[1]} numbers a vertex, not 3")
+            raise ValueError(f"POSITION has {positions.shape[1]} numbers per vertex, not 3")
         if normalized:
             if positions.dtype.kind == "i":  # the lowest integer stands for -1.0, too
                 positions = np.maximum(positions, -np.iinfo(positions.dtype).max)
@@ -171,13 +171,16 @@ class GltfFile:
         return positions, placements
 
     def triangles(self, primitive: dict[str, Any], count: int) -> NDArray[np.int64]:
-        """Return the triangles (m, 3) of a primitive of `count` vertices, fans and strips too."""
+        """Return the triangles (m, 3) of a primitive of `count` vertices; split strips and fans."""
         if "indices" in primitive:
             vertex = self.array(primitive["indices"])[:, 0].astype(np.int64)
         else:
             vertex = np.arange(count)
         if len(vertex) and not 0 <= vertex.min() <= vertex.max() < count:
-            raise ValueError(f"index {vertex.max():,} of {count:,} vertices")
+            raise ValueError(
+                f"vertex indices {vertex.min():,} to {vertex.max():,} are out of range: "
+                f"the primitive has {count:,} vertices"
+            )
         mode = primitive.get("mode", TRIANGLES)
         if mode == TRIANGLES:
             if len(vertex) % 3:
@@ -194,8 +197,9 @@ class GltfFile:
     def loops(self, primitive: dict[str, Any], count: int) -> list[list[NDArray[np.int64]]]:
         """Return the rings of each polygon of a primitive with EXT_mesh_polygon.
 
-        Rings are indices of the primitive's `count` vertices, the exterior first. Of the texts of
-        the draft, that with triangles in the primitive is read, and that with rings.
+        Rings are indices of the primitive's `count` vertices, the exterior first. Two versions of
+        the draft are read: the primitive contains the rings (mode LINE_LOOP), or it contains
+        triangles and the extension contains the rings.
         """
         extension = primitive["extensions"][POLYGONS]
         if primitive.get("mode", TRIANGLES) == LINE_LOOP:
@@ -247,7 +251,7 @@ class GltfFile:
     def _list_instances(
         self, node: dict[str, Any], matrix: NDArray[np.float64]
     ) -> Iterator[NDArray[np.float64]]:
-        """Yield the matrix of each instance of a node's mesh; one without instancing."""
+        """Yield the matrix of each instance of a node's mesh; without instancing, `matrix`."""
         instancing = node.get("extensions", {}).get(_INSTANCING)
         if instancing is None:
             yield matrix
@@ -312,7 +316,7 @@ def read_polygons(model: GltfFile) -> list[list[NDArray[np.float64]]] | None:
 def read_triangles(model: GltfFile) -> tuple[NDArray[np.float64], NDArray[np.int64], int]:
     """Return vertices (n, 3) and triangles (m, 3) of a model as placed by the default scene.
 
-    The third value is the number of primitives of points or lines, or without positions.
+    The third value is the number of skipped primitives: points, lines, or without positions.
     """
     vertices: list[NDArray[np.float64]] = [np.empty((0, 3))]
     triangles: list[NDArray[np.int64]] = [np.empty((0, 3), np.int64)]

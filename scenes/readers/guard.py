@@ -22,7 +22,7 @@ _LOG = logging.getLogger(__name__)
 
 
 _READER_EXTRAS = {"pyogrio": "gis", "fontTools": "svg"}
-"""Extras by the packages that readers import at the top."""
+"""Packages that readers import at the top of the module, and the extra that installs each."""
 
 
 @contextmanager
@@ -193,7 +193,7 @@ def check_quotes(path: Path) -> None:
 
     GDAL reads on to the next quote, so rows would be lost in silence.
     """
-    # Any byte is a character, so that invalid text is found by the reader of the file.
+    # latin-1 accepts all bytes: text in another encoding is not an error of quotes.
     with path.open(encoding="latin-1", newline="") as stream:
         head = stream.readline(MAX_LINE_CHARACTERS)
         stream.seek(0)
@@ -328,7 +328,10 @@ def is_too_deep(wkb: bytes) -> bool:
 
 
 def _find_end(wkb: bytes, offset: int, order: str, level: int) -> tuple[int, str]:
-    """Return the offset after the geometry at `offset`, and the byte order."""
+    """Return the offset after the geometry at `offset`, and its byte order.
+
+    Raises RecursionError above `MAX_DEPTH`; struct.error or IndexError for bytes that are not WKB.
+    """
     if level > MAX_DEPTH:
         raise RecursionError
     order = {0: ">", 1: "<"}.get(wkb[offset], order)

@@ -24,7 +24,7 @@ _FLAT = "each face in a plane, side by side"
 _MAP = "the polygons of EXT_mesh_polygon"
 _NO_AREA = "has no area, or a NaN or infinite coordinate"
 _MAX_DEVIATION = 1e-3
-"""Maximum distance of vertices from a face's plane, as a share of the size, without a note."""
+"""Distance of a vertex from its face's plane, relative to the face's size, that is noted."""
 
 
 def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model is one chunk
@@ -103,9 +103,9 @@ def _has_vertices(face: NDArray[np.int64], count: int, label: str, dropped: list
 
 
 def _flatten(rings: list[NDArray[np.float64]]) -> tuple[shapely.Polygon | None, float]:
-    """Return a face in its plane, and the largest distance from the plane relative to the size.
+    """Return a face in its plane, and the vertices' largest distance from it, relative to the size.
 
-    rings : vertices (k, 3) of the exterior, whose plane it is, and of the holes
+    rings : vertices (k, 3) of the exterior, which defines the plane, and of the holes
     """
     with np.errstate(over="ignore", invalid="ignore"):
         centre = rings[0].mean(axis=0)
@@ -170,9 +170,10 @@ def _read_binary_stl(path: Path) -> NDArray[np.float64] | None:
 def _merge_vertices(
     vertices: NDArray[np.float64], triangles: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return distinct vertices, and the triangles with indices of these.
+    """Return distinct vertices, and the triangles as indices of the distinct vertices.
 
-    Vertices closer than 2^-30 of the model's size are equal: matrices of glTF round differently.
+    Coordinates are compared in steps of 2^-30 of the model's size, because the matrices of glTF
+    round equal vertices differently.
     """
     finite = vertices[np.isfinite(vertices).all(axis=1)]
     if len(finite):
@@ -242,7 +243,7 @@ def parse_obj(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]
 
 
 def _join_continued_lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield lines joined at backslashes, with the number of the last one."""
+    """Yield (number, line); lines that end in a backslash are joined, numbered by the last."""
     parts: list[str] = []
     number = length = 0
     for number, line in number_lines(path):

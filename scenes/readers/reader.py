@@ -44,7 +44,7 @@ class Raw:
     `geometries` are shapely geometries or None; `labels` name them in messages; `attributes` has
     one row per geometry; `crs` is a reference system as PROJ takes it: a code, WKT or PROJJSON.
     `dropped` are items without a usable geometry, `repaired` geometries that were changed. `notes`
-    are choices made for the user, for example a layer of several.
+    report the reader's choices, for example which of several layers was read.
     """
 
     geometries: NDArray[Any] | list[Any]
@@ -57,7 +57,7 @@ class Raw:
     notes: tuple[str, ...] = ()
 
     def rows(self, numbers: NDArray[np.int64]) -> Raw:
-        """Return the chunk with these geometries, labels and attributes only."""
+        """Return the chunk with only these geometries (by index), their labels and attributes."""
         if len(numbers) == len(self.labels):
             return self
         table = self.attributes

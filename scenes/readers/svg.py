@@ -249,7 +249,7 @@ def _fit_viewbox(box: list[float], width: float, height: float, alignment: str) 
 
 
 def _meets_conditions(element: ElementTree.Element) -> bool:
-    """Whether an element's conditions are met: English, without extensions."""
+    """Whether an element requires no extension, and English if it requires a language."""
     languages = element.get("systemLanguage")
     names = [] if languages is None else [name.strip().lower() for name in languages.split(",")]
     is_english = languages is None or any(name.partition("-")[0] == "en" for name in names)

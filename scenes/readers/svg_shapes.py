@@ -164,7 +164,7 @@ def format_outline(element: ElementTree.Element, style: dict[str, str], viewport
         return f"M {points} Z" if points else ""
 
     def length(key: str, axis: int | None) -> float | None:
-        """Return None for an absent, automatic or negative radius."""
+        """Return a length; None if it is absent or "auto", and for a negative radius."""
         text = style.get(key) or element.get(key) or "auto"
         value = None if text.strip() == "auto" else parse_length(text, viewport, axis)
         return None if value is not None and value < 0 and key in ("r", "rx", "ry") else value

@@ -59,8 +59,8 @@ _DATA_SETS = (".shp", ".gpkg", ".geojson", ".json", ".fgb", ".gml", ".kml", ".cs
 def read(source: Source, size: int) -> Iterator[Raw]:
     """Yield the geometries of a layer, `size` features at a time.
 
-    The default layer is the first that can contain polygons. Raises SceneError if GDAL reports more
-    failures than features without geometry, which are noted.
+    The default layer is the first that can contain polygons. Features that GDAL reads without
+    geometry are noted; raises SceneError if GDAL reports more failures than such features.
     """
     if re.search(r"[\n\r\t]", str(source.path)):  # GDAL removes these
         raise SceneError(f"{source.path} has a tab or line end in the name: rename it")
@@ -125,7 +125,7 @@ def _check_count(source: Source, layer: str, count: int) -> None:
 
 
 def _list_files(path: Path) -> Iterator[Path]:
-    """Yield the files that GDAL opens: with the same stem, in the folder, or in a VRT."""
+    """Yield the files that GDAL may open: in a folder, of the same stem, or sources of a VRT."""
     folder = path if path.is_dir() else path.parent
     yield from (file for file in folder.iterdir() if folder == path or file.stem == path.stem)
     if path.suffix.lower() == ".vrt":
@@ -259,7 +259,7 @@ def _read_by_skipping(source: Source, layer: str, size: int | None) -> Iterator[
 
 
 def _choose_columns(source: Source) -> list[str] | None:
-    """Return the attributes to read, None for all, which conditions need."""
+    """Return [] for no attributes, or None for all, because a condition may use any."""
     return None if source.attributes or source.where else []
 
 
@@ -278,7 +278,7 @@ def _parse(fids: list[int], wkb: NDArray[Any], table: pd.DataFrame | None, crs: 
 
 
 def _explain_missing(source: Source, raw: Raw) -> Raw:
-    """Return a chunk of a table without rows that GDAL gives no geometry; name these in notes."""
+    """Return a chunk; rows of CSV for which GDAL finds no geometry are replaced by notes."""
     if not _open_options(source.path):
         return raw
     missing = shapely.is_missing(raw.geometries)
@@ -296,7 +296,7 @@ def _close_lines(source: Source, raw: Raw) -> Raw:
 
 
 def _close(geometry: Any) -> Any:
-    """Return a polygon for a closed line, also within collections, into which GDAL turns blocks."""
+    """Return a polygon for a closed line, also in the collections that GDAL makes of blocks."""
     if geometry is None or geometry.is_empty:
         return geometry
     if geometry.geom_type in ("LineString", "LinearRing"):

@@ -33,10 +33,9 @@ _GEOMETRY_START = re.compile(
 def parse_wkb(
     values: Sequence[bytes | None] | NDArray[Any], labels: Sequence[str]
 ) -> tuple[NDArray[Any], list[Note], list[Note]]:
-    """Return the geometries of (E)WKB, None if unparsable, and notes.
+    """Return the geometries of (E)WKB, None if unparsable, notes on these, and notes on repairs.
 
-    The notes are on dropped and repaired geometries: curves get straight edges, open rings are
-    closed.
+    A repair replaces curves by straight edges, or closes open rings.
 
     >>> parse_wkb([None, shapely.Point(1, 2).wkb], ["a", "b"])[0].tolist()
     [None, <POINT (1 2)>]
@@ -59,7 +58,7 @@ def parse_wkb(
 
 
 def parse_wkt(text: str) -> tuple[Any | None, str]:
-    """Return the geometry of WKT or None, and the change, or the reason for None."""
+    """Return the geometry of WKT, and its repair or ""; or None, and the reason."""
     if is_text_too_deep(text):
         return None, _DEEP
     geometry = _parse(text)
@@ -76,7 +75,7 @@ def _parse(source: str | bytes | None) -> Any | None:
 
 
 def _recover(source: Any) -> tuple[Any | None, str]:
-    """Return the geometry of input that GEOS cannot parse, or None, and the change or reason."""
+    """Return the geometry of input that GEOS rejects, and its repair; or None, and the reason."""
     parse = shapely.from_wkt if isinstance(source, str) else shapely.from_wkb
     is_curved = False
     try:
@@ -156,9 +155,9 @@ def _parse_lines(chunk: list[tuple[int, str]], crs: str | None, is_first: bool) 
 
 
 def _parse_line(text: str) -> tuple[Any | None, str | None, str]:
-    """Return geometry, reference system and change of WKT, EWKT or hexadecimal WKB.
+    """Return geometry, reference system and repair (or "") of WKT, EWKT or hexadecimal WKB.
 
-    If the geometry is None, the third value is the reason.
+    For unparsable text the geometry is None, and the third value is the reason.
     """
     match = _SRID.match(text)
     crs = f"EPSG:{match[1]}" if match else None

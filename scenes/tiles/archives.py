@@ -1,7 +1,7 @@
 """Archives of map tiles with one interface: folders of files, MBTiles, PMTiles.
 
-Tiles are numbered, consecutively within a zoom. Archives list runs of equal tiles: an entry may
-describe a million tiles of the sea.
+Tiles are numbered, consecutively within a zoom. Archives list runs of equal tiles,
+because one entry of a PMTiles directory may describe a million equal tiles of the sea.
 """
 
 import gzip
@@ -39,7 +39,7 @@ _FILE = re.compile(
     rf"(?:(?:^|/)([12]?\d|30)[/_-]{_NUMBER}[/_-]{_NUMBER}(?!\d))?[^/]*\.(mvt|pbf)(\.gz)?$",
     re.IGNORECASE,
 )
-"""A tile's file, and zoom, column and row if in the path; dates have leading zeros."""
+"""A tile's file, with zoom, column and row if in the path; a date such as 2024/01/02 is no tile."""
 
 _ZSTD = b"\x28\xb5\x2f\xfd"
 _VECTOR_FORMATS = ("pbf", "mvt", "application/x-protobuf", "application/vnd.mapbox-vector-tile")
@@ -132,14 +132,14 @@ class Archive(ABC):
 
 
 def open_archive(path: Path) -> Archive:
-    """Return the archive at a path; raises SceneError for other files."""
+    """Return the archive at a path; raises SceneError if the path contains no tiles."""
     return KINDS.get("" if path.is_dir() else path.suffix.lower(), Folder)(path)
 
 
-def parse_first_number(zoom: int) -> int:
+def compute_first_number(zoom: int) -> int:
     """Return the number of the first tile of a zoom, in numbering by zooms.
 
-    >>> [parse_first_number(zoom) for zoom in range(4)]
+    >>> [compute_first_number(zoom) for zoom in range(4)]
     [0, 1, 5, 21]
     """
     return int(4**zoom - 1) // 3
@@ -148,7 +148,7 @@ def parse_first_number(zoom: int) -> int:
 def decompress(data: bytes, limit: int | None = None) -> bytes:
     """Return an uncompressed tile; the first bytes identify gzip or zlib.
 
-    Raises ValueError for invalid data, and for `limit` (`MAX_TILE_BYTES`) bytes or more.
+    Raises ValueError for invalid data, and for `limit` (default `MAX_TILE_BYTES`) bytes or more.
     """
     limit = limit or MAX_TILE_BYTES
     if data[:4] == _ZSTD:
@@ -158,7 +158,7 @@ def decompress(data: bytes, limit: int | None = None) -> bytes:
             data = gzip.GzipFile(fileobj=io.BytesIO(data)).read(limit)
         except EOFError:
             raise ValueError("truncated compressed data") from None
-    elif data[:1] == b"\x78" and int.from_bytes(data[:2]) % 31 == 0:  # not a field of a tile
+    elif data[:1] == b"\x78" and int.from_bytes(data[:2]) % 31 == 0:  # zlib; no tile begins so
         unpacker = zlib.decompressobj()
         data = unpacker.decompress(data, limit)
         if not unpacker.eof and len(data) < limit:
@@ -239,7 +239,9 @@ class MBTiles(Archive):
         self._path = path
         self._uri = f"{path.resolve().as_uri()}?mode=ro"
         log = Path(f"{path.resolve()}-wal")
-        if not (log.is_file() and log.stat().st_size):  # it has the latest changes
+        if not (
+            log.is_file() and log.stat().st_size
+        ):  # a log with changes: the file is not immutable
             self._uri += "&immutable=1"
         metadata = dict(self._query("SELECT name, value FROM metadata"))
         kind = str(metadata.get("format") or "pbf")
@@ -285,8 +287,8 @@ class MBTiles(Archive):
     def runs(self, zoom: int | None, first: int = 0, last: int | None = None) -> Iterator[Run]:
         """Yield each tile once, separately; tiles outside the world are ignored."""
         assert zoom is not None
-        side, offset = 2**zoom, parse_first_number(zoom)
-        last = parse_first_number(zoom + 1) if last is None else last
+        side, offset = 2**zoom, compute_first_number(zoom)
+        last = compute_first_number(zoom + 1) if last is None else last
         query = (
             "SELECT tile_column, tile_row, max(length(tile_data)) FROM tiles WHERE zoom_level = ? "
             "AND tile_column BETWEEN ? AND ? AND tile_row BETWEEN 0 AND ? "
@@ -302,7 +304,7 @@ class MBTiles(Archive):
         """Return the tile's position."""
         zoom = self.get_zoom(number)
         assert zoom is not None
-        return TilePosition(zoom, *divmod(number - parse_first_number(zoom), 2**zoom))
+        return TilePosition(zoom, *divmod(number - compute_first_number(zoom), 2**zoom))
 
     def read_stored(self, name: Any) -> bytes | None:
         """Return the data of a tile; raises ValueError for NULL."""
@@ -397,8 +399,8 @@ class PMTiles(Archive):
     def runs(self, zoom: int | None, first: int = 0, last: int | None = None) -> Iterator[Run]:
         """Yield the tiles of each entry; skip entries out of order, which are invalid."""
         assert zoom is not None
-        first = max(first, parse_first_number(zoom))
-        last = parse_first_number(zoom + 1) if last is None else last
+        first = max(first, compute_first_number(zoom))
+        last = compute_first_number(zoom + 1) if last is None else last
         previous = -1
         for entry in self._read_entries(first, last):
             start, end = max(entry.tile_id, first), min(entry.tile_id + entry.run_length, last)

@@ -39,7 +39,7 @@ def check_pixels(pixels: int) -> None:
 
 
 def note_rounding(extents: Iterable[int], pixels: int) -> list[str]:
-    """Return a note on each extent with units off the pixel grid.
+    """Return a note on each extent whose units are not multiples of the grid of 1/256 px.
 
     >>> note_rounding({4096}, 512), len(note_rounding({4096, 5000}, 512))
     ([], 1)

@@ -116,9 +116,9 @@ class Layer:
 
 
 def decode_layers(tile: bytes) -> dict[str, list[Any]]:
-    """Return the layers of an uncompressed tile, as messages, by name or "".
+    """Return the messages of an uncompressed tile's layers, by name.
 
-    Each name should have one message. An invalid layer is a ValueError under "".
+    In a valid tile each name has one message. An invalid layer is a ValueError under the name "".
     Raises ValueError, in one line, if the tile violates the format.
     """
     messages = _make_message_classes()

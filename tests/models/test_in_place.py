@@ -325,7 +325,7 @@ def sparse(builder: Builder, rows: np.ndarray, values: np.ndarray) -> dict[str, 
 @pytest.mark.parametrize(
     ("number", "change", "reason"),
     [
-        (0, {"count": 3}, "index 3 of 3 vertices"),
+        (0, {"count": 3}, "vertex indices 0 to 3 are out of range: the primitive has 3 vertices"),
         (1, {"count": 7000}, "reaches beyond its buffer view"),
         (1, {"componentType": 4711}, "component type 4711 is unknown"),
         (1, {"bufferView": -1}, "-1 is not an index"),

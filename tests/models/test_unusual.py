@@ -140,9 +140,9 @@ def test_values_beyond_single_precision_cause_no_warning(tmp_path, value):
 def test_two_dimensional_positions_are_refused(tmp_path):
     builder = Builder(KITE[:, :2].copy(), LONG)
     source = builder.write(tmp_path / "flat.glb")
-    with pytest.raises(SceneError, match="POSITION has 2 numbers a vertex, not 3"):
+    with pytest.raises(SceneError, match="POSITION has 2 numbers per vertex, not 3"):
         retriangulate(source, None)
-    with pytest.raises(SceneError, match="POSITION has 2 numbers a vertex, not 3"):
+    with pytest.raises(SceneError, match="POSITION has 2 numbers per vertex, not 3"):
         read(str(source))
 
 

@@ -29,7 +29,7 @@ from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import SceneError, load
 from scenes.slices import MAX_TILES, cut_tiles, parse_tile_selection
-from scenes.tiles.archives import PMTiles, TilePosition, open_archive, parse_first_number
+from scenes.tiles.archives import PMTiles, TilePosition, compute_first_number, open_archive
 from scenes.tiles.read import FILE
 from tests.conftest import assert_refused, require_ok
 from tests.paths import run_python
@@ -137,7 +137,7 @@ def written(path: Path, tiles: dict[int, bytes]) -> str:
 
 
 def test_repeated_tiles_are_multiplied(tmp_path, monkeypatch):
-    first = parse_first_number(8)
+    first = compute_first_number(8)
     single = census(written(tmp_path / "1.pmtiles", {first: encoded([COURT])}), tmp_path / "once")
     path = written(tmp_path / "9.pmtiles", {first + k: encoded([COURT]) for k in range(9)})
     read = []
@@ -153,7 +153,7 @@ def test_repeated_tiles_are_multiplied(tmp_path, monkeypatch):
 
 
 def test_slices_partition_the_tiles(tmp_path):
-    first = parse_first_number(9)
+    first = compute_first_number(9)
     tiles = {first + 3 * k: bytes([k % 251, k // 251]) * 2 for k in range(10_000)}
     path = written(tmp_path / "a.pmtiles", tiles)
     slices = cut_tiles(path, None)
@@ -168,36 +168,36 @@ def test_slices_partition_the_tiles(tmp_path):
 def test_large_tiles_are_separate_slices(tmp_path, monkeypatch):
     monkeypatch.setattr("scenes.slices.MAX_BYTES", 100)
     sizes = (40, 40, 40, 300, 10, 90, 1)
-    tiles = {parse_first_number(4) + k: bytes([k]) * size for k, size in enumerate(sizes)}
+    tiles = {compute_first_number(4) + k: bytes([k]) * size for k, size in enumerate(sizes)}
     assert cut_tiles(written(tmp_path / "a.pmtiles", tiles), None).sizes == [2, 1, 1, 2, 1]
 
 
 def test_entries_next_to_leaves_are_in_order(tmp_path):
     """A root directory may have entries and leaves, in the order of tile numbers."""
     leaf = serialize_directory(
-        [Entry(parse_first_number(3) + 1, 0, 4, 1), Entry(parse_first_number(3) + 2, 4, 4, 1)]
+        [Entry(compute_first_number(3) + 1, 0, 4, 1), Entry(compute_first_number(3) + 2, 4, 4, 1)]
     )
     ends = [
-        Entry(parse_first_number(3), 8, 4, 1),
-        Entry(parse_first_number(3) + 1, 0, len(leaf), 0),
+        Entry(compute_first_number(3), 8, 4, 1),
+        Entry(compute_first_number(3) + 1, 0, len(leaf), 0),
     ]
-    root = serialize_directory([*ends, Entry(parse_first_number(3) + 9, 12, 4, 2)])
+    root = serialize_directory([*ends, Entry(compute_first_number(3) + 9, 12, 4, 2)])
     zooms = {"min_zoom": 3, "max_zoom": 3}
     tiles = PMTiles(Path(pmtiles(tmp_path / "a.pmtiles", root, leaf, b"aaaabbbbccccdddd", **zooms)))
     assert [tiles.read_stored(name) for name in tiles.names(3)] == [
         b"cccc", b"aaaa", b"bbbb", b"dddd", b"dddd",
     ]  # fmt: skip
-    assert [(run.first - parse_first_number(3), run.repeats) for run in tiles.runs(3)] == [
+    assert [(run.first - compute_first_number(3), run.repeats) for run in tiles.runs(3)] == [
         (0, 1), (1, 1), (2, 1), (9, 2),
     ]  # fmt: skip
 
 
 def test_repeated_entry_is_skipped(tmp_path):
     """In a damaged archive two entries may have the same number; the tile is read once."""
-    numbers = [parse_first_number(3) + offset for offset in (0, 2, 2, 5)]
+    numbers = [compute_first_number(3) + offset for offset in (0, 2, 2, 5)]
     root = serialize_directory([Entry(number, 0, 4, 1) for number in numbers])
     path = Path(pmtiles(tmp_path / "a.pmtiles", root, data=b"aaaa", min_zoom=3, max_zoom=3))
-    numbers_read = [run.first - parse_first_number(3) for run in PMTiles(path).runs(3)]
+    numbers_read = [run.first - compute_first_number(3) for run in PMTiles(path).runs(3)]
     assert numbers_read == [0, 2, 5]
     assert len(PMTiles(path).names(3)) == 3
 

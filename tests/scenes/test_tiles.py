@@ -35,7 +35,13 @@ from scenes import SceneError, load
 from scenes.scene import Note
 from scenes.slices import TileSelection, cut_tiles, read_tiles
 from scenes.tiles import archives
-from scenes.tiles.archives import PMTiles, TilePosition, decompress, locate_tile, parse_first_number
+from scenes.tiles.archives import (
+    PMTiles,
+    TilePosition,
+    compute_first_number,
+    decompress,
+    locate_tile,
+)
 from scenes.tiles.read import FILE
 from scenes.tiles.vector_tile import Layer, build_layer, decode_layers
 from tests.paths import ROOT
@@ -619,7 +625,7 @@ def test_null_tile_is_damaged(tmp_path):
     damaged = {
         tile.name: tile.damage
         for tile in read_tiles(
-            path, (parse_first_number(3), parse_first_number(4)), TileSelection()
+            path, (compute_first_number(3), compute_first_number(4)), TileSelection()
         )
     }
     assert damaged == {"3/4/2": "cannot be read: tile_data is NULL", "3/4/3": ""}
