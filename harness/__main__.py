@@ -1,7 +1,7 @@
 """Entry point of `python -m harness` and of the script `raster-harness`.
 
-It imports little, since worker processes import it as well. A signal during loading, which takes a
-second or two, or during exit, ends the process as Ctrl-C does.
+The module imports little, as worker processes import it as well. A stopping signal during loading,
+which takes a second or two, or during exit ends the process with one line and exit code 130.
 """
 
 import os
@@ -9,7 +9,7 @@ import signal
 import sys
 from pathlib import Path
 
-INTERRUPTED = 130  # as in harness.errors, which may not be loaded yet
+INTERRUPTED = 130  # equal to harness.errors.INTERRUPTED, which may not be loaded yet
 
 
 def main() -> None:
@@ -17,7 +17,7 @@ def main() -> None:
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         number = getattr(signal, name, None)
         if number and signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
-            # Not an exception, which a library that is being imported might catch.
+            # `_stop` exits; a library that is being imported might catch an exception.
             signal.signal(number, _stop)
     _remove_working_folder()
     from harness.supervisor import continue_in_child
@@ -27,15 +27,15 @@ def main() -> None:
 
     try:
         run()
-    except KeyboardInterrupt:  # before or after `run` can catch it
+    except KeyboardInterrupt:  # raised before or after `run` can catch the exception
         _stop()
 
 
 def _remove_working_folder() -> None:
-    """Remove the entry of `sys.path` that Python adds for `python -m harness`.
+    """Remove the current folder from `sys.path`, to which `python -m harness` adds it.
 
-    A data folder may contain a foreign `typer.py`. The entry of a checkout that is not installed is
-    retained; see also `harness.machine.user_modules`.
+    A folder of data may contain an unrelated `typer.py`, which must not be imported. The entry is
+    retained if the current folder is this program's checkout. See `harness.machine.user_modules`.
     """
     if sys.flags.safe_path or not sys.path:
         return

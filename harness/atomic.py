@@ -15,7 +15,7 @@ from harness.errors import StorageError, UsageError
 from harness.machine import system
 
 UNFINISHED = ".unfinished"
-"""Suffix of the hidden temporary file or folder next to the final one."""
+"""Suffix of the name of the hidden temporary file or folder, which is next to the final one."""
 
 LOCK = "lock"
 """Name of a file in a temporary folder that is locked while the folder is in use."""
@@ -24,9 +24,9 @@ LOCK = "lock"
 def write(path: Path, content: bytes, *, forced: bool = False) -> None:
     """Write a file in an existing folder atomically.
 
-    forced : the file also survives a power failure
+    forced : True to make the file survive a power failure
 
-    Raises OSError if the file cannot be written; an existing file stays unchanged.
+    Raises OSError if the file cannot be written; an existing file then stays unchanged.
     """
     temporary = path.with_name(f".{path.name}{UNFINISHED}")
     file = _claim(temporary)
@@ -48,9 +48,9 @@ def write(path: Path, content: bytes, *, forced: bool = False) -> None:
 
 
 def _claim(path: Path) -> IO[bytes] | None:
-    """Return a temporary file, locked and emptied; a killed process may have left the file.
+    """Open, lock and empty the temporary file `path`, which a killed process may have left.
 
-    None if the file is in use, not this user's regular file, or cannot be locked.
+    Returns None if the file is in use, not this user's regular file, or cannot be locked.
     """
     if os.name == "nt":  # an open file cannot be renamed
         return None
@@ -84,12 +84,12 @@ MAX_READ_BYTES = 2**31
 
 
 def open_inside(folder: Path, name: str, flags: int = os.O_RDONLY) -> int:
-    """Return a descriptor of the regular file `name` in a folder, without following links.
+    """Open the regular file `name` in a folder, without following links; return the descriptor.
 
-    name : "run.json" or "polygons/0123.npz"
+    name : path relative to the folder, such as "run.json" or "polygons/0123.npz"
 
     Raises OSError if the file is missing, a link, outside the folder, too large or not a regular
-    file; or, for writing, has several names (hard links).
+    file; or if it has several names (hard links) and `flags` open it for writing.
     """
     parts = name.split("/")
     if not all(parts) or {".", ".."} & {*parts} or "\\" in name or "\0" in name:
@@ -125,8 +125,8 @@ def read_inside(folder: Path, name: str) -> bytes:
 def move(source: Path, target: Path, *, forced: bool = False) -> None:
     """Rename a finished file within a file system.
 
-    forced : True to write the content and then the name to the disk, so that a file that exists
-        after a power failure is complete
+    forced : True to force the content and then the name to the disk, so that after a power failure
+        `target` is complete, either the old or the new file
 
     Raises OSError if the disk is full or gone, or `target` is a device, a pipe or a socket;
     `target` stays unchanged.
@@ -149,12 +149,13 @@ def move(source: Path, target: Path, *, forced: bool = False) -> None:
 def create_folder(path: Path, *, merge: bool = False) -> Iterator[Path]:
     """Yield a temporary folder that becomes `path` at the end of the block.
 
-    Files of a killed process are deleted.
+    If the block raises an exception, the temporary folder is deleted and `path` is not created.
+    Temporary files that a killed process has left are deleted as well.
 
-    merge : True to move the files into an existing `path`, inner folders first
+    merge : True to move the files into `path` if that exists, those in inner folders first
 
-    Raises StorageError or UsageError if `path` exists, or another process is creating it; OSError
-    if the folder cannot be written; `path` does not exist then.
+    Raises UsageError if `path` exists (without `merge`), StorageError if another process is
+    creating `path`, and OSError if the folder cannot be written.
     """
     if path.is_dir() and not any(path.iterdir()):
         path.rmdir()
@@ -185,7 +186,7 @@ def create_folder(path: Path, *, merge: bool = False) -> Iterator[Path]:
 
 
 def _move_files(source: Path, target: Path) -> None:
-    """Move all files below a folder into another folder, the deepest first."""
+    """Move all files below a folder into another folder, files in the deepest folders first."""
     files = [file for file in source.rglob("*") if file.is_file()]
     for file in sorted(files, key=lambda file: (-len(file.parts), file)):
         moved = target / file.relative_to(source)
@@ -194,7 +195,7 @@ def _move_files(source: Path, target: Path) -> None:
 
 
 TEMPORARY_PREFIX = ".raster-harness-"
-"""Prefix of the names of temporary folders of `Output`; the target's name follows."""
+"""Prefix of the names of temporary folders of `Output`; the target's name and a digest follow."""
 
 
 def _remove_files(folder: Path) -> None:
@@ -209,8 +210,10 @@ def _remove_files(folder: Path) -> None:
 class Output:
     """Files of an export, written in a temporary folder next to the target.
 
-    Use as a context manager: `publish` moves the files to the target. After an error the files are
-    deleted and the target is unchanged.
+    Use as a context manager. `publish` moves the files to their final paths; files that are not
+    published by the end of the block, for example after an error, are deleted.
+
+    target : path of the export's main file
 
     forced : True if published files must survive a power failure
     """
@@ -243,7 +246,7 @@ class Output:
             self._folder.rmdir()
 
     def _make_folder(self) -> Path:
-        """Return an empty folder, locked; a killed process may have left the folder."""
+        """Create and lock a temporary folder, or empty the one that a killed process has left."""
         name = self.target.name
         prefix = f"{TEMPORARY_PREFIX}{self.target.stem[:40]}-"
         folder = self.target.with_name(f"{prefix}{crc32(os.fsencode(name)):08x}")
@@ -256,7 +259,7 @@ class Output:
         return folder
 
     def file(self, suffix: str = "", mode: str = "wb") -> IO[Any]:
-        """Open a file that `publish` moves to the target's path with `suffix` appended."""
+        """Open a temporary file, which `publish` moves to the target's path plus `suffix`."""
         target = self.target.with_name(self.target.name + suffix)
         temporary = self._folder / target.name
         self._files.append((temporary, target))
@@ -267,17 +270,19 @@ class Output:
         return self._open(self._folder / f"spool-{name}", mode)
 
     def path(self) -> Path:
-        """Return the temporary path of the target, for libraries that open files themselves."""
+        """Return a temporary path, for libraries that open files themselves.
+
+        `publish` moves the file at this path to the target.
+        """
         temporary = self._folder / self.target.name
         self._files.append((temporary, self.target))
         return temporary
 
     def publish(self) -> list[Path]:
-        """Close all files, move them to the targets, and return the paths."""
+        """Close all files, move them to their final paths, and return these, the target first."""
         self._streams.close()
         for temporary, target in self._files:
             move(temporary, target, forced=self._forced)
-        # The target first, then the files with a suffix.
         return sorted((target for _, target in self._files), key=lambda path: len(path.name))
 
     def _open(self, path: Path, mode: str) -> IO[Any]:

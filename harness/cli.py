@@ -63,7 +63,7 @@ app = typer.Typer(
 def _read_options(
     context: typer.Context,
     version: bool = typer.Option(
-        False, "--version", help="Show the version, and OpenGL's on each device, and exit."
+        False, "--version", help="Show the versions of this program and of OpenGL on each device."
     ),
     debug: Annotated[
         bool,
@@ -147,7 +147,7 @@ def _explain(error: BaseException) -> int | str | None:
             return error.code  # the regular end of a completion
         # Typer and Rich exit when standard output is closed.
         case BrokenPipeError() | SystemExit(__context__=BrokenPipeError()):
-            # Discard buffered output, about which Python would complain at exit.
+            # Discard the buffered output: at exit Python would fail to write it, and complain.
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
             return BROKEN_PIPE
         case SystemExit():
@@ -172,8 +172,9 @@ def _explain(error: BaseException) -> int | str | None:
 
 
 def _is_input_error(error: BaseException) -> bool:
-    """Return whether scenes or triangulators refused an input."""
-    scenes = sys.modules.get("scenes.scene")  # slow to load; if not loaded, it raised no error
+    """Return whether the error is one by which scenes or triangulators refuse an input."""
+    # `scenes.scene` is slow to import; if it is not imported, it has not raised the error.
+    scenes = sys.modules.get("scenes.scene")
     refusals = (TriangulationError, *([scenes.SceneError] if scenes else []))
     return isinstance(error, refusals)
 
@@ -197,12 +198,12 @@ def _say(line: str, code: int) -> int:
 
 
 _received: list[int] = []
-"""Received signals. Python only prints an exception that is raised in a destructor or a library's
-callback, so an interrupt there would not change the exit code."""
+"""Signals received so far. If `_stop` raises its exception in a destructor or a library's callback,
+Python only prints it; this list still makes the program exit as interrupted."""
 
 
 def _stop(number: int, _: object) -> None:
-    """End the program as Ctrl-C does."""
+    """Signal handler: note the signal, and raise KeyboardInterrupt as Ctrl-C does."""
     _received.append(number)
     if number == system.HANGUP:
         detach_terminal()

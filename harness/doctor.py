@@ -1,6 +1,6 @@
-"""Examination of this machine's devices: status, and a remedy for missing devices.
+"""Examination of this machine's devices: the status of each, and remedies for missing devices.
 
-Each device is opened in a separate worker process, which counts and times.
+Each device is opened in a separate worker process, which draws, counts and selects a timer.
 """
 
 import os
@@ -26,9 +26,12 @@ EXAMINED = {
     "osmesa": ("osmesa",),
     "pyrender": ("llvmpipe",),
 }
-"""Devices by rasteriser; all GPUs are examined as well."""
+"""Devices that are examined whether or not they are found, by rasteriser. GPUs that are found are
+examined as well."""
 
 REQUIRED = ("opengl", "llvmpipe")
+"""Rasteriser and device that every machine should have: "missing" otherwise, not "warning"."""
+
 TIMEOUT_S = 120.0
 
 HIDING_VARIABLES = (
@@ -38,10 +41,11 @@ HIDING_VARIABLES = (
     "VK_DRIVER_FILES",
     "VK_ICD_FILENAMES",
 )
-"""Environment variables that restrict loaders to some drivers."""
+"""Environment variables that restrict the loaders of OpenGL and Vulkan to some drivers."""
 
 NVIDIA_NODE = Path("/dev/nvidiactl")
-"""Exists if NVIDIA's kernel driver is loaded, also in a container without the OpenGL libraries."""
+"""File that exists if NVIDIA's kernel driver is loaded, even in a container without its OpenGL
+libraries."""
 
 NVIDIA_REMEDY = (
     "NVIDIA's kernel driver is loaded: in a container set NVIDIA_DRIVER_CAPABILITIES=graphics (or "
@@ -54,7 +58,9 @@ Status = Literal["ok", "warning", "missing"]
 class Finding(NamedTuple):
     """Result of the examination of one device.
 
-    status : "ok"; "warning", usable with a caveat or optional; "missing"
+    name : rasteriser and device, e.g. "opengl on llvmpipe"
+    status : "ok"; "warning" if an optional device is missing, or counts differ from those of the
+        reference; "missing" if the required device is missing
     fix : remedy, or "" if none is needed
     """
 
@@ -100,7 +106,7 @@ def examine_device(rasteriser: str, name: str) -> Finding:
 
 
 def _find_remedy(kind: Any, name: str) -> str:
-    """Return the fix for a missing device of a rasteriser."""
+    """Return the remedy for a missing device of the rasteriser class `kind`."""
     remedy = str(kind.remedy(name))
     if name.startswith("gpu") and NVIDIA_NODE.exists():
         remedy = NVIDIA_REMEDY
@@ -110,7 +116,10 @@ def _find_remedy(kind: Any, name: str) -> str:
 
 
 def _try_device(rasteriser: str, device: Device) -> tuple[str, list[str]]:
-    """Open a device in the worker, count random triangles, test the timer."""
+    """Open a device, count random triangles, and test the timer; runs in the worker process.
+
+    Returns a description of driver and timer, and the differences from the reference's counts.
+    """
     opened = rasterisers.get(rasteriser)(device)
     half = SUBPIXEL // 2  # many edges pass through pixel centres
     corners = np.random.default_rng(0).integers(2, 254, (300, 2), np.int32) * half

@@ -15,7 +15,7 @@ NOTHING_MEASURED = 4
 INCONCLUSIVE = 5
 """Times are too noisy, or a part of the work failed; finished results are stored."""
 DEFECT = 70
-"""A defect of the harness (EX_SOFTWARE of sysexits.h); 1 always means a regression."""
+"""Internal error of the harness (EX_SOFTWARE of sysexits.h), not 1, which means a regression."""
 INTERRUPTED = 130
 """Ended by Ctrl-C, SIGTERM or SIGHUP, as in shells."""
 BROKEN_PIPE = 141
@@ -23,7 +23,8 @@ BROKEN_PIPE = 141
 
 
 class HarnessError(Exception):
-    """Base of all errors of this package, printed as one line; `exit_code` ends the command."""
+    """Base class of this package's errors; the command line prints one line and exits with
+    `exit_code`."""
 
     exit_code = BAD_INPUT
 
@@ -41,7 +42,7 @@ class StorageError(HarnessError):
 
 
 class IncompatibleRunsError(HarnessError):
-    """Runs or parts cannot be combined: other plans, scenes, versions or formats."""
+    """Runs or parts of a run cannot be combined: plans, scenes, versions or formats differ."""
 
 
 class NoRasteriserError(HarnessError):
@@ -63,7 +64,7 @@ class InconclusiveError(HarnessError):
 
 
 def is_memory_error(error: BaseException) -> bool:
-    """Return whether an error means that memory is lacking, also to load a library or a thread."""
+    """Return whether memory was insufficient, including that for a library or a thread."""
     signs = ("failed to map segment", "annot allocate memory", "can't start new thread")
     return isinstance(error, MemoryError) or any(sign in str(error) for sign in signs)
 
@@ -80,14 +81,18 @@ def format_os_error(error: OSError) -> str:
 
 
 def make_unknown_name_error(kind: str, name: str, names: Iterable[str]) -> UsageError:
-    """Return the error for an unknown name, e.g. of a "device", which suggests names of `names`."""
+    """Return the error for an unknown `name`; its message suggests similar ones of `names`.
+
+    kind : noun for the message, e.g. "device"
+    """
     return UsageError(f"unknown {kind} '{name}'; {suggest(name, sorted(names), cutoff=0.4)}")
 
 
 def raise_if_failed(counts: Mapping[tuple[str, str], int], out: Path) -> None:
-    """Raise `InconclusiveError` if polygons failed.
+    """Raise `InconclusiveError` if polygons of an export failed.
 
-    counts : numbers of dropped, repaired or failed polygons by (kind, reason)
+    counts : numbers of polygons by (kind, reason); kind is "dropped", "repaired" or "failed"
+    out : exported file, for the message
     """
     failed = sum(count for (kind, _), count in counts.items() if kind == "failed")
     if failed:

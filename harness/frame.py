@@ -20,13 +20,14 @@ from scenes.scene import Scene, Tiling
 from triangulators.polygon_arrays import PolygonArray
 
 MARGIN_PX = 1.0
-"""Empty margin on each side, as seam quads of clipped geometry are counted twice."""
+"""Empty margin on each side: a device may clip what leaves the viewport, and would count quads at
+the seams between the clipped pieces twice."""
 
 MARGIN_STEP_PX = 64
 """Step of a tile's margin, so that quads, blocks and bins are aligned with the tile."""
 
 OWN_VIEWS = {"tile": "map tiles", "view": "a model's views"}
-"""Fits of scenes that define the view, with a noun for the scene."""
+"""Fits of scenes that define the view, and names of such scenes for messages."""
 
 ITS_OWN_VIEW = (
     "--sizes, --resolution, --rotation and --fit are unsupported for {}; set the resolution by "
@@ -48,10 +49,10 @@ class View:
     rotation : float
         Degrees, counter-clockwise, about the scene's centre.
     fit : {"box", "circle", "tile", "view"}
-        "box" fills the viewport with the rotated scene's bounding box; "circle" with the enclosing
-        circle, so that the scale is the same at every rotation; "tile" is for map tiles, whose
-        polygons are in pixels already, of the side `resolution`; "view" is for images of the side
-        `resolution` of a model in space.
+        What fills the viewport: "box", the rotated scene's bounding box; "circle", a circle about
+        the scene's centre that encloses it, so that the scale is the same at every rotation. Map
+        tiles, whose polygons are in pixels already, have "tile", and models in space "view"; then
+        `resolution` is the side of a tile or of a view's image.
     """
 
     resolution: int = 1024
@@ -75,7 +76,7 @@ class View:
 
 @dataclass(frozen=True)
 class Frame:
-    """Polygons in pixels, ready to triangulate and draw: only arrays, cheap to send.
+    """Polygons in pixels, ready to triangulate and draw; only arrays, so cheap to send to a worker.
 
     Parameters
     ----------
@@ -94,10 +95,10 @@ class Frame:
     scissor : tuple of int, optional
         Left, bottom, width, height of the drawn rectangle in pixels, all even.
     tiles : ndarray of int64, (t + 1,), optional
-        Polygons tiles[k]:tiles[k + 1] are drawn by one call, at the same position as other tiles or
-        views. By default one call draws all polygons.
+        Polygons tiles[k]:tiles[k + 1] are tile or view k, which is drawn by a separate call, at the
+        same position in the viewport as all others. By default one call draws all polygons.
     flat : Frame, optional
-        For a model in space, the faces, in the plane of each face, in which they are triangulated.
+        For a model in space, the faces as polygons in their own planes, which are triangulated.
     viewing : Viewing, optional
         For a model in space, the views.
     """
@@ -147,19 +148,19 @@ class Frame:
         return replace(self, grid=replace(self.grid, coords=points))
 
     def owner(self, triangles: NDArray[np.int32]) -> NDArray[np.int32]:
-        """Return the polygon number (m,) of each row of `triangles` (m, 3)."""
+        """Return the number of the polygon in `grid` of each of the `triangles` (m, 3)."""
         first = np.searchsorted(self.grid.vertex_offsets, triangles[:, 0], side="right")
         return (first - 1).astype(np.int32)
 
     def draws(self, triangles: NDArray[np.int32]) -> list[slice]:
-        """Return the rows of `triangles` (m, 3), in the order of tiles, for each draw call."""
+        """Return, for each draw call, the rows of `triangles` (m, 3), sorted by tile or view."""
         if self.tiles is None:
             return [slice(0, len(triangles))]
         bounds = np.searchsorted(self.owner(triangles), self.tiles)
         return [slice(*pair) for pair in pairwise(bounds.tolist())]
 
     def join(self, triangulations: Sequence[NDArray[np.int32] | None]) -> NDArray[np.int32]:
-        """Return triangles (m, 3) over `points` from triangles (m_k, 3) or None per polygon."""
+        """Concatenate the triangles of each polygon, (m_k, 3) or None, as vertices of `points`."""
         starts = self.grid.vertex_offsets[:-1]
         parts = [
             part + np.int32(start)
@@ -181,7 +182,7 @@ def bare_frame(resolution: int, points: NDArray[np.int32], vertices: int | None 
 
 
 def frame_of_grid(resolution: int, grid: PolygonArray) -> Frame:
-    """Return a frame of polygons that are in the viewport, on the grid."""
+    """Return a frame of polygons in 1/256 px that need neither mapping nor snapping."""
     source = np.arange(len(grid), dtype=np.int64)
     return Frame(resolution, resolution, 1.0, View(resolution), source, grid)
 
@@ -203,7 +204,7 @@ def frame_of(scene: Scene, view: View) -> Frame:
 
 
 def view_of(scene: Scene) -> View:
-    """Return the default view of a scene, which tiles and models define."""
+    """Return the view that map tiles or a model define, or else the default view."""
     if scene.tiling is not None:
         return View(scene.tiling.pixels, fit="tile")
     viewing = viewing_of(scene)
@@ -211,7 +212,7 @@ def view_of(scene: Scene) -> View:
 
 
 def _frame_of_views(scene: Scene, viewing: Viewing, view: View) -> Frame:
-    """Return a frame with all views of a model at the same position."""
+    """Return a frame in which all views of a model have the same position in the viewport."""
     frame = frame_of_grid(viewing.pixels, viewing.pieces)
     flat = frame_of_grid(RESOLUTIONS[1], to_grid(scene.polygons))
     source, tiles = viewing.source, viewing.piece_offsets
@@ -219,7 +220,10 @@ def _frame_of_views(scene: Scene, viewing: Viewing, view: View) -> Frame:
 
 
 def _frame_of_tiles(scene: Scene, tiling: Tiling, view: View) -> Frame:
-    """Return a frame with all tiles at the same position; the viewport includes buffers."""
+    """Return a frame in which all map tiles have the same position in the viewport.
+
+    The viewport has a margin for parts of polygons outside the tile, which are not drawn.
+    """
     polygons = np.array(scene.polygons, dtype=object)
     bounds = shapely.total_bounds(polygons)
     reach = float(max(-bounds[:2].min(), bounds[2:].max() - tiling.pixels, 0.0))
@@ -255,14 +259,14 @@ def make_frame(polygons: Sequence[Polygon], view: View) -> Frame:
 
 
 def _snap_to_frame(polygons: NDArray[Any], scale: float, view: View, side: int) -> Frame:
-    """Snap polygons in pixels of a viewport of `side` px."""
+    """Snap polygons in px, and return their frame with a viewport of `side` px."""
     pieces, source, dropped, repaired = snap_polygons(polygons)
     grid = to_grid(pieces)
     return Frame(side, side, scale, view, source, grid, dropped=dropped, repaired=repaired)
 
 
 def _fit_to_view(polygons: Sequence[Polygon], view: View) -> tuple[NDArray[Any], float]:
-    """Rotate, scale and centre polygons; return these in px, and the scale in px per unit."""
+    """Rotate, scale and centre polygons; return polygons in px, and the scale in px per unit."""
     west, south, east, north = shapely.total_bounds(np.array(polygons, dtype=object))
     centre = np.array([(west + east) / 2, (south + north) / 2])
     angle = math.radians(view.rotation)

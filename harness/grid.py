@@ -1,8 +1,8 @@
 """Snapping of polygons in pixels to the grid of 1/256 px.
 
-GPUs and software rasterisers snap window coordinates to a sub-pixel grid, usually of 1/256 px. By
-snapping before the triangulation, criteria evaluate the rasterised geometry, and all orientation
-tests are exact.
+GPUs and software rasterisers snap window coordinates to a sub-pixel grid, usually of 1/256 px. The
+harness does so before the triangulation, so that criteria evaluate the geometry that is rasterised,
+and all orientation tests are exact.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,8 @@ SUBPIXEL = 256
 class Snapped(NamedTuple):
     """Polygons on the grid.
 
-    pieces : (q,) shapely polygons in px, valid and oriented; source : (q,) polygon numbers
+    pieces : (q,) shapely polygons in px, valid and oriented
+    source : (q,) number of the polygon of which each piece is the result
     dropped, repaired : (polygon number, reason) of polygons that snapping broke
     """
 
@@ -36,7 +37,7 @@ class Snapped(NamedTuple):
 def snap_polygons(polygons: Sequence[Polygon] | NDArray[Any]) -> Snapped:
     """Snap polygons in px to the grid; repair or drop polygons that snapping breaks.
 
-    Most polygons stay valid and keep their vertices; these are rounded together.
+    Polygons that stay valid with all vertices, as most do, are rounded together, which is fast.
     """
     before = np.asarray(polygons, dtype=object)
     rounded = shapely.transform(before, lambda xy: np.rint(xy * SUBPIXEL) / SUBPIXEL)
@@ -61,15 +62,16 @@ def snap_polygons(polygons: Sequence[Polygon] | NDArray[Any]) -> Snapped:
 
 
 def snap(polygon: Polygon) -> tuple[list[Polygon], str]:
-    """Round one polygon in px to the grid, and repair it if rounding breaks it.
+    """Round one polygon in px to the grid, and repair the polygon if rounding breaks it.
 
-    Returns the pieces, and a note about changes or the reason of an empty result; "" if intact.
+    Returns the pieces, possibly none, and the reason for which the polygon was changed or vanished;
+    "" if it keeps all vertices.
     """
     rounded, lost = _round_rings(polygon)
     if rounded is not None and rounded.is_valid and rounded.area > 0:
         reason = f"{lost} vertices coincide on the 1/256 px grid" if lost else ""
         return [shapely.orient_polygons(rounded)], reason
-    # Rounding made edges cross or touch; GEOS nodes the polygon on the same grid.
+    # Rounding made edges cross or touch; GEOS adds vertices at crossings, on the same grid.
     fixed = shapely.set_precision(polygon, 1 / SUBPIXEL)
     pieces = [
         shapely.orient_polygons(part)
@@ -83,7 +85,7 @@ def snap(polygon: Polygon) -> tuple[list[Polygon], str]:
 
 
 def _round_rings(polygon: Polygon) -> tuple[Polygon | None, int]:
-    """Round the rings and merge coincident neighbours.
+    """Round the rings to the grid, merge coincident neighbours, and drop holes that collapse.
 
     Returns the polygon, or None if the exterior collapses, and the number of lost vertices.
     """

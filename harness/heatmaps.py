@@ -1,4 +1,4 @@
-"""Heat maps of a triangulation's cost: shaded lanes per pixel, below the triangles' edges."""
+"""Heat maps of a triangulation's cost: colours for lanes shaded in each pixel, and the edges."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,12 +18,12 @@ PADDING_PX = 2
 """Pixels shown around the polygon."""
 
 PANEL_PX = 600
-"""Approximate length of a panel's longer edge; frame pixels are squares of equal size."""
+"""Approximate length of a panel's longer edge; each pixel of the frame becomes a square of px."""
 
 GAP_PX, FONT_PX = 12, 16
 
 LEGEND_PX = 900
-"""Width of nine squares and a label."""
+"""Minimum width of the picture, in which a legend of ten squares and a label fits."""
 
 MAX_LEVELS = 9
 """Maximum number of lanes with a separate colour; higher numbers have the last colour."""
@@ -36,9 +36,9 @@ ROWS = (
 
 
 def make_lane_maps(frame: Frame, triangles: NDArray[np.int32]) -> tuple[Map, Map]:
-    """Return covering lanes and helper lanes per pixel, (height, width), row 0 at the bottom.
+    """Return the number of covering lanes and of helper lanes at each pixel, (height, width) each.
 
-    The sum is the number of shader invocations of a pixel.
+    Row 0 is at the bottom. The sum of both is the number of shader invocations at a pixel.
     """
     # In a viewport with an odd side, quads at the edge extend one pixel beyond the viewport.
     shape = (frame.height + frame.height % 2, frame.width + frame.width % 2)
@@ -51,9 +51,11 @@ def make_lane_maps(frame: Frame, triangles: NDArray[np.int32]) -> tuple[Map, Map
 def draw_heatmaps(
     frame: Frame, triangulations: Mapping[str, NDArray[np.int32]], out: Path | IO[bytes]
 ) -> None:
-    """Draw a polygon's overdraw and helper lanes for several triangulations, side by side.
+    """Draw a polygon's shaded lanes and helper lanes for several triangulations, side by side.
 
-    frame : frame of the single polygon; triangulations : name -> (m, 3); out : PNG file to write
+    frame : frame of a single polygon
+    triangulations : triangles (m, 3) by name
+    out : PNG file to write
     """
     corners = frame.points / SUBPIXEL
     low = np.maximum(np.floor(corners.min(axis=0)).astype(int) - PADDING_PX, 0)
@@ -113,7 +115,7 @@ def draw_heatmaps(
 
 
 def _make_levels(palette: tuple[str, ...], count: int) -> NDArray[np.uint8]:
-    """Return colours (count + 1, 3) from the palette, after white for 0."""
+    """Return white, for 0 lanes, and then `count` colours of the palette: (count + 1, 3)."""
     anchors = np.array([ImageColor.getrgb(colour) for colour in palette], np.float64)
     positions = np.linspace(0, len(anchors) - 1, count)
     shades = [np.interp(positions, np.arange(len(anchors)), channel) for channel in anchors.T]

@@ -1,9 +1,10 @@
 """Plot each metric of each case over many runs, and detect its changes.
 
-An exact metric changes at each run whose value differs from the run before. A noisy metric is cut
-into segments of constant median by the pruned exact linear time search of Killick, Fearnhead &
-Eckley (2012); the cost is the sum of absolute deviations, so that a single run on a busy machine is
-not a change. Changes whose steps are too small to act on are then removed, the smallest first.
+An exact metric changes at each run whose value differs from that of the run before. The values of a
+noisy metric are cut into segments of constant level by the pruned exact linear time search of
+Killick, Fearnhead & Eckley (2012). The search minimises the sum of absolute deviations from the
+segments' medians, so that a single run on a busy machine is not a change. Changes by less than
+`MIN_STEP` are then removed, the smallest first.
 """
 
 from __future__ import annotations
@@ -38,22 +39,27 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 TIME = "time"
-"""The only metric that a record alone does not have: a time relative to the times of its peers."""
+"""Metric that is computed from several records: a draw time relative to those of other runs, and of
+the other triangulators of the group."""
 
 GROUP_NAME = "(all cases together)"
-"""Name of the series of a group's common change, in place of a triangulator."""
+"""Name, in place of a triangulator's, of the series of those time changes that all triangulators of
+a group have in common."""
 
 CACHED_METRIC = "triangulate_ms"
-"""A cached triangulation has the time measured by an earlier run, which is not plotted again."""
+"""Metric without values for runs that loaded triangulations from the cache: their time was measured
+by an earlier run."""
 
 
 @dataclass(frozen=True)
 class Series:
     """A metric of a case over runs.
 
-    values : (runs,) float64, nan for a run without the case; for `time` relative to the median run
-    content : (runs,) content hash of the scene, or "" if unknown; for times of software devices
-        with the processor
+    exact : True for counters and other values without noise
+    values : (runs,) float64, nan for a run without the case; times are relative to the median of
+        all runs
+    content : (runs,) content hash of the scene, or "" if unknown; times of a software device also
+        depend on the processor, so that it is appended to the hash
     """
 
     id: CaseId
@@ -64,7 +70,7 @@ class Series:
 
     @cached_property
     def changes(self) -> tuple[int, ...]:
-        """Indices of the first run after each change, except for changes of content."""
+        """Index of the first run after each change of the metric while the content is the same."""
         runs = np.flatnonzero(np.isfinite(self.values))
         cuts = [
             n for n, (a, b) in enumerate(pairwise(runs), 1) if self.content[a] != self.content[b]
@@ -86,10 +92,12 @@ class Series:
 
 
 def find_runs(folders: Sequence[Path], *, studies: bool = False) -> tuple[list[Run], int]:
-    """Return the runs at and below `folders`, in the order of creation, and the skipped studies.
+    """Return the runs in and below `folders`, in the order of creation.
 
-    studies : read studies as well; the other version of a run with `--beside` is always skipped,
-        and a run in `folders` always read
+    Also returns the number of skipped studies. The baseline of a run with `--beside` is skipped as
+    well; but a run whose folder is in `folders` is always returned.
+
+    studies : True to return studies as well
 
     Raises
     ------
@@ -149,7 +157,7 @@ def _add_processor(case: CaseId, processor: str) -> CaseId:
 
 
 def _group_by_case(runs: Sequence[Run]) -> dict[CaseId, list[Record | None]]:
-    """Return case -> records of the runs, None for a run in which it was not measured."""
+    """Return, by case, its record in each run, or None for a run in which it was not measured."""
     cases: dict[CaseId, list[Record | None]] = defaultdict(lambda: [None] * len(runs))
     for number, run in enumerate(runs):
         for record in run.records:
@@ -209,7 +217,7 @@ MAX_SERIES = 12
 def filter_series(series: Sequence[Series], names: Mapping[str, Sequence[str]]) -> list[Series]:
     """Return the series of the selected scenes, triangulators and rasterisers.
 
-    names : selected names by "scene", "triangulator" and "rasteriser"
+    names : selected names by kind ("scene", "triangulator" or "rasteriser")
 
     Raises
     ------
@@ -232,14 +240,17 @@ def _get_name(case: CaseId, kind: str) -> str:
 
 
 def select_series(series: Sequence[Series]) -> list[Series]:
-    """Return at most `MAX_SERIES` series with two values: the largest changes, then the longest."""
+    """Return at most `MAX_SERIES` series that have two values or more, in the given order.
+
+    Series with the largest steps are preferred, then series with the most values.
+    """
     several = [entry for entry in series if np.isfinite(entry.values).sum() > 1]
     selected = set(map(id, sorted(several, key=_rank)[:MAX_SERIES]))
     return [entry for entry in series if id(entry) in selected]
 
 
 def _rank(entry: Series) -> tuple[float, bool, float]:
-    """Return a sort key: the largest step first, as an absolute log ratio; inf from or to 0."""
+    """Return the key by which `select_series` prefers series, the most preferred first."""
     is_group = entry.id.name == GROUP_NAME
     steps = [0.0 if is_group else _measure_step(*levels) for levels in entry.steps]
     return -max(steps, default=0.0), is_group, -np.isfinite(entry.values).sum()
@@ -252,16 +263,17 @@ def _measure_step(before: float, after: float) -> float:
 
 
 MIN_SEGMENT_RUNS = 3
-"""Minimum number of runs in a segment: one or two outliers are noise."""
+"""Minimum number of runs in a segment, so that one or two outliers are noise, not a change."""
 
 PENALTY = 3.0
-"""Penalty of a change, times mean deviation times log n; because of outliers more than 1."""
+"""Cost of a change in the search, in units of mean deviation times log n (n runs). Because of
+outliers it is more than the usual 1."""
 
 MIN_NOISE = 0.0075
-"""Minimum mean deviation of a log time between runs of the same code."""
+"""Minimum of the estimated mean deviation of log times between runs of the same code."""
 
 MIN_STEP = 0.03
-"""Minimum step of a log time that is a change."""
+"""Minimum difference of log values before and after a change."""
 
 
 def find_exact_changes(values: NDArray[np.float64]) -> list[int]:
@@ -297,10 +309,10 @@ def _remove_small_steps(logs: NDArray[np.float64], cuts: list[int]) -> list[int]
 
 
 def _estimate_noise(logs: NDArray[np.float64]) -> float:
-    """Return the mean deviation from the level, estimated from differences of neighbours.
+    """Return the mean absolute deviation from the level, estimated from successive differences.
 
     A change of level affects only one difference. For normal noise of standard deviation s the
-    median absolute difference is 0.954 s, and the mean deviation is 0.798 s.
+    median absolute difference is 0.954 s, and the mean absolute deviation is 0.798 s.
     """
     return float(0.798 / 0.954 * np.median(np.abs(np.diff(logs))))
 
@@ -310,7 +322,7 @@ MAX_LABELS = 12
 
 
 def plot_history(runs: Sequence[Run], series: Sequence[Series], folder: Path) -> list[Path]:
-    """Draw each metric into `folder` as PNG and SVG; return the files."""
+    """Draw a figure of each metric as PNG and SVG in `folder`; return the files."""
     files = []
     for metric in dict.fromkeys(entry.metric for entry in series):
         entries = [entry for entry in series if entry.metric == metric]
@@ -319,7 +331,10 @@ def plot_history(runs: Sequence[Run], series: Sequence[Series], folder: Path) ->
 
 
 def draw_metric(runs: Sequence[Run], series: Sequence[Series]) -> Figure:
-    """Draw the series of one metric; a ring marks a change, a line a change of content."""
+    """Draw the series of one metric.
+
+    A ring and a dashed line mark a change, a black line a change of the scene's content.
+    """
     groups = list(dict.fromkeys(entry.id.group for entry in series))
     names = list(dict.fromkeys(entry.id.name for entry in series))
     metric = series[0].metric

@@ -23,11 +23,11 @@ from rich.progress import (
 from rich.segment import Segment
 
 UNKNOWN_WIDTH = 120
-"""Columns of a file or a pipe; wide enough for all tables."""
+"""Columns for output into a file or a pipe; wide enough for all tables."""
 
 
 class Screen(Console):
-    """Console for tables that does not cut or pad lines in files and pipes."""
+    """Console for tables: in files and pipes lines are `UNKNOWN_WIDTH` wide and not padded."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(emoji=False, **options)
@@ -40,7 +40,7 @@ class Screen(Console):
 
 
 def detach_terminal() -> None:
-    """Discard further output to a terminal that was closed."""
+    """Discard further output to the terminal, which was closed."""
     null = os.open(os.devnull, os.O_WRONLY)
     for number in (1, 2):
         if os.isatty(number):
@@ -53,9 +53,9 @@ MIN_INTERVAL_S, MAX_INTERVAL_S = 3.0, 10.0
 
 
 class Stage:
-    """One stage of a command: a bar on a terminal; otherwise lines for `say`.
+    """Progress of one stage of a command: a bar on a terminal; otherwise lines, printed by `say`.
 
-    unit : unit of the steps, to show the rate, or ""
+    unit : plural noun for the steps, to show their rate, or "" to show no rate
     """
 
     def __init__(self, bars: Progress, task: Task, unit: str, say: Callable[[str], None]) -> None:
@@ -74,7 +74,7 @@ class Stage:
             rate = f", {f'{speed:,.0f}' if speed >= 10 else f'{speed:.2g}'} {self._unit}/s"
         self._bars.update(task.id, completed=steps, status=share + rate)
         elapsed = task.elapsed or 0.0
-        # The interval grows with the duration.
+        # The interval between lines grows with the duration, as long stages change slowly.
         interval_s = min(MAX_INTERVAL_S, max(MIN_INTERVAL_S, elapsed / 20))
         is_due = elapsed - self._printed_s >= interval_s
         if is_due and self._bars.disable and not task.finished:
@@ -84,7 +84,7 @@ class Stage:
             self._say(f"{task.description}: {share} after {elapsed:.0f} s{rate}{remaining}")
 
     def wait(self, _waited: float) -> None:
-        """Refresh the progress during a long step (heartbeat)."""
+        """Show the elapsed time again during a long step; workers call this periodically."""
         self.complete(self._task.completed)
 
     def advance(self) -> None:
@@ -138,10 +138,13 @@ class Reporter:
 
     @contextmanager
     def stage(self, title: str, total: float | None = None, unit: str = "") -> Iterator[Stage]:
-        """Begin a stage of `total` steps, or None if unknown; `unit` as in `Stage`.
+        """Show the progress of a stage during the block.
 
-        The remaining time is estimated from the rate since the first step; preceding work, such as
-        compiling, does not count.
+        The remaining time is estimated from the rate since the first finished step, so that work
+        before, such as compiling, does not count.
+
+        total : number of steps, or None if unknown
+        unit : see `Stage`
         """
         columns = (
             SpinnerColumn(),
@@ -167,9 +170,9 @@ class Reporter:
 
     @contextmanager
     def if_long(self, message: str, seconds: float = 3.0) -> Iterator[Callable[[], None]]:
-        """Print `message` if the block takes longer, again after doubled intervals.
+        """Print `message` if the block takes longer than `seconds`, and again at doubled times.
 
-        Yields a function that cancels it.
+        Yields a function that cancels the message.
         """
         ended = Event()
 

@@ -1,4 +1,4 @@
-"""Defaults and limits of runs and studies, without heavy imports, as `--help` needs them."""
+"""Defaults and limits of runs and studies; no heavy imports, as `--help` shows these values."""
 
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
@@ -20,10 +20,11 @@ MODEL_TRIANGULATORS = (
     "optimal:edge-length",
     "optimal:half-perimeter",
 )
-"""Defaults for a model in views: edge length is proportional to H averaged over rotations."""
+"""Default triangulators for views of a model. The optimum is by edge length as well, because edge
+length is proportional to H averaged over rotations."""
 
 COST_COUNTERS = ("helper_lanes", "quads", "covering_triangles", "bbox_tests")
-"""Counters that represent the cost, the best first."""
+"""Counters that represent the cost of drawing; the first that a rasteriser has is its main one."""
 
 HISTORY_METRICS = (*COST_COUNTERS, "time")
 """Default metrics of `history`."""
@@ -32,24 +33,24 @@ RESOLUTIONS = (8, 16384)
 """Lower and upper bound of the viewport's side, in pixels."""
 
 Fit = Literal["box", "circle", "tile", "view"]
-"""Mapping of a scene to the viewport, see `View`."""
+"""Names of what fills the viewport, see `View`."""
 
 FITS: tuple[Fit, ...] = get_args(Fit)
 
 CHOSEN_FITS = Literal["box", "circle"]
-"""Fits of scenes that do not define the view."""
+"""Fits that a user can choose; map tiles and models define the others."""
 
 SAMPLES = (1, 4, 8)
 """Numbers of samples per pixel."""
 
 MAX_WORK = 65_000
-"""Iterations per fragment; llvmpipe silently ends a loop after 65,535 iterations."""
+"""Maximum of `Options.work`: llvmpipe silently ends a loop after 65,535 iterations."""
 
 MAX_LOOKUPS = 64
 """Upper bound of texture lookups per fragment."""
 
 Order = Literal["native", "walk", "vertex-cache", "morton", "shuffled"]
-"""Triangle submission order, which affects caches and early tests; see `Options`."""
+"""Order in which triangles are submitted to the device, see `Options`."""
 
 ORDERS: tuple[Order, ...] = get_args(Order)
 
@@ -70,16 +71,17 @@ MAX_S = 1e6
 class TimingSettings:
     """Precision and limits of timing.
 
-    precision : target half-width of a drawing's 95 % interval, relative to the centre: of the
-        median, or of the time relative to the geometric mean of all candidates
-    budget_s : average drawing time per candidate; ends the rounds if `precision` is not reached
-    min_batch_s : minimum duration of a batch of draws, which also lasts 100 steps of the timer
-    warm_up_s : longest warm-up per candidate
-    min_share : share of the budget that is always used, so that pairs reveal small differences
-    epochs : minimum number of preparations of the drawings, if they can be prepared again
-    paired : True to compare candidates with each other; then all have equal draws per batch, up to
-        `MAX_BATCHES` batches' length, as the fixed cost of a batch, shared among fewer draws, would
-        look like a slower draw
+    precision : target half-width, relative to the centre, of each drawing's 95 % interval: that of
+        the median time, or of the time relative to the geometric mean of all candidates
+    budget_s : seconds per candidate after which the rounds end, even if `precision` is not reached
+    min_batch_s : minimum duration of a batch of draws; a batch also takes at least 100 steps of the
+        timer
+    warm_up_s : maximum duration of the warm-up of a candidate
+    min_share : share of the budget that is always used, so that small differences become visible
+    epochs : minimum number of epochs; at the beginning of each, all drawings are prepared again
+    paired : True to compare candidates with each other; then a batch has equally many draws for all
+        candidates, unless it would take longer than `MAX_BATCHES` usual batches. Otherwise the
+        fixed cost of a batch, shared among fewer draws, would look like a slower draw
     processes : number of new processes that repeat the timing, one after another
     limit_s : time limit of the rounds, shared by all processes, or None
     """
@@ -95,10 +97,10 @@ class TimingSettings:
     limit_s: float | None = None
 
     def of_process(self, number: int, spent_s: float) -> "TimingSettings | None":
-        """Return the settings of one process, or None if the time limit is over.
+        """Return the settings for process `number` (from 0), or None if the time limit is over.
 
-        The process gets an equal share of the time remaining after `spent_s`; the first process
-        always starts.
+        The time remaining after `spent_s` is divided equally among this process and those after it.
+        The first process always starts.
         """
         if self.limit_s is None:
             return self
@@ -114,9 +116,9 @@ class StudySize:
 
     polygons : number of polygons of the scene
     random : number of random triangulations per polygon
-    max_vertices : maximum number of vertices of a polygon, as optima of larger ones take long
-    all_below : number of triangulations below which all are measured instead of random ones,
-        including the paper's triangulations with T-junctions
+    max_vertices : maximum number of vertices of a polygon, as optima of larger polygons take long
+    all_below : polygons with fewer triangulations than this are measured with all of these instead
+        of random ones, including the triangulations with T-junctions that the paper allows
     """
 
     polygons: int = 24

@@ -1,7 +1,7 @@
 """Style of plots, tables and reports: colours, symbols, number formats, files.
 
-A triangulator has the same colour and symbol everywhere. Common triangulators have fixed looks;
-others get the remaining looks in order of appearance.
+Common triangulators have the same colour and symbol everywhere. Other triangulators get the
+remaining colours and symbols in order of appearance in the plot.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ def choose_looks(triangulators: Sequence[str]) -> dict[str, Look]:
 
 
 def get_family(triangulator: str) -> str:
-    """Return a name without number: random#1 and random#2 are one family."""
+    """Return a triangulator's name without its number: random#1 and random#2 are one family."""
     return triangulator.partition("#")[0]
 
 
@@ -125,9 +125,12 @@ def draw_scatter(
 def scatter_over_medians(
     panel: Axes, table: pd.DataFrame, x: str, y: str, by: Sequence[str]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Draw two columns relative to each polygon's medians, random triangulations at the bottom.
+    """Draw a scatter plot of two columns of `table`, relative to each polygon's medians.
 
-    by : columns that identify a polygon; returns the drawn x and y
+    Random triangulations are drawn first, so that other marks cover them. Returns the drawn x and y
+    of all rows.
+
+    by : columns that identify a polygon
     """
     of_polygon = table.groupby(list(by))
     across = table[x] / of_polygon[x].transform("median")
@@ -144,9 +147,10 @@ def scatter_over_medians(
 def make_panels(
     count: int, size: tuple[float, float], title: str, across: int = 9, **shared: Any
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure with a title and `format_count` panels, at most `across` in a row.
+    """Return a figure with a title and `count` panels, at most `across` in a row.
 
-    size : of a panel, in inches; shared : options of Matplotlib's `subplots`
+    size : width and height of a panel, in inches
+    shared : options of Matplotlib's `subplots`
     """
     wide = min(across, count)
     high = -(-count // wide)
@@ -161,7 +165,10 @@ def make_panels(
 def make_grid(
     size: tuple[float, float], rows: int = 1, columns: int = 1, **shared: Any
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure of a size in inches, and the panels row by row; see `make_panels`."""
+    """Return a figure of `size` in inches, and its panels row by row.
+
+    shared : options of Matplotlib's `subplots`
+    """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=size)
@@ -169,16 +176,17 @@ def make_grid(
 
 
 def legend_below(figure: Figure, panels: Sequence[Axes], columns: int) -> None:
-    """Draw one legend of all panels below a figure."""
+    """Draw one legend for all panels below a figure, in a number of columns."""
     entries = (panel.get_legend_handles_labels() for panel in panels)
     handles = {text: handle for pair in entries for handle, text in zip(*pair, strict=True)}
     figure.legend(handles.values(), handles, loc="outside lower center", ncols=columns)
 
 
 def make_plain_table(title: TextType | None, *columns: str, **options: Any) -> Table:
-    """Return an empty table for the terminal, without lines; options: of rich's `Table`.
+    """Return an empty table for the terminal, without lines.
 
     columns : headings; a leading ">" aligns the column to the right, for numbers
+    options : options of rich's `Table`
     """
     from rich.table import Table
 
@@ -253,14 +261,14 @@ def format_count(number: int, noun: str, plural: str = "") -> str:
 
 
 def format_percent(change: float) -> str:
-    """Return a relative change with sign and significant digits: `+12.3 %`."""
+    """Return a relative change, e.g. 0.123, in percent with sign: `+12.3 %`."""
     size = abs(change) * 100
     digits = 0 if size >= 100 else 1 if size >= 0.1 else 3
     return f"{change * 100:+,.{digits}f} %"
 
 
 def format_number(value: float) -> str:
-    """Return a number with four significant digits; integers and numbers from 1000 as integers."""
+    """Return a number with four significant digits; integers, and numbers from 1000, in full."""
     is_integer = float(value).is_integer() or abs(value) >= 1000
     return f"{value:,.0f}" if is_integer else f"{value:,.4g}"
 

@@ -25,13 +25,15 @@ from harness.stats.intervals import FASTER, SLOWER, UNDECIDED
 from harness.style import make_plain_table
 
 MAX_COLUMNS = 4
-"""Number of metrics if no counter has a heading; metrics with headings fit 80 characters."""
+"""Maximum number of metrics if no counter has a heading. Metrics with headings need no maximum, as
+they fit a terminal of 80 characters."""
 
 MIN_WIDE = 96
-"""Minimum width of the terminal for the metrics `WIDE`."""
+"""Minimum width of the terminal at which a table also has the metrics `WIDE`."""
 
 WIDE = ("regret",)
-"""Metrics that a narrow table omits; regret is a multiple of helper lanes."""
+"""Metrics that a narrow table omits. Within a table regret says the same as the helper lanes, which
+it divides by their minimum."""
 
 NAME_WIDTH = 24
 """Minimum width of the column of names."""
@@ -40,7 +42,7 @@ VERDICTS = {FASTER: "faster", SLOWER: "slower", UNDECIDED: "n.s."}
 
 
 def print_summary(decided: Iterable[Decided], console: Console) -> None:
-    """Print a table of each group, the cheapest triangulator first, notes, and a recommendation."""
+    """Print, for each group, a table with the cheapest triangulator first, notes, and advice."""
     wide = console.width >= MIN_WIDE
     for group, decision in decided:
         if decision:
@@ -70,7 +72,7 @@ def _make_table(decision: Decision, *, wide: bool) -> Table:
         table.add_column(metric.heading or metric.label, justify="right", no_wrap=True)
     base = decision.base
     table.add_column(f"vs {base.name}", no_wrap=True)
-    # Without any break-even, the verdict is next to the ratio.
+    # If no triangulator has a break-even, there is no such column; verdicts are next to the ratios.
     has_break_even = any(standing.break_even for standing in decision.standings)
     if has_break_even:
         table.add_column("break-even")
@@ -90,7 +92,7 @@ def _make_table(decision: Decision, *, wide: bool) -> Table:
 
 
 def list_table(decisions: Sequence[Decision]) -> tuple[list[str], list[list[str]], int]:
-    """Return the heading and the rows of a table of several groups, and its columns of text."""
+    """Return heading, rows, and number of leading text columns of one table of several groups."""
     standings = [standing for decision in decisions for standing in decision.standings]
     metrics = _select_metrics([standing.record for standing in standings], wide=True)
     heading = ["scene, device", "triangulator", *(m.heading or m.label for m in metrics)]
@@ -113,9 +115,9 @@ def format_title(decision: Decision) -> str:
 
 
 def _select_metrics(records: Sequence[Record], *, wide: bool) -> list[Metric]:
-    """Return the metrics of the table: metrics with a heading, if any record has a value.
+    """Return the table's metrics: those with a heading for which a record has a value other than 0.
 
-    If no counter of a rasteriser has a heading, its first counters are used.
+    If no counter is among these, the records' first cost counters are added.
     """
     available = find_metrics(records)
     headed = [m for m in available.values() if m.heading and (wide or m.name not in WIDE)]
@@ -127,7 +129,7 @@ def _select_metrics(records: Sequence[Record], *, wide: bool) -> list[Metric]:
 
 
 def _describe_proofs(records: Sequence[Record]) -> list[str]:
-    """Return lines about optima proven for all polygons, and about other gaps."""
+    """Return a line about optima proven for all polygons, and one for each other optimum's gap."""
     optima = [record for record in records if record.proven is not None]
     complete = [record.name for record in optima if record.proven == record.polygons]
     lines = [f"proven optimal, every polygon: {', '.join(complete)}"] if complete else []
@@ -143,7 +145,7 @@ def _describe_proofs(records: Sequence[Record]) -> list[str]:
 
 
 def _describe_regret(records: Sequence[Record]) -> list[str]:
-    """Return a line with the number of polygons that regret covers, unless all."""
+    """Return a line with the number of polygons with known regret, or [] if none or all have it."""
     covered = max((record.least.polygons for record in records if record.least), default=0)
     drawn = max((record.polygons for record in records), default=0)
     if not 0 < covered < drawn:
@@ -154,7 +156,13 @@ def _describe_regret(records: Sequence[Record]) -> list[str]:
 def _compare_cells(
     standing: Standing, is_base: bool, complete: int, *, has_break_even: bool
 ) -> list[Text]:
-    """Return the ratio with interval, and the break-even or the verdict."""
+    """Return the cells that compare a triangulator with the base.
+
+    These are the ratio of times with its interval, and the break-even or else the verdict; in one
+    cell if the table has no column for the break-even.
+
+    complete : number of polygons of the triangulators that drew the most
+    """
     drawn, ratio, colour, note = standing.record.polygons, standing.ratio, "", ""
     if drawn != complete:
         cell = f"{drawn} of {complete} done"
@@ -186,7 +194,7 @@ def write_csv(decided: Iterable[Decided], file: Path) -> None:
 
 
 def list_rows(decided: Iterable[Decided]) -> list[dict[str, Any]]:
-    """Return `make_row` for each record, group by group."""
+    """Return a row, from `make_row`, for each record, group by group."""
     return [make_row(record, decision) for group, decision in decided for record in group.records]
 
 

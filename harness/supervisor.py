@@ -1,15 +1,16 @@
 """Supervision: the program runs in a child process that can be stopped at any moment.
 
-Python handles a signal between two instructions, and so not while a library's C++ runs:
-ear clipping of 10^6 vertices, or a test of validity, takes minutes to hours. The process that the
-user started therefore forks before anything is loaded. The child runs the program. The parent
+Python handles a signal only between two of its instructions, so never while a library's C++ code
+runs; ear clipping of 10^6 vertices, or a test of validity, takes minutes to hours. The process that
+the user started therefore forks before anything is loaded. The child runs the program. The parent
 forwards signals, and kills the child and all descendants at a time limit.
 
-The parent also makes a folder for temporary files, and removes it after the child has ended in any
-way. The next program removes folders of parents that were killed: at the start, or at the end if
-children were still ending.
+The parent also creates a folder for temporary files, and removes the folder after the child has
+ended in any way. If a parent is killed, the next program that is supervised removes its folder, at
+the start; or at the end, if children still used the folder at the start.
 
-Only on Linux, where the kernel ends the child with the parent, and a fork is safe.
+Supervision exists only on Linux, where the kernel ends the child with the parent, and a fork is
+safe.
 """
 
 import os
@@ -30,28 +31,31 @@ END_TIMEOUT_S = 2.0
 """Time limit for the program to end after a signal."""
 
 CLEANUP_TIMEOUT_S = 15.0
-"""Time limit for the program to end after a signal and `allow_cleanup`."""
+"""Time limit for the program to end after a signal if it has called `allow_cleanup`."""
 
 FORWARD_AFTER_S = 0.05
-"""Delay of forwarding: a terminal sends signals to the child as well."""
+"""Delay of forwarding, in which a signal that the terminal has sent to both processes reaches the
+child; such a signal is not forwarded."""
 
 KILL_ATTEMPTS, KILL_INTERVAL_S = 20, 0.02
-"""Number and interval of repeated kills: descendants may start processes, and end with a delay."""
+"""Number and interval of attempts to kill all descendants, as these may start further processes."""
 
 MAX_FOLDER_LENGTH = 70
-"""Maximum length in bytes of the folder's path; the path of a socket inside may have 107."""
+"""Maximum bytes of the temporary folder's path: the path of a socket in it may have at most 107."""
 
 _CLEANUP, _NO_LIMIT = 254, 255
-"""Bytes in the child's pipe, beyond the numbers of signals, which Python writes there."""
+"""Bytes that `allow_cleanup` writes to the parent's pipe. Other bytes in the pipe are the numbers
+of signals, which Python writes when the child receives them."""
 
 _channel: int | None = None
 """The child's end of the pipe to the parent; None without supervision."""
 
 
 def allow_cleanup(*, unlimited: bool = False) -> None:
-    """Grant this process more time to store results before the end; to be called on a signal.
+    """Ask the parent for more time before it kills this process; called by a signal handler.
 
-    unlimited : the process will end in time, or handle the next signal
+    unlimited : True for no time limit, if this process will end soon, or handle the next signal;
+        False for `CLEANUP_TIMEOUT_S`
     """
     if _channel is not None:
         with suppress(OSError):
@@ -59,9 +63,9 @@ def allow_cleanup(*, unlimited: bool = False) -> None:
 
 
 def continue_in_child() -> None:
-    """Return in a child of this process; this process exits with the child's exit code.
+    """Fork, and return in the child; this process supervises the child and exits with its code.
 
-    Outside Linux, or if no process can be started, return in this process.
+    Outside Linux, or if no process can be started, return in this process, without supervision.
     """
     global _channel
     if sys.platform != "linux" or not hasattr(os, "fork"):
@@ -110,8 +114,9 @@ def continue_in_child() -> None:
 class _Supervisor:
     """The parent process of the program.
 
-    from_child : pipe with the signals that the child has received, and `allow_cleanup`
-    from_signals : pipe with the signals that this process has received
+    from_child : pipe with the numbers of signals that the child has received, and the bytes of
+        `allow_cleanup`
+    from_signals : pipe with the numbers of signals that this process has received
     """
 
     def __init__(self, child: int, from_child: int, from_signals: int) -> None:
@@ -167,7 +172,7 @@ class _Supervisor:
                 self._deadline = min(self._deadline, time_s + END_TIMEOUT_S)
 
     def _note_child_signals(self) -> bool:
-        """Return whether the child's pipe is open."""
+        """Process the content of the child's pipe; return whether the pipe is still open."""
         time_s = time.monotonic()
         content = _read(self._from_child)
         for number in content or b"":
@@ -213,9 +218,10 @@ def _say(line: str, code: int) -> int:
 
 
 def _make_folder() -> Path | None:
-    """Return a new folder for temporary files, or None; remove the folders of killed processes.
+    """Create a folder for temporary files, and remove those of killed processes.
 
-    The folder's file `lock` is locked as long as the parent or the child runs.
+    Returns None if no folder can be created. The folder's file `lock` is locked as long as the
+    parent or the child runs.
     """
     with suppress(OSError):
         shared = Path(tempfile.gettempdir())
@@ -240,9 +246,10 @@ def _remove_abandoned(shared: Path) -> None:
 
 
 def _lock(folder: Path) -> int | None:
-    """Return a descriptor that locks a temporary folder until it is closed, or None.
+    """Lock a temporary folder; return the descriptor that holds the lock, or None if it is in use.
 
-    The lock is created if missing: a process may be killed between both steps of `_make_folder`.
+    The lock file is created if missing, as a process may have been killed between creating the
+    folder and locking it.
     """
     descriptor = os.open(folder / "lock", os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW, 0o600)
     if system.lock(descriptor, wait=False, required=True):

@@ -1,4 +1,4 @@
-"""A model in space as a scene: its flat faces are the polygons, its views are drawn."""
+"""A model in space as a scene: its flat faces are triangulated, and its views are drawn."""
 
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -17,28 +17,29 @@ from triangulators.polygon_arrays import PolygonArray, offsets_of
 Rows = NDArray[np.int32]
 
 VIEW_OPTIONS = ("views", "pixels", "distance", "depth")
-"""Parameters of a model that is seen from several directions."""
+"""Parameters of a scene that make a model's file a model with views."""
 
 
 @dataclass(frozen=True, eq=False)
 class Viewing:
     """Views of a model; the scene's polygons are the valid flat faces, in the plane of each face.
 
-    The pieces of a view are the faces whose front points to the camera: first polygons, then
-    invalid faces (the outline touches itself, or a vertex is inside). The last piece is the loose
-    triangles: triangles outside faces, which no triangulator changes.
+    A view consists of pieces, in this order: the valid faces whose front points to the camera; such
+    invalid faces (the outline touches itself, or a vertex is inside); and one piece for all loose
+    triangles, those outside of faces. No triangulator changes invalid faces or loose triangles.
 
     pixels : side of the image of a view
-    names : direction to the camera for the v views, for example "1 2 3"
+    names : (v) direction to the camera of each view, for example "1 2 3"
     pieces : p projected pieces, int32 coordinates in 1/256 px, y up; loose triangles have one ring
         of all vertices
-    depths : (n,) int32, of the vertices, 0 to 2**24 from near to far; None without a depth test
-    source : (p,) int64 number of each piece in the scene's polygons; the next number, the number of
-        polygons, stands for loose triangles, and the numbers after it for invalid faces
+    depths : (n,) int32, depth of each vertex of `pieces`, from 0, near, to 2**24; None without a
+        depth test
+    source : (p,) int64 number in the scene's polygons of the face of each piece; q, the number of
+        polygons, stands for loose triangles, and q + 1 + k for invalid face k
     piece_offsets : (v + 1,) int64; view k has the pieces piece_offsets[k]:piece_offsets[k + 1]
-    polygon_triangles : for each polygon the triangles in the model, (m, 3) int32 vertex indices
-    other_triangles : by number of a piece that is not a polygon, the triangles in the model
-    ranks : position of each triangle of each piece in the order of the model, piece by piece
+    polygon_triangles : for each polygon its triangles in the model's file, (m, 3) int32 vertices
+    other_triangles : by number of a piece that is not a polygon, its triangles in the model's file
+    ranks : position in the model's file of each triangle of each piece, piece by piece
     front_to_back : True to draw triangles front to back instead of in the model's order
     invalid_faces : for each invalid face (n, 2) integer points in the face's plane, and (m, 3)
         triangles
@@ -69,7 +70,7 @@ class Viewing:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ModelScene(Scene):
-    """A scene whose polygons are the flat faces of a model, and which draws the model's views."""
+    """A scene whose polygons are a model's flat faces; the model's views are drawn instead."""
 
     viewing: Viewing | None = None
 
@@ -86,9 +87,10 @@ def viewing_of(scene: Scene) -> Viewing | None:
 
 
 def is_model_with_views(text: str) -> bool:
-    """Return whether "name:key=value" names views of a model, for example "part.glb:views=24".
+    """Return whether a scene's name asks for views of a model, for example "part.glb:views=24".
 
-    Misspelt view options count, so that the error message lists the valid options.
+    A misspelt parameter such as "view=24" counts as well, so that loading the views reports it with
+    the valid parameters.
     """
     name, arguments = parse_name(text)
     model = is_model(Path(name)) and any(get_close_matches(key, VIEW_OPTIONS) for key in arguments)

@@ -1,7 +1,7 @@
-"""Viewport sizes at which the choice of a triangulator matters: counted, not timed.
+"""Viewport sizes at which the choice of a triangulator matters, without timing any drawing.
 
-A scene is triangulated and counted at each size as in a run, by the exact CPU reference. A device's
-profile converts the counts to milliseconds; the triangulation is timed.
+At each size, a scene is triangulated as in a run, and the exact CPU reference counts its triangles.
+With a device's profile the counts give predicted draw times. Only the triangulation is timed.
 """
 
 from __future__ import annotations
@@ -45,7 +45,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 MIN_TIMED_S, TIMED_ROUNDS = 0.2, 3
-"""Shorter triangulations are timed in several rounds, of which the minimum counts."""
+"""If all triangulators together take less time, they are timed in this number of rounds, and the
+minimum of each triangulator is used."""
 
 COUNTED = (
     "fragments",
@@ -56,8 +57,8 @@ COUNTED = (
     "vertex_batches",
     "transformed_vertices",
 )
-"""Counters, see `count_triangles`. The cost of a triangulator has these, `triangulate_s` in CPU
-seconds, and those of `predict_draws`, which are None without a device."""
+"""Counters in the cost of a triangulator, see `count_triangles`. The cost also has `triangulate_s`,
+in CPU seconds, and the entries of `predict_draws`, which are None without a device."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +68,8 @@ class Size:
     resolution : side of the viewport in px, which the scene fills
     polygons : number of polygons that all triangulators triangulate
     skipped : number of polygons that vanish on the grid, or on which a triangulator fails
-    polygon_px : median of the longer sides of the polygons' bounding boxes
-    costs : by triangulator, the base first
+    polygon_px : median, over the polygons, of the longer side of the bounding box, in px
+    costs : cost by triangulator, the base first; see `COUNTED`
     """
 
     resolution: int
@@ -79,12 +80,12 @@ class Size:
 
     @property
     def covered(self) -> int:
-        """Covered pixels, equal for all triangulators."""
+        """Number of fragments, equal for all triangulators."""
         return int(next(iter(self.costs.values()))["fragments"])
 
     @property
     def saved(self) -> dict[str, float]:
-        """Saved share, by triangulator, of the base's draw time, or of its lanes without device."""
+        """Share that each triangulator saves of the base's draw time, or without device, lanes."""
         spent = {n: c["quads"] if c["draw"] is None else c["draw"] for n, c in self.costs.items()}
         return compute_saved(spent)
 
@@ -115,7 +116,7 @@ class Sizes:
 
     @property
     def recommended(self) -> str:
-        """The cheapest triangulator with most of the largest saving, or the base."""
+        """The fastest triangulator with most of the largest saving; the base if none matters."""
         if self.largest is None:
             return next(iter(self.sizes[0].costs))
         costs = self.largest.costs
@@ -197,13 +198,13 @@ def summarise(sizes: Sizes) -> str:
     across = " to ".join(str(size.resolution) for size in ends)
     if not mattering:
         return (
-            f"It does not matter for you: at {across} px no triangulator saves "
+            f"The triangulator does not matter: at {across} px none saves "
             f"{MIN_SAVED_SHARE:.0%} of {base}'s {sizes.measure}."
         )
     largest = sizes.largest or mattering[0]
     best = find_best(largest.saved)
     text = (
-        f"It matters at {across} px, most at {largest.resolution} px "
+        f"The triangulator matters at {across} px, most at {largest.resolution} px "
         f"({_format_pixels(largest.polygon_px, 2)} per polygon): "
         f"{best} saves {_format_saving(largest, best)} of {base}'s {sizes.measure}"
     )
@@ -216,7 +217,10 @@ def summarise(sizes: Sizes) -> str:
 
 
 def list_stages(sizes: Sizes) -> Iterator[str]:
-    """Yield for each size the base's slowest stage, if the device has several, and its remedy."""
+    """Yield, for each size, a sentence about the base's slowest stage on the device, and a remedy.
+
+    Yields nothing without a device, or if the device's law has a single stage.
+    """
     if sizes.device is not None and len(sizes.device.stages) > 1:
         for size in sizes.sizes:
             yield describe_stage(f"{size.resolution} px", size.costs, sizes.device)
@@ -241,12 +245,12 @@ def format_next_step(sizes: Sizes) -> str:
 
 
 def _format_pixels(side: float, digits: int) -> str:
-    """Format a side with significant digits, without exponent."""
+    """Format a length in px with at least `digits` significant digits, without exponent."""
     return f"{side:,.0f} px" if side >= 10 ** (digits - 1) else f"{side:.{digits}g} px"
 
 
 def make_tables(sizes: Sizes) -> Iterator[Table]:
-    """Yield a table for each quantity: the base's value, and other triangulators relative to it."""
+    """Yield a table for each quantity: the base's value, and other values relative to that."""
     kinds = [
         ("triangulate_s", "ms to triangulate", 1e3, ".3g"),
         ("quads", "lanes shaded", 4.0, ",.0f"),

@@ -1,4 +1,4 @@
-"""HTML pages: templates, and self-contained files."""
+"""Building blocks of self-contained HTML pages: templates, static files, embedded data, output."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def pack_json(content: Mapping[str, Any]) -> str:
 
 
 def encode_array(values: NDArray[Any]) -> str:
-    """Return base64 of an array's bytes."""
+    """Return the bytes of an array, in C order, as base64."""
     return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
 
 
