@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 
 from triangulators import criteria
-from triangulators.criteria.cost import require_number
+from triangulators.criteria.cost import require_finite_total
 from triangulators.errors import TriangulationError
 from triangulators.geometry.order import walk
 from triangulators.polygon import Boundary, checked_boundary
@@ -32,7 +32,7 @@ def triangulate(
         A valid polygon; holes are allowed.
     name
         A triangulator (see `names`), optionally with a criterion: "optimal:half-perimeter".
-        "optimal" alone is the paper's, "optimal:overdraw".
+        "optimal" alone means "optimal:overdraw", the criterion of the paper.
     criterion
         The criterion, if the name contains none: a name, a `Criterion`, or a Numba function of
         three points (six numbers).
@@ -41,8 +41,8 @@ def triangulate(
     order
         "walk" puts the triangles in an order from neighbour to neighbour, in which a GPU transforms
         few vertices twice; "native" leaves the triangulator's order. The default is a walk for
-        "flips" and "earcut-refine", otherwise native, which for "optimal", "worst" and "refined" is
-        a walk as well.
+        "flips" and "earcut-refine", otherwise native; the native order of "optimal", "worst" and
+        "refined" is a walk as well.
     **parameters
         Passed to the triangulator, for example `seed` of "random", or the weights `alpha`, `beta`
         and `gamma` of the criterion "mixed".
@@ -106,8 +106,8 @@ def triangulate_with_gap(
     triangles : ndarray
         (m, 3) int32, as `triangulate` returns.
     gap : float or None
-        Relative to the cost: 0 if the result is optimal, infinite without a bound. None for
-        triangulators that do not search for the optimum.
+        Upper bound of (cost - optimum) / cost: 0 if the result is proven optimal, infinite if no
+        lower bound is known. None for triangulators that do not search for the optimum.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def triangulate_with_gap(
 def _order_triangles(
     outline: Boundary, triangles: np.ndarray, choice: Choice, order: str | None
 ) -> np.ndarray:
-    """Return triangles (m, 3) in an order as for `triangulate`."""
+    """Return triangles (m, 3) in walk order if `order`, or the default if None, is a walk."""
     if not choice.entry.uses_walk(order):
         return triangles
     return np.asarray(walk(np.ascontiguousarray(triangles), len(outline.points)))
@@ -142,7 +142,10 @@ def _run_triangulator(
     *,
     with_gap: bool = False,
 ) -> tuple[Boundary, Choice, Any]:
-    """Return a triangulator's unchecked result, paired with the gap if `Entry.with_gap` is set."""
+    """Return the polygon's boundary, the parsed name, and the triangulator's unchecked result.
+
+    The result is triangles, or (triangles, gap) if `with_gap` and `Entry.with_gap` are set.
+    """
     choice = parse(name)
     entry = choice.entry
     check_criterion(name, criterion)
@@ -158,13 +161,13 @@ def _run_triangulator(
 def _check_triangles(outline: Boundary, raw: Any, choice: Choice, criterion: Any) -> np.ndarray:
     """Return triangles as int32 (m, 3), counter-clockwise, without triangles of zero area.
 
-    Raises `TriangulationError` for invalid results, and if a user's criterion is not a finite
-    number for a triangle.
+    Raises `TriangulationError` for invalid results, and if the sum of a user's criterion over the
+    triangles is not finite.
     """
     try:
         triangles = orient_triangles(outline.points, check_rows(raw, outline.points))
     except ValueError as error:
         raise TriangulationError(f"{choice.full_name}: {error}") from error
     if criterion is not None and not isinstance(criterion, str):
-        require_number(criteria.find(criterion), outline.points, triangles)
+        require_finite_total(criteria.find(criterion), outline.points, triangles)
     return triangles

@@ -4,9 +4,9 @@
 
 `method` is a triangulator:
 
-- "flips:l1" (the default, also "flips"): earcut's triangles, with diagonals flipped while that
-  shortens them in the L1 metric, which a GPU's quads follow (`flip`). Takes little longer than
-  earcut.
+- "flips:l1" (the default, also "flips"): earcut's triangles, with diagonals flipped to shorter
+  ones in the L1 metric (see `triangulators.flip`), which reduces the 2x2 pixel quads that a GPU
+  shades. Takes little longer than earcut.
 - "refined:half-perimeter" (also "refined"): the better result of flips from earcut's and from
   Delaunay triangles.
 - "optimal:half-perimeter": the minimum sum of the half-perimeters of bounding boxes.
@@ -48,9 +48,9 @@ def triangulate_float64(
     method
         "flips:l1", "refined:half-perimeter" or "optimal:half-perimeter"; see the module.
     order
-        "walk" is an order from neighbour to neighbour, in which a GPU transforms few vertices
-        twice; "native" leaves flipped triangles at earcut's positions. Methods without flips always
-        walk.
+        For "flips:l1": "walk" is an order from neighbour to neighbour, in which a GPU transforms
+        few vertices twice; "native" leaves flipped triangles at earcut's positions. The results of
+        the other methods are always in walk order.
 
     Returns
     -------
@@ -135,7 +135,8 @@ def triangulate_int64(
     Parameters
     ----------
     vertices
-        (n, 2) int64. Doubles cannot represent an extent above 2^53, which gets earcut's result.
+        (n, 2) int64. If the extent exceeds 2^53, which doubles cannot represent, earcut's triangles
+        are returned unimproved.
     ring_end_indices, method, order
         As for `triangulate_float64`.
 
@@ -176,7 +177,7 @@ def _improve(
 def _search_triangles(
     points: np.ndarray, ring_offsets: np.ndarray, method: str
 ) -> np.ndarray | None:
-    """Return triangles (m, 3) of a method other than flips, or None if the rings are invalid."""
+    """Return triangles (m, 3) of "refined" or "optimal", or None if the rings are invalid."""
     # Imported here, because flips need none of these modules, whose import takes a second.
     from triangulators.methods import flips, optimal
     from triangulators.optimum.full_table import solve_ring

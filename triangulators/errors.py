@@ -1,4 +1,4 @@
-"""Exceptions of the package, the suggestion of a known name, and formatting in a line."""
+"""Exceptions of the package, suggestions for unknown names, and exceptions as one line."""
 
 import difflib
 import traceback
@@ -29,7 +29,7 @@ class UnavailableError(TriangulationError):
 
 
 class UnknownNameError(TriangulationError, ValueError):
-    """No triangulator, criterion or device has this name; the message suggests the nearest."""
+    """No triangulator, criterion, device, ... has this name; the message suggests the nearest."""
 
 
 class ArgumentError(TriangulationError, ValueError):
@@ -44,7 +44,7 @@ def suggest(name: str, names: Iterable[str], cutoff: float = 0.6, fallback: str 
     >>> suggest("ear-cliping", ["delaunay", "ear-clipping"])
     "did you mean 'ear-clipping'?"
     >>> suggest("xyz", ["delaunay", "ear-clipping"])
-    'names: delaunay, ear-clipping'
+    'known: delaunay, ear-clipping'
     """
     choices = list(names)
     nearest = difflib.get_close_matches(name, choices, n=1, cutoff=cutoff)
@@ -54,7 +54,7 @@ def suggest(name: str, names: Iterable[str], cutoff: float = 0.6, fallback: str 
 
 
 def format_error(error: BaseException) -> str:
-    """Return an exception as a short line with the file and line of the origin."""
+    """Return an exception as a short line with the file and line that raised it."""
     text = summarize_error(error)
     frames = traceback.extract_tb(error.__traceback__)
     return f"{text} ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else text
@@ -67,6 +67,6 @@ def summarize_error(error: BaseException) -> str:
 
 
 def truncate(text: str) -> str:
-    """Return a text as a line of at most `MAX_MESSAGE` characters, and the full length if cut."""
+    """Return a text as a line of at most `MAX_MESSAGE` characters, then the full length if cut."""
     line = " ".join(text[: 4 * MAX_MESSAGE].split())[:MAX_MESSAGE]
     return f"{line} ... ({len(text):,} characters)" if len(text) > MAX_MESSAGE else line

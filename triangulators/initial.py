@@ -1,4 +1,4 @@
-"""Initial triangulations of a polygon, and the cycle of a polygon without holes."""
+"""Initial triangulations of a polygon, and the visible pairs of a polygon without holes."""
 
 from typing import NamedTuple
 
@@ -15,14 +15,15 @@ from triangulators.polygon import Boundary
 from triangulators.verify import insert_dropped_vertices, orient_triangles, verify_boundary
 
 _MAX_GREEDY_VERTICES = 1000
-"""Number of vertices up to which all pairs are tried."""
+"""Vertices up to which the greedy triangulation, which compares all pairs, is tried."""
 
 
 def initial_triangulations(outline: Boundary) -> list[np.ndarray]:
     """Return the triangulations of ear clipping and Delaunay that conform after repair.
 
-    If neither does, because slivers within rounding error are missing, return the greedy
-    triangulation by exact orientations. Raises `TriangulationError` if that fails as well.
+    If neither conforms, because slivers within rounding error are missing, return the greedy
+    triangulation by exact orientations, for up to 1,000 vertices. Raises `TriangulationError` if
+    there is no result. All vertices are sites (see `Boundary`).
     """
     conforming = []
     for method in (ear_clipping, delaunay):
@@ -53,7 +54,7 @@ def find_best_initial(outline: Boundary, cost: Cost) -> np.ndarray:
 
 
 def find_any_triangulation(outline: Boundary) -> np.ndarray:
-    """Return some triangulation (m, 3) of a polygon, between sites."""
+    """Return an arbitrary triangulation (m, 3) of a polygon; the vertices are sites."""
     triangles: np.ndarray = outline.site[ear_clipping(outline)]
     corner = triangles.reshape(-1)
     if is_triangulation(outline.points, outline.ring_offsets, corner, link(corner)):
@@ -62,10 +63,10 @@ def find_any_triangulation(outline: Boundary) -> np.ndarray:
 
 
 class Cycle(NamedTuple):
-    """A simple polygon: `cycle` (n,) has the vertices counter-clockwise, as indices.
+    """A polygon without holes: `cycle` (n,) has the vertices counter-clockwise, as indices.
 
-    `points` (n, 2) are the coordinates of the cycle; position i sees
-    `target[start[i]:start[i + 1]]`, ascending, all > i (see `find_visible_pairs`).
+    `points` (n, 2) are the coordinates of the cycle. `target[start[i]:start[i + 1]]` are the
+    positions j > i that are visible from position i, ascending (see `find_visible_pairs`).
     """
 
     cycle: np.ndarray
@@ -75,7 +76,10 @@ class Cycle(NamedTuple):
 
 
 def make_cycle(outline: Boundary, who: str) -> Cycle:
-    """Return a polygon's only ring with visible pairs; raise `SkippedError` for holes."""
+    """Return a polygon's only ring with visible pairs; raise `SkippedError` for holes.
+
+    who: the triangulator's name, for the message.
+    """
     if outline.holes:
         raise SkippedError(f"{who}: the polygon has holes")
     cycle = outline.edges[:, 0].copy()
@@ -86,7 +90,7 @@ def make_cycle(outline: Boundary, who: str) -> Cycle:
 
 
 def find_ring_triangulation(outline: Boundary, cycle: np.ndarray) -> np.ndarray:
-    """Return some triangulation (n - 2, 3) of a polygon's only ring, as positions in `cycle`."""
+    """Return a triangulation (n - 2, 3) of a polygon's only ring, as positions in `cycle`."""
     n = len(cycle)
     position = np.empty(len(outline.points), dtype=np.int32)
     position[cycle] = np.arange(n, dtype=np.int32)

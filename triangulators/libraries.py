@@ -16,7 +16,7 @@ from triangulators.polygon_arrays import polygon_of_rings
 
 
 def ear_clipping(outline: Boundary) -> np.ndarray:
-    """Return the triangles (m, 3) of mapbox_earcut; dropped collinear vertices are T-junctions."""
+    """Return the triangles (m, 3) of mapbox_earcut, with T-junctions at dropped vertices."""
     ring_ends = outline.ring_offsets[1:].astype(np.uint32)
     return clip_ears(outline.points, ring_ends).reshape(-1, 3)
 
@@ -24,7 +24,7 @@ def ear_clipping(outline: Boundary) -> np.ndarray:
 def delaunay(outline: Boundary) -> np.ndarray:
     """Return the constrained Delaunay triangulation (m, 3) of GEOS, through shapely.
 
-    GEOS returns coordinates; mapped back here to vertex indices.
+    The coordinates that GEOS returns are mapped back to vertex indices.
     """
     try:
         pieces = shapely.constrained_delaunay_triangles(

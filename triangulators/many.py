@@ -41,11 +41,12 @@ _CHUNK_VERTICES = 20_000
 GIL, for which a thread waits up to 5 ms, the time of clipping about 30,000 vertices."""
 _MIN_CHUNK_VERTICES = 1_000
 _DEVICE_COSTS = ([1.0, 0.0, 0.0], [-1.0, 0.0, 0.0])
-"""Coefficients of half-perimeter, bounding-box area and edge length that devices support."""
+"""Coefficients of half-perimeter, bounding-box area and edge length that devices support: the
+minimum and the maximum of half-perimeter."""
 _FLIPS = {"ear-clipping": NONE, "earcut-refine": AS_EARCUT} | {
     f"flips:{name}": test for test, name in enumerate(FLIP_TESTS)
 }
-"""Triangulators that flip after ear clipping, and their flip test."""
+"""The flip test after ear clipping, by full name of a triangulator without a criterion."""
 
 _FLIP_TRIANGULATORS = ("refined", "flips")
 """Triangulators whose flips can decrease any criterion."""
@@ -63,7 +64,7 @@ def triangulate_many(
     order: str | None = None,
     **parameters: Any,
 ) -> Triangulations:
-    """Triangulate many polygons; those that fail are listed in `failed`, not fatal.
+    """Triangulate many polygons; a polygon that fails is listed in the result's `failed`.
 
     Parameters
     ----------
@@ -72,7 +73,7 @@ def triangulate_many(
     name
         A triangulator, as for `triangulate`.
     check
-        Test shapely polygons for validity first.
+        Test shapely polygons for validity first; a `PolygonArray` is not tested.
     threads
         Number of threads, by default one per core that this process may use.
     device
@@ -190,7 +191,10 @@ def attempt_many(
 
 
 def _optimise(batch: Batch, cost: Cost, valid: np.ndarray, threads: int, limit: int) -> None:
-    """Optimise the polygons that compiled code supports; marks them in `batch.done`."""
+    """Optimise the `valid` polygons that compiled code supports; mark them in `batch.done`.
+
+    limit: number of vertices up to which a polygon is optimised.
+    """
     vertices, rings = np.diff(batch.vertex_offsets), np.diff(batch.geom_offsets)
     valid &= (vertices >= 3) & (vertices <= min(limit, SMALL))
     single = valid & (rings == 1) & ~batch.done
@@ -212,10 +216,10 @@ def _optimise(batch: Batch, cost: Cost, valid: np.ndarray, threads: int, limit: 
 def _optimise_with_holes(
     first: int, last: int, batch: Batch, indices: np.ndarray, box: np.ndarray
 ) -> None:
-    """Triangulate the polygons indices[first:last], which have holes; marks `batch.done`.
+    """Triangulate the polygons indices[first:last], which have holes; mark them in `batch.done`.
 
-    A Python loop: each polygon takes about fifty microseconds, a call two or three, and a loop in
-    compiled code would compile all of `cut_holes` a second time.
+    The loop is in Python: a polygon takes about fifty microseconds, of which a call is two or
+    three, and a loop in compiled code would compile all of `cut_holes` a second time.
     """
     offsets = batch.triangle_offsets
     for index in indices[first:last].tolist():
@@ -225,7 +229,11 @@ def _optimise_with_holes(
 
 
 def _clip_ears(batch: Batch, valid: np.ndarray, threads: int, *how: Any) -> None:
-    """Clip ears of large polygons here; `improve_batch` in threads; marks `batch.done`."""
+    """Triangulate polygons by ear clipping and flips; mark them in `batch.done`.
+
+    mapbox_earcut clips polygons that are large or have holes, in this thread; `improve_batch` clips
+    all others and flips, in `threads` threads. how: further arguments of `improve_batch`.
+    """
     vertex_offsets, geom_offsets = batch.vertex_offsets.tolist(), batch.geom_offsets.tolist()
     first_vertices = np.repeat(batch.vertex_offsets[:-1], np.diff(batch.geom_offsets))
     ring_ends = (batch.ring_offsets[1:] - first_vertices).astype(np.uint32)  # as earcut takes them
@@ -271,7 +279,7 @@ def _clip_ears(batch: Batch, valid: np.ndarray, threads: int, *how: Any) -> None
 def _plain_cost(choice: Choice, criterion: Any, weights: dict[str, Any]) -> Cost | None:
     """Return the cost if compiled code supports it and it is the same for all polygons, or None.
 
-    criterion, weights: arguments besides the triangulator's name, or None and {}
+    criterion, weights: the caller's arguments, None and {} if only the name has a criterion
     """
     name = choice.entry.name
     resolved = choice.criterion if criterion is None else criterion

@@ -43,7 +43,7 @@ class Boundary(NamedTuple):
     def expected_triangles(self) -> int:
         """Triangles in every conforming triangulation: 2V - B - 2(1 - h), by Euler's formula.
 
-        V distinct vertices, B edges: n + 2h - 2 if no vertex is repeated.
+        V distinct vertices, B edges, h holes: n + 2h - 2 if no vertex is repeated.
         """
         if self.simple:
             return len(self.edges) - 2
@@ -118,7 +118,7 @@ def boundary(polygon: shapely.Polygon) -> Boundary:
 
 
 def checked_boundary(polygon: shapely.Polygon) -> Boundary:
-    """Check a polygon and return its `Boundary`; a certain simple ring skips GEOS's test."""
+    """Check a polygon and return its `Boundary`; GEOS tests all but certain simple rings."""
     outline = _make_simple_boundary(polygon) if isinstance(polygon, shapely.Polygon) else None
     if outline is None:
         check(polygon)

@@ -69,7 +69,7 @@ class PolygonArray(Sequence[shapely.Polygon]):
 
     @classmethod
     def concatenate(cls, parts: Sequence[PolygonArray]) -> PolygonArray:
-        """Return the polygons of arrays, in order."""
+        """Return the polygons of all `parts` as one array, in order."""
         return cls(
             np.concatenate([part.coords for part in parts]),
             offsets_of(np.concatenate([np.diff(part.ring_offsets) for part in parts])),
@@ -151,8 +151,8 @@ class PolygonArray(Sequence[shapely.Polygon]):
 
 
 _unpickled: PolygonArray | None = None
-"""The array that this process received last. A worker receives the polygons of a view with each
-triangulator; reusing the object converts them to shapely once."""
+"""The array that this process received last. A worker receives the same polygons again with each
+triangulator; returning the same object converts the polygons to shapely only once."""
 
 
 def _unpickle(*arrays: NDArray[Any]) -> PolygonArray:
@@ -170,7 +170,7 @@ def _unpickle(*arrays: NDArray[Any]) -> PolygonArray:
 
 
 def offsets_of(lengths: ArrayLike) -> NDArray[np.int64]:
-    """Return the offsets (k + 1,) of k consecutive runs from the lengths."""
+    """Return the offsets (k + 1,) of k consecutive runs, given the lengths of the runs."""
     return np.concatenate(([0], np.cumsum(lengths, dtype=np.int64)), dtype=np.int64)
 
 
@@ -201,7 +201,7 @@ class Triangulations(Sequence[np.ndarray]):
     failed : dict
         The reason for each polygon without a triangulation, by index.
     compiled : (p,) bool array
-        Polygons triangulated by compiled code or a device, with exact optima.
+        True for polygons triangulated by compiled code or a device; optima of these are exact.
     """
 
     triangles: np.ndarray
@@ -236,7 +236,7 @@ class Batch(NamedTuple):
 
 
 def allocate_batch(polygons: PolygonArray) -> Batch:
-    """Return polygons with space for the triangles of each; none is done.
+    """Return the arrays of polygons with uninitialised triangles; `done` is False for all.
 
     A triangulation of n vertices and h holes has at most n + 2 h - 2 triangles.
     """

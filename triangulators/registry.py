@@ -32,7 +32,7 @@ class Entry:
     handles_holes : bool
         False if polygons with holes are skipped.
     criteria : bool
-        True if the name takes a criterion.
+        True if a criterion can follow the name, as in "optimal:overdraw".
     default_criterion : str
         The criterion if none is given.
     tests : tuple of str
@@ -63,16 +63,17 @@ class Entry:
     order: str = "native"
 
     def uses_walk(self, order: str | None) -> bool:
-        """Return whether triangles are put in a walk; order: that of the caller, or None.
+        """Return whether triangles are put in walk order.
 
-        Raises `UnknownNameError` if there is no such order.
+        order: the caller's choice, or None for the entry's default. Raises `UnknownNameError` if
+        there is no such order.
         """
         from triangulators.geometry.order import is_walk  # compiled code
 
         return is_walk(self.order if order is None else order)
 
     def find_install_command(self) -> str | None:
-        """Return the command that installs a missing package, or None if usable here."""
+        """Return the command that installs a missing package, or None if none is missing."""
         if self.needs is None:
             return None
         if ":" in self.needs:
@@ -334,7 +335,7 @@ def parse(text: str) -> Choice:
 
 
 def _split(text: str) -> tuple[str, str]:
-    """Return the triangulator, by its registered name, and the criterion of a name, or ""."""
+    """Split "name:criterion" into the registered name and the criterion, "" if there is none."""
     if not isinstance(text, str):
         raise ArgumentError(f"triangulator: expected a name, got {type(text).__name__}")
     name, _, criterion = text.partition(":")
@@ -344,7 +345,7 @@ def _split(text: str) -> tuple[str, str]:
 def check_criterion(text: str, criterion: Any) -> None:
     """Raise `ArgumentError` if a built-in triangulator's name does not admit a criterion argument.
 
-    criterion: the argument besides the name, or None.
+    criterion: the caller's argument in addition to the name, or None.
     """
     name, in_name = _split(text)
     if name not in BUILTIN or criterion is None:

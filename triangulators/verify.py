@@ -2,9 +2,9 @@
 
 If the edges of counter-clockwise triangles add up, as a chain, to the polygon's boundary, the
 triangles cover each point as often as the winding number of the boundary: once inside, never
-outside. So no triangles are intersected, and snapped input is verified without rounding.
-T-junctions are edges that cancel only after splitting at vertices on the edges: covered, but not
-conforming.
+outside. So no intersections are computed, and snapped input is verified without rounding. If edges
+cancel only after splitting at vertices that lie on the edges, these vertices are T-junctions: the
+polygon is covered, but the triangulation is not conforming.
 """
 
 from collections import Counter
@@ -133,9 +133,9 @@ def check_rows(triangles: Any, points: np.ndarray) -> np.ndarray:
 
 
 def unmatched_edges(outline: Boundary, triangles: np.ndarray) -> Counter[Edge]:
-    """Return the directed edges between sites that do not cancel, with multiplicity.
+    """Return the directed edges between sites that do not cancel, with their multiplicities.
 
-    A triangle's edge counts +1, a boundary edge -1, and a-b cancels b-a.
+    A triangle's edge counts 1, a boundary edge -1, and a-b cancels b-a.
     """
     size = len(outline.points)
     corners = outline.site[triangles].astype(np.int64)
@@ -153,10 +153,10 @@ def unmatched_edges(outline: Boundary, triangles: np.ndarray) -> Counter[Edge]:
 
 
 def find_unconfirmed(polygons: PolygonArray, triangles: Mapping[int, np.ndarray]) -> list[int]:
-    """Return the polygons whose triangles a fast check does not confirm; `verify` decides.
+    """Return the indices of polygons whose triangles a fast check does not confirm.
 
-    triangles: (m, 3) by index in `polygons`. Confirmed triangulations are valid and conforming;
-    the returned polygons may be valid, for example with T-junctions.
+    triangles: (m, 3) by index in `polygons`. Confirmed triangulations are valid and conforming; the
+    others may be valid, for example with T-junctions, which `verify` decides.
     """
     if not triangles:
         return []
@@ -173,10 +173,10 @@ def _list_unconfirmed(
     triangles: np.ndarray,
     row_offsets: np.ndarray,
 ) -> list[int]:
-    """Return the polygons among `indices` (k,) for which `is_triangulation` is False.
+    """Return those of the polygon indices `indices` (k,) for which `is_triangulation` is False.
 
-    polygons: the arrays of a `PolygonArray`; the triangles of polygon indices[i] are the rows from
-    row_offsets[i] to row_offsets[i + 1].
+    polygons: the arrays of a `PolygonArray`; polygon indices[i] has the triangles
+    triangles[row_offsets[i]:row_offsets[i + 1]].
     """
     coords, ring_offsets, geom_offsets = polygons
     unconfirmed = [0 for _ in range(0)]
@@ -223,7 +223,7 @@ def insert_dropped_vertices(outline: Boundary, triangles: np.ndarray) -> np.ndar
 
 
 def _split(chains: list[list[int]], result: list[tuple[int, int, int]]) -> None:
-    """Append the pieces of a triangle, given by the vertices along each of the three edges."""
+    """Append the pieces of a triangle to `result`; chains: the vertices along each of its edges."""
     for first in range(3):
         edge, second, third = chains[first], chains[first - 2], chains[first - 1]
         if len(edge) > 2:

@@ -1,8 +1,8 @@
 """Candidates: all edges and empty triangles that a triangulation of a polygon can contain.
 
 An edge is a pair of mutually visible sites, or a piece of the boundary; a triangle is three edges
-without a part of the boundary inside. Every triangulation is a subset of these triangles, and
-a cost that sums over triangles is a weight of each. Exclusion (`local_minimality`) and the linear
+without a part of the boundary inside. Every triangulation is a subset of these triangles, and its
+cost is the sum of their weights. Exclusion (`local_minimality`) and the linear
 program (`linear_program`) use only the candidates and the weights.
 """
 
@@ -19,7 +19,7 @@ from triangulators.geometry.predicates import orientation
 from triangulators.geometry.visibility import find_visible_sites
 from triangulators.polygon import Boundary
 
-_BLOCK = 256  # triangles that are weighed at a time
+_BLOCK = 256  # triangles whose costs are computed in one call
 
 
 class Candidates(NamedTuple):
@@ -46,7 +46,7 @@ def find_candidates(
 ) -> Candidates | None:
     """Return the candidates of a polygon, or None if there are too many visible triples.
 
-    triangles: (m, 3), any triangulation between sites, which the search for visible sites walks.
+    triangles: (m, 3), any triangulation whose vertices are sites, for `find_visible_sites`.
     """
     points = outline.points
     triangles = np.ascontiguousarray(triangles, dtype=np.int32)
@@ -93,8 +93,9 @@ def _list_triangles(
 ) -> tuple[int, np.ndarray]:
     """Return the number of mutually visible triples, and the empty triangles, (t, 6).
 
-    A row has the indices of a triangle's three vertices and three sides. Stops when there are
-    more than `max_triples` triples.
+    first (n + 1,): edges first[a] to first[a + 1] - 1 begin at a; rings (h, 4): see
+    `_sample_holes`. A row of (t, 6) has the indices of a triangle's three vertices and three sides.
+    Stops when there are more than `max_triples` triples.
     """
     n = len(points)
     edge_to = np.full(n, -1, dtype=np.int32)
@@ -136,7 +137,7 @@ def _list_triangles(
 
 @njit(nogil=True)
 def weigh_candidates(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.ndarray:
-    """Return the cost (t,) of each triangle (t, 3), by blocks."""
+    """Return the cost (t,) of each triangle (t, 3), computed in blocks (see `weigh_block`)."""
     result = np.empty(len(triangles))
     corners, costs = allocate_block(_BLOCK)
     ax, ay, bx, by, cx, cy = corners

@@ -1,4 +1,4 @@
-"""Certificates: the gap of a triangulation to the optimum, with an independently checked bound."""
+"""Certificates: a triangulation's gap to the optimum, by an independently checked lower bound."""
 
 import math
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from triangulators.checking import checker
 from triangulators.checking.evidence import Certificate, Evidence
 from triangulators.checking.units import Units, exact_total, find_units, has_exact_sums, is_proof
 from triangulators.criteria import Criterion
-from triangulators.criteria.cost import Cost, make_cost, require_number
+from triangulators.criteria.cost import Cost, make_cost, require_finite_total
 from triangulators.errors import TriangulationError
 from triangulators.geometry.half_edges import find_twins
 from triangulators.geometry.visibility import find_visible_pairs
@@ -25,7 +25,7 @@ from triangulators.polygon import Boundary, boundary_area, checked_boundary
 from triangulators.verify import verify_boundary
 
 MAX_RING_VERTICES = 2000
-"""Vertices up to which the dynamic program proves a polygon without holes."""
+"""Vertices up to which a dynamic program bounds the cost of a polygon without holes."""
 
 
 def certify(
@@ -48,11 +48,11 @@ def certify(
     criterion
         A name, a `Criterion`, or a Numba function of three points (six numbers).
     seconds
-        Time limit of each linear program. After that time the bound is weak and no optimum is
-        proven.
+        Time limit of each linear program. A program that reaches the limit gives a weak bound, and
+        the triangulation is not proven optimal.
     evidence
-        If False, skip evidence and checker for a dynamic program whose sums are exact in doubles,
-        which takes a fraction of the time.
+        If False, skip evidence and checker if a dynamic program proves the optimum and doubles
+        compute its sums exactly, which takes a fraction of the time.
     **parameters
         Parameters of the criterion.
 
@@ -74,9 +74,10 @@ def certify(
     Notes
     -----
     Without holes, up to 2,000 vertices, a dynamic program over all sub-polygons gives the bound;
-    otherwise a linear program over all empty triangles. `checker` verifies either in integers;
-    other costs are first rounded down after the tenth digit of the total (see `checking.units`).
-    A polygon with more than eight million triples of mutually visible vertices gets no bound.
+    otherwise a linear program over all empty triangles. `checker` verifies either bound in
+    integers; costs that are not integers are rounded down after the tenth digit of the total (see
+    `checking.units`). A polygon with more than eight million triples of mutually visible vertices
+    gets no bound.
 
     Examples
     --------
@@ -91,7 +92,7 @@ def certify(
     outline = checked_boundary(polygon)
     sum_criterion = criteria.find(criterion, **parameters)
     site_triangles = _require_conforming(outline, triangles)
-    require_number(sum_criterion, outline.points, site_triangles)
+    require_finite_total(sum_criterion, outline.points, site_triangles)
     cost = make_cost(sum_criterion, boundary_area(outline), outline.expected_triangles)
     if outline.holes == 0 and len(outline.edges) <= MAX_RING_VERTICES:
         units = find_units(outline, site_triangles, cost)
@@ -113,8 +114,8 @@ def _make_ring_evidence(
 ) -> Evidence:
     """Return evidence of the minimum cost of a polygon without holes.
 
-    triangles: (m, 3), any triangulation between sites; units: the units of the claim. The minimum
-    costs of all sub-polygons are potentials of the visible pairs (see `far_costs`).
+    triangles: (m, 3), any triangulation, whose vertices are sites; units: those of the claim. The
+    minimum costs of all sub-polygons are potentials of the visible pairs (see `far_costs`).
     """
     ring = outline.edges[:, 0].copy()
     position = np.empty(len(outline.points), dtype=np.int32)
@@ -132,7 +133,7 @@ def _make_ring_evidence(
 def make_certificate(
     outline: Boundary, triangles: np.ndarray, cost: Cost, evidence: Evidence
 ) -> Certificate:
-    """Check evidence; return the certificate of a triangulation (m, 3) between sites.
+    """Check evidence; return the certificate of a triangulation (m, 3), whose vertices are sites.
 
     Raises `CertificateError` if the evidence is invalid.
     """
@@ -150,7 +151,10 @@ def make_certificate(
 
 
 def _require_conforming(outline: Boundary, triangles: np.ndarray) -> np.ndarray:
-    """Return triangles between sites; raises `TriangulationError` for T-junctions."""
+    """Return triangles with vertices replaced by sites.
+
+    Raises `TriangulationError` unless they are a conforming triangulation.
+    """
     verification = verify_boundary(outline, triangles)
     if not verification.conforming:
         problem = (

@@ -4,9 +4,9 @@ Sources: G. B. Dantzig, A. J. Hoffman and T. C. Hu, "Triangulations (tilings) an
 triangular matrices", 1985; A. Yousefi and N. E. Young, "On a linear program for minimum-weight
 triangulation", 2014.
 
-Choose triangles x >= 0 of minimum weight so that each diagonal has as many on the left as on the
-right, and each boundary edge has a single triangle. The dual has a potential y for each edge, with
-the opposite sign in the opposite direction:
+Choose shares x >= 0 of the triangles, of minimum total weight, so that the shares on the left of
+each diagonal add up to those on the right, and those at each boundary edge to 1. The dual has a
+potential y for each edge, with the opposite sign in the opposite direction:
 
     maximise    the sum of y over the boundary
     subject to  y(ab) + y(bc) + y(ca) <= weight(abc)   for each triangle abc.
@@ -32,7 +32,7 @@ _MAX_POTENTIAL = 2.0**20
 """Bound of a scaled potential: 8 to 16 times the weight of the initial solution."""
 
 _PENALTY = 2.0
-"""Added weight of a triangle that is not allowed, as a multiple of the initial solution's."""
+"""Added weight of a triangle that is not allowed, relative to the initial solution's weight."""
 
 _OPTIONS: dict[str, Any] = {
     "output_flag": False,
@@ -52,9 +52,9 @@ class Program:
     """A polygon's linear program over the `allowed` triangles (t,); weights: (t,) float64.
 
     start: indices of the triangles of an initial solution, which makes the program feasible. Those
-    that are not allowed get a penalty that no optimal solution pays. Potentials are bounded by 8 to
-    16 times the weight of the initial solution: without a bound some become needlessly large, and
-    with a much larger one the interior-point method does not converge.
+    of them that are not allowed get a penalty, which excludes them from optimal solutions.
+    Potentials are bounded by 8 to 16 times the weight of the initial solution: without a bound some
+    become needlessly large, and with a much larger one the interior-point method does not converge.
     """
 
     def __init__(

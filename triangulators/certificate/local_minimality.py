@@ -67,7 +67,7 @@ def exclude(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the excluded edges in order of exclusion, and flags (t,) of the remaining triangles.
 
-    weights (t,): of the triangles, in `units`.
+    weights (t,): weights of the candidate triangles by `compute_weights` with `units`.
     """
     points, edges = candidates.points, candidates.edges
     spans = np.abs(points[edges[:, 0]] - points[edges[:, 1]]).sum(axis=1)
@@ -87,7 +87,9 @@ def _is_lighter_flipped(
     cost: Cost,
     units: Units,
 ) -> np.bool_:
-    """Whether a-b-c and b-a-d, of `value` units together, weigh less with the diagonal c-d.
+    """Whether the triangles a-b-c and b-a-d weigh less after a flip of a-b to c-d.
+
+    value: cost of the two triangles together, in units.
 
     c is left of a-b and d is right, so the quadrilateral a-d-b-c is strictly convex if the outline
     also turns left at b and at a. The noise of the four sides is the same before and after. If
@@ -113,7 +115,7 @@ def _exclude(
     cost: Cost,
     units: Units,
 ) -> np.ndarray:
-    """Return the excluded edges in order; clear `alive` of the triangles that they exclude.
+    """Return the edges in order of exclusion; clear `alive` of the triangles at these edges.
 
     value (t,): cost of each triangle in units, without noise; queue (e,): all edges. A pair of a
     remaining left and a remaining right triangle blocks the exclusion of the edge unless flipping
@@ -186,9 +188,9 @@ def _requeue_sides(
     stack: np.ndarray,
     height: int,
 ) -> int:
-    """Push the sides of an excluded triangle t on `stack`; return the new height."""
+    """Push the remaining sides of an excluded triangle t on `stack`; return the new height."""
     for edge in candidates.sides[t]:
-        # An edge without further pairs is excluded already.
+        # Without a pair left to examine, the edge is excluded already.
         is_open = at_left[edge] < candidates.start[2 * edge + 1]
         if candidates.side[edge] == 0 and is_open and not waiting[edge]:
             waiting[edge] = True
@@ -205,30 +207,32 @@ def extend(
 ) -> np.ndarray | None:
     """Return potentials (e,) that are also valid for triangles with excluded edges.
 
-    weights (t,); excluded (k,): in order of exclusion; potentials (e,): ignored for excluded
-    edges. None if a potential would be too large.
+    weights (t,): of the candidate triangles; excluded (k,): edges in order of exclusion;
+    potentials (e,): those of excluded edges are ignored. None if a potential would be too large.
     """
     extended = potentials.copy()
     is_set = np.ones(len(extended), dtype=np.bool_)
     is_set[excluded] = False
-    backwards = excluded[::-1].astype(np.int64)
-    return extended if _extend(candidates, weights, backwards, is_set, extended) else None
+    last_first = excluded[::-1].astype(np.int64)
+    return extended if _extend(candidates, weights, last_first, is_set, extended) else None
 
 
 @njit(nogil=True)
 def _extend(
     candidates: Candidates,
     weights: np.ndarray,
-    backwards: np.ndarray,
+    last_first: np.ndarray,
     is_set: np.ndarray,
     potentials: np.ndarray,
 ) -> bool:
-    """Fill `potentials` and `is_set` (e,) of the edges `backwards`; return False on overflow.
+    """Set the potentials (e,) of the excluded edges; return False if a potential is too large.
 
-    Invariant: the inequality holds, up to the lift, for every triangle whose sides are all set.
+    last_first (k,): the excluded edges, the last excluded first; is_set (e,): edges that have a
+    potential, updated. Invariant: y(ab) + y(bc) + y(ca) <= weight(abc), up to the lift, for every
+    triangle whose three sides have a potential.
     """
     triangles, sides, start = candidates.triangles, candidates.sides, candidates.start
-    for e in backwards:
+    for e in last_first:
         low, high = -_MAX_POTENTIAL, _MAX_POTENTIAL
         # Left triangles come first and run along a-b; right triangles run against a-b, so that
         # they require -y(ab) <= room.

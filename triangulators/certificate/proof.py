@@ -22,8 +22,8 @@ from triangulators.optimum.best_way import search_cuts
 from triangulators.optimum.visible_lists import NOTHING
 from triangulators.polygon import Boundary
 
-# Limits that are not times, so that the same is proven on any machine, end in a few seconds.
-PROGRAM_TIMEOUT_S = 60.0  # of a linear program; a polygon may need two
+# Without a time limit, sizes are limited instead: a proof ends in seconds, the same on any machine.
+PROGRAM_TIMEOUT_S = 60.0  # time limit of a linear program; a polygon may need two programs
 _MAX_UNTIMED_ROWS = 100_000  # constraints of a linear program without a time limit
 _MAX_UNTIMED_TRIPLES = 1_500_000  # visible triples for exclusion without a time limit
 MAX_TRIPLES = 8_000_000  # visible triples of a polygon: about 1 GB
@@ -32,10 +32,10 @@ _MAX_POTENTIAL = 2.0**59  # the checker adds three potentials below 2^60 in 64 b
 
 @dataclass(frozen=True)
 class Proof:
-    """The incumbent triangulation (m, 3) between sites, and potentials that bound every cost.
+    """The best triangulation found (m, 3), and potentials that give a lower bound of every cost.
 
-    gap: relative distance to the bound, 0 if proven optimal. The potentials (e,) and the lift are
-    valid for triangles whose edges are not `excluded`.
+    gap: (cost - bound) / cost, 0 if proven optimal. weights (t,): of the candidates, in `units`.
+    The potentials (e,) and the lift are valid for triangles without an edge in `excluded`.
     """
 
     triangles: np.ndarray
@@ -60,7 +60,7 @@ class Proof:
 
 
 class _Search:
-    """Search for the best triangulation; `incumbent` has candidate indices of triangles."""
+    """Search for the best triangulation; `incumbent`: the best so far, as indices of candidates."""
 
     def __init__(self, candidates: Candidates, weights: np.ndarray, units: Units) -> None:
         self.candidates, self.weights, self.units = candidates, weights, units
@@ -81,10 +81,10 @@ class _Search:
     def solve(self, alive: np.ndarray, cost: Cost, seconds: float) -> tuple[np.ndarray, int]:
         """Optimise over the triangles that are `alive` (t,); return potentials and a lift <= 0.
 
-        The potentials bound every triangulation by these triangles from below. If the dynamic
-        program applies, the bound equals the optimum. Otherwise the linear program's bound does if
-        its solution is integral, and leaves a gap if not. A program is solved if `seconds` is a
-        finite limit, or if it is infinite and the program is small.
+        The potentials give a lower bound of every triangulation that consists of these triangles.
+        If the dynamic program applies, the bound equals the optimum. Otherwise the linear program's
+        bound equals the optimum if the solution is integral, and leaves a gap if not. A linear
+        program is solved if `seconds` is finite and positive, or infinite and the program small.
         """
         c = self.candidates
         optimum = solve_skeleton(c, alive, cost, self.units)
@@ -114,7 +114,11 @@ class _Search:
     def _try_solution(
         self, alive: np.ndarray, potentials: np.ndarray, share: np.ndarray
     ) -> tuple[np.ndarray, int]:
-        """Take a program's triangles with a value above 1/2 as incumbent if consistent."""
+        """Return a linear program's potentials as integers, and the lift; update the incumbent.
+
+        The triangles with a share above 1/2 are a new incumbent if they are a lighter
+        triangulation.
+        """
         c = self.candidates
         selection = np.flatnonzero(share > 0.5)
         is_forward = c.triangles[selection] < np.roll(c.triangles[selection], -1, axis=1)
@@ -125,7 +129,10 @@ class _Search:
         return self._round_potentials(alive, potentials)
 
     def _round_potentials(self, alive: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, int]:
-        """Round potentials to integers; return the lift that restores feasibility."""
+        """Return potentials in units, rounded to integer weights, and the lift.
+
+        -lift is the largest amount by which a triangle's potentials exceed its weight, or 0.
+        """
         c = self.candidates
         scaled = light * self.units.factor
         scaled *= min(1.0, _MAX_POTENTIAL / max(float(np.abs(scaled).max()), 1.0))
@@ -149,9 +156,9 @@ class _Search:
 def prove(
     outline: Boundary, triangles: np.ndarray, cost: Cost, seconds: float = PROGRAM_TIMEOUT_S
 ) -> Proof | None:
-    """Improve a triangulation (m, 3) between sites, and bound the distance from the optimum.
+    """Improve a triangulation (m, 3) whose vertices are sites, and bound its gap to the optimum.
 
-    The evidence is about the given triangulation, in the same units. seconds: time limit of each
+    The units are those of claims about the given triangulation. seconds: time limit of each
     linear program, which gives a weak bound when reached; infinite: solve programs of up to 100,000
     triangles only; 0: solve none. Return None if more than eight million triples of vertices see
     each other (1.5 million if seconds is 0 or infinite).
@@ -161,7 +168,10 @@ def prove(
 
 
 def minimise(outline: Boundary, cost: Cost, seconds: float) -> tuple[np.ndarray, float] | None:
-    """Return an optimum (m, 3) and its gap as `prove` does, where possible without potentials."""
+    """Return the triangles (m, 3) and the gap of `prove`, or None as `prove` does.
+
+    If `solve_by_bridges` finds the optimum, potentials and linear programs are not needed.
+    """
     reduced = _exclude_edges(outline, find_any_triangulation(outline), cost, seconds)
     if reduced is None:
         return None
@@ -177,7 +187,7 @@ def minimise(outline: Boundary, cost: Cost, seconds: float) -> tuple[np.ndarray,
 
 
 _Reduced: TypeAlias = tuple[Candidates, np.ndarray, Units, np.ndarray, np.ndarray]
-"""Candidates, their weights, the units, the excluded edges, and the triangles that are alive."""
+"""Candidates, their weights, the units, the excluded edges, flags of the remaining triangles."""
 
 
 def _exclude_edges(
@@ -217,7 +227,7 @@ def _prove_reduced(
 def _find_gap(
     outline: Boundary, triangles: np.ndarray, cost: Cost, units: Units, total: int, bound: int
 ) -> float:
-    """Return the relative gap of triangles (m, 3) of weight `total` to a bound on weights."""
+    """Return the relative gap of triangles (m, 3) of weight `total` to a lower bound `bound`."""
     exact, factor = exact_total(outline, triangles, cost, units), units.factor
     if is_proof(exact, bound // factor, len(triangles), units):
         return 0.0

@@ -68,12 +68,13 @@ def solve_skeleton(
 def _connect_rings(
     points: np.ndarray, edges: np.ndarray, side: np.ndarray, remaining: np.ndarray, cut: np.ndarray
 ) -> int:
-    """Mark in `cut` uncrossed diagonals that connect rings; return the number of parts that remain.
+    """Mark in `cut` uncrossed diagonals that connect rings; return the number of connected parts.
 
-    remaining (e,): the remaining edges. Sites of a part have a common root in `parent`.
+    remaining (e,): flags of the remaining edges; one part means that all rings are connected. The
+    sites of a part have the same root in `parent`.
     """
     parent = np.arange(len(points))
-    on_boundary = np.zeros(len(points), dtype=np.bool_)  # where rings touch, points have no site
+    on_boundary = np.zeros(len(points), dtype=np.bool_)  # if rings touch, some points are no sites
     parts = 0
     for e in range(len(edges)):
         if side[e] != 0:
@@ -81,7 +82,7 @@ def _connect_rings(
                 parts += not on_boundary[v]
                 on_boundary[v] = True
             parts -= join(parent, edges[e, 0], edges[e, 1])
-    # Only diagonals between parts connect parts, and only edges whose boxes meet can cross.
+    # A cut joins two different parts, and only edges whose x ranges overlap can cross a diagonal.
     low_x = np.empty(len(edges))
     widest = 0.0
     for e in range(len(edges)):
@@ -191,9 +192,9 @@ def find_position(
     site: int,
     other: int,
 ) -> int:
-    """Return the position in the ring at which `site` sees `other`, or -1.
+    """Return the position of `site` in the ring whose angle contains `other`, or -1.
 
-    start, items: the ring by `group_by_key`.
+    start, items: the positions of each site in the ring, by `group_by_key`.
     """
     n = len(ring)
     for item in range(start[site], start[site + 1]):
@@ -208,9 +209,9 @@ def find_position(
 def _find_positions(
     candidates: Candidates, selected: np.ndarray, ring: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ring positions of the lower and of the higher ends of the `selected` edges (e,).
+    """Return the ring positions of the lower and of the higher ends of the `selected` edges.
 
-    -1 if an end is not in the ring.
+    selected (e,): flags. A position is -1 if the end is not in the ring.
     """
     points, edges = candidates.points, candidates.edges
     start, items = group_by_key(ring, len(points))

@@ -32,13 +32,13 @@ from triangulators.geometry.predicates import orientation
 from triangulators.polygon import Boundary
 
 _MAX_SINGLE_THREAD_EDGES = 20_000
-_SLICES = 16  # parts of the edges that threads check
+_SLICES = 16  # parts of the edges, each checked by a thread
 
 
 def lower_bound(outline: Boundary, triangles: np.ndarray, cost: Cost, evidence: Evidence) -> int:
-    """Return the proven bound, in weights; raise `CertificateError` if the evidence is invalid.
+    """Return the proven bound, as a weight; raise `CertificateError` if the evidence is invalid.
 
-    triangles: (m, 3), the triangulation that the evidence is about, between sites.
+    triangles: (m, 3), the triangulation that the evidence is about; the vertices are sites.
     """
     units = find_units(outline, triangles, cost)
     if evidence.units != units[:3]:
@@ -71,7 +71,7 @@ def _check_potentials(
 ) -> None:
     """Check y(ab) + y(bc) + y(ca) + lift <= weight(abc) for every empty triangle.
 
-    Raises `CertificateError` if a triangle violates it.
+    Raises `CertificateError` if a triangle violates the inequality.
 
     potential (e,), lift and weights are below 2^60, so that sums of five fit 64 bits. Triangles are
     enumerated without being stored, by merging the sorted neighbours of an edge's ends: time is
@@ -108,9 +108,9 @@ def _find_violation(
 ) -> np.ndarray:
     """Return the vertices of the first empty triangle that violates the inequality.
 
-    Checks the edges `number`, `number` + `slices` and so on, each with the triangles whose lowest
-    two vertices the edge joins. Returns an empty array without violation, and an array of length 1
-    if a weight is too large.
+    Checks the edges `number`, `number` + `slices` and so on: of each, the triangles whose two
+    lowest vertices are the edge's ends. Returns an empty array if no triangle violates the
+    inequality, and an array of length 1 if a weight is too large.
     """
     ends, directions = edges.ends, edges.directions
     for e in range(number, len(ends), slices):

@@ -1,12 +1,12 @@
 """Edges of a polygon for `checker`, computed from its boundary and exact orientations.
 
 An edge is a piece of the boundary or a diagonal: a segment between two sites that starts into the
-interior at both ends and meets no other boundary edge. A binary tree of bounding boxes of
-the boundary's edges finds the edges that a segment may meet: boxes are compared with a margin,
+interior at both ends and meets no boundary edge between the ends. A binary tree of bounding boxes
+of the boundary's edges finds the edges that a segment may meet: boxes are compared with a margin,
 orientations are exact.
 
 Order. Each site is paired with all later sites. A boundary edge that met a segment hides the sites
-behind: the last few such edges are tested first, so most pairs need no search of the tree.
+behind it: the last few such edges are tested first, so most pairs need no search of the tree.
 """
 
 from typing import NamedTuple
@@ -17,14 +17,14 @@ from triangulators.compute.kernels import njit
 from triangulators.geometry.predicates import orientation
 from triangulators.polygon import Boundary
 
-_MAX_HIDING = 8  # edges that are tested first
+_MAX_HIDING = 8  # boundary edges that are tested before the tree is searched
 
 
 class Edges(NamedTuple):
-    """Edges of a polygon: ends (e, 2), a < b, ascending; keys (e,) = a n + b.
+    """Edges a-b of a polygon: ends (e, 2), a < b, ascending; keys (e,) = a n + b.
 
-    points (n, 2). directions (e,): 1 if a-b is boundary, -1 if b-a is, otherwise 0. holes (h, 4):
-    up to four sites of each hole, padded with -1.
+    points (n, 2). directions (e,): 1 if a-b is a boundary edge (interior on the left), -1 if b-a
+    is, 0 for diagonals. holes (h, 4): up to four sites of each hole, padded with -1.
     """
 
     points: np.ndarray
@@ -34,7 +34,7 @@ class Edges(NamedTuple):
     holes: np.ndarray
 
     def find(self, pairs: np.ndarray) -> np.ndarray:
-        """Return the index of the edge of each pair, (k, 2) or flat; -1 for other pairs."""
+        """Return the edge index (k,) of pairs of sites (k, 2), or flat; -1 if not an edge."""
         pairs = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
         sought = pairs.min(axis=1) * len(self.points) + pairs.max(axis=1)
         nearest = np.minimum(np.searchsorted(self.keys, sought), len(self.keys) - 1)
@@ -60,7 +60,7 @@ def find_edges(outline: Boundary) -> Edges:
 
 @njit
 def surrounds_hole(points: np.ndarray, holes: np.ndarray, a: int, b: int, c: int) -> bool:
-    """Whether a counter-clockwise triangle of edges surrounds a hole.
+    """Whether the counter-clockwise triangle a, b, c, whose sides are edges, surrounds a hole.
 
     No edge of the boundary crosses the triangle's sides, so a hole is entirely inside or entirely
     outside, except for vertices shared with the triangle. Of four sites of the hole, the first that
@@ -82,11 +82,12 @@ def surrounds_hole(points: np.ndarray, holes: np.ndarray, a: int, b: int, c: int
 
 
 class _Sides(NamedTuple):
-    """The boundary: points (n, 2), edges (b, 2), interior left, and the next edge (b,) of each.
+    """The boundary: points (n, 2), directed edges (b, 2) with the interior on the left.
 
-    The edges that end at site v are `ending[first[v]:first[v + 1]]`: several where rings touch; the
-    interior there is left of all these angles. boxes (2 s, 4), min x, min y, max x, max y: that of
-    edge e is row s + e, and row k bounds rows 2 k and 2 k + 1.
+    following (b,): index of the next edge of the ring. The edges that end at site v are
+    `ending[first[v]:first[v + 1]]`, several if rings touch there; each forms an angle with the next
+    edge, and the interior is left of all these angles. boxes (2 s, 4): min x, min y, max x, max y;
+    row s + e bounds edge e, row k < s bounds rows 2 k and 2 k + 1.
     """
 
     points: np.ndarray
@@ -98,7 +99,7 @@ class _Sides(NamedTuple):
 
 
 def find_diagonals(outline: Boundary) -> np.ndarray:
-    """Return the diagonals (k, 2) between sites, in either direction."""
+    """Return the diagonals (k, 2), each once, as pairs of sites in ascending order."""
     points, edges = outline.points, outline.edges
     following = np.arange(1, len(edges) + 1, dtype=np.int32)
     ring_start = 0
@@ -176,9 +177,9 @@ def _meets(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
 def _find_meeting_edge(sides: _Sides, scale: float, a: int, b: int, stack: np.ndarray) -> int:
     """Return an edge that the segment a-b meets, -1 if there is none, -2 if a-b is an edge.
 
-    a-b starts inside at both ends. scale: largest absolute coordinate; stack: room for two rows per
-    level of the tree. A box is skipped if the segment's box does not meet the box, or if the line
-    of the segment passes the box at more than the rounding error.
+    a-b starts into the interior at both ends. scale: largest absolute coordinate; stack: workspace,
+    two elements per level of the tree of boxes. A box is skipped if the segment's box does not meet
+    the box, or if the line of the segment passes the box at more than the rounding error.
     """
     points, edges, _following, _ending, _first, boxes = sides
     ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
@@ -217,8 +218,8 @@ def _find_meeting_edge(sides: _Sides, scale: float, a: int, b: int, stack: np.nd
 def _is_hidden(points: np.ndarray, a: int, hiding: np.ndarray, b: int) -> bool:
     """Whether the segment a-b crosses one of the edges `hiding` (k, 2); move that edge first.
 
-    All have a on their left, so a-b crosses an edge if b is on the right of the edge and between
-    the rays to both ends.
+    a is left of all these edges, so a-b crosses an edge if b is right of the edge and between the
+    rays from a to both ends.
     """
     for index in range(len(hiding)):
         c, d = hiding[index, 0], hiding[index, 1]
@@ -244,8 +245,8 @@ def _move_to_front(hiding: np.ndarray, index: int, c: int, d: int) -> None:
 def _list_diagonals(sides: _Sides, sites: np.ndarray) -> np.ndarray:
     """Return the pairs of sites that see each other, except the boundary's edges.
 
-    `hiding` has edges that met a segment from the same site, most recent first. This only saves
-    time, because `_find_meeting_edge` finds every edge.
+    `hiding` has edges that met an earlier segment from the same site, the last used first. This
+    only saves time: `_find_meeting_edge` would find every such edge.
     """
     points, edges = sides.points, sides.edges
     scale = np.abs(points).max()

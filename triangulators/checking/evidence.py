@@ -27,8 +27,8 @@ class Evidence:
     The weight of a triangle, its lowest vertex first, is factor * floor(scale * cost) plus the
     noise of the edges: for an edge a < b the upper `bits` bits of splitmix64's mix of
     a * 0x9E3779B97F4A7C15 + b * 0xD1B54A32D192ED03. The polygon, the criterion and the
-    triangulation determine scale, factor and bits (see `units`). edges (e, 2): a < b; potentials
-    (e,) int64, from a to b; lift: added for every triangle.
+    triangulation determine scale, factor and bits (see `units`). edges (e, 2): pairs a < b;
+    potentials (e,) int64: in the direction from a to b; lift: added for every triangle.
     """
 
     scale: float

@@ -45,9 +45,9 @@ TOO_LARGE = 2**60
 """Exclusive limit of weights, potentials and lifts, so that sums fit 64 bits."""
 
 _MAX_TOTAL = 2**61  # four times the weight of the triangulation stays below
-_MAX_WEIGHT = 2**59  # of a triangle, without noise
+_MAX_WEIGHT = 2**59  # weight of a triangle, without noise
 _DIGITS = 36  # a real total has up to 2^36 units
-_MAX_COEFFICIENT = 1024
+_MAX_COEFFICIENT = 1024  # sum of the sizes of the weights of a cost that is counted exactly
 _MAX_EXPONENT = 900  # so that scaled costs do not overflow a double
 _MAX_SCALE = 2.0**_MAX_EXPONENT
 EXACT = 2.0**52  # integers up to which sums and halves of doubles are exact
@@ -57,9 +57,9 @@ _EXACT_FACTOR = 2.0**25  # integers up to which products are exact
 class Units(NamedTuple):
     """The conversion of costs to weights, also for compiled code.
 
-    scale: units per cost of 1, a power of two; factor: weight of a unit; bits: noise is below
-    2^bits; exact: no triangle's cost is rounded; real: costs are real numbers, so that a claim
-    holds up to a relative error, unless scale is the maximum, which may be too coarse.
+    scale: units per cost of 1, a power of two; factor: weight of a unit; bits: an edge's noise is
+    below 2^bits; exact: no triangle's cost is rounded; real: costs are real numbers, so that a
+    claim holds up to a relative error, unless scale is the maximum, where units may be too coarse.
     """
 
     scale: float
@@ -70,7 +70,7 @@ class Units(NamedTuple):
 
 
 def find_units(outline: Boundary, triangles: np.ndarray, cost: Cost) -> Units:
-    """Return the units of claims about a triangulation (m, 3), between sites, of a polygon."""
+    """Return the units of claims about a polygon's triangulation (m, 3) with sites as vertices."""
     total = math.fsum(np.abs(compute_costs(outline.points, triangles, cost)).tolist())
     count = outline.expected_triangles
     scale, is_integer, _ = find_exact_scale(outline.points, cost)
@@ -90,7 +90,7 @@ def find_units(outline: Boundary, triangles: np.ndarray, cost: Cost) -> Units:
 
 
 def find_factor(count: int, bits: int) -> int:
-    """Return a power of two above the noise of `count` triangles; 1 without noise."""
+    """Return a power of two above the noise of `count` triangles; 1 if bits is 0 (no noise)."""
     return 1 << (3 * count * 2**bits).bit_length() if bits > 0 else 1
 
 
@@ -101,7 +101,10 @@ def has_exact_sums(outline: Boundary, cost: Cost) -> bool:
 
 
 def exact_total(outline: Boundary, triangles: np.ndarray, cost: Cost, units: Units) -> Fraction:
-    """Return the cost of a triangulation (m, 3), exact, or as the exact sum of rounded costs."""
+    """Return the cost of a triangulation (m, 3): the exact sum of costs computed in doubles.
+
+    The costs are exact if `units.exact` is set, otherwise rounded.
+    """
     costs = compute_costs(outline.points, triangles, cost)
     if units.exact:
         total: int = sum((costs * units.scale).astype(np.int64).tolist())
@@ -159,7 +162,7 @@ def _find_binary_places(points: np.ndarray) -> int:
 def compute_costs(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.ndarray:
     """Return the cost (t,) of each triangle, computed from the lowest vertex on.
 
-    The last digit of a cost in doubles may depend on the first vertex.
+    The last digit of a cost in doubles may depend on the vertex that comes first.
     """
     result = np.empty(len(triangles))
     for t in range(len(triangles)):

@@ -34,7 +34,7 @@ SOURCES = Path(__file__).resolve().parents[2]
 PACKAGES = ("triangulators", "harness", "scenes")
 
 OLD_S = 30 * 24 * 3600.0
-"""Time since the last use after which code of earlier sources counts as old."""
+"""Seconds since the last use after which compiled code of earlier sources counts as old."""
 
 _FOLDER = re.compile(r"[\w.]+-[0-9a-f]{16}")
 """Name of a folder of compiled code: module and digest."""
@@ -101,7 +101,7 @@ def is_trusted_folder(folder: Path) -> bool:
             and (parent.is_symlink() or not is_trusted(parent.stat()))
         ]
     except FileNotFoundError:
-        return True  # to be created
+        return True  # missing: make_folder creates it for this user only
     if untrusted:
         warnings.warn(
             f"{untrusted[-1]}: compiled code is not loaded (another user owns or may write the "
@@ -113,7 +113,7 @@ def is_trusted_folder(folder: Path) -> bool:
 
 @lru_cache(maxsize=1024)
 def digest(file: Path) -> str:
-    """Return a digest of the sources of a module and of the project's modules that are imported."""
+    """Return a digest of the sources of a module and of all modules in `find_sources`."""
     sha = hashlib.sha256()
     for source in sorted(find_sources(file)):
         sha.update(f"{module_name(source)}\n".encode() + _read_source(source) + b"\0")

@@ -1,13 +1,13 @@
 """Operations for kernels: copies, grouping, union-find, and SIMD.
 
 Numba compiles the text of an error message with every assignment to a slice, which takes about two
-seconds of compile time; the element-by-element copies here do not.
+seconds of compile time; `copy_row` and `copy_rows` copy element by element and avoid that.
 
 Two operations that Numba does not vectorise itself. `fmin`: Numba writes `min` as compare and
-branch, which LLVM's loop vectoriser does not recognise as a reduction, unlike llvm.minnum without
-NaN and signed zeros. `push`: a loop of one or two iterations, entered about thirty times per
-polygon, would spend the time in the vectoriser's prologue and epilogue (overlap checks, remaining
-lanes). An explicit vector operation has neither.
+branch, which LLVM's loop vectoriser does not recognise as a reduction; it recognises llvm.minnum if
+NaN and signed zeros are excluded. `push`: a loop of one or two iterations, entered about thirty
+times per polygon, would spend the time in the vectoriser's prologue and epilogue (overlap checks,
+remaining lanes). An explicit vector operation has neither.
 """
 
 from typing import Any
@@ -34,7 +34,7 @@ def copy_rows(source: np.ndarray, into: np.ndarray) -> None:
 
 @njit(nogil=True)
 def group_by_key(keys: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sort keys (n,) in 0..count - 1 by counting: start (count + 1,) and positions (n,) int32.
+    """Group keys (n,) in 0..count - 1: return start (count + 1,) and positions (n,) int32.
 
     `positions[start[k]:start[k + 1]]` are the indices of the keys equal to k, ascending.
     """
@@ -93,10 +93,11 @@ LANES = 8
 
 @intrinsic
 def push(_typing: Any, rows: Any, _numbers: Any, _lane: Any, _values: Any) -> Any:
-    """Lower rows[to, j] to cost + rows[beyond, j] + rows[weight, j] where a * y > b * x.
+    """Lower rows[to, j] to cost + rows[beyond, j] + rows[weight, j] if a rows[y, j] > b rows[x, j].
 
-    push(rows, (to, x, y, weight, beyond), lane, (a, b, cost, none)): processes LANES columns of
-    `rows` (C-ordered int32) from `lane` on. The first tuple has row indices, the second int32s.
+    push(rows, (to, x, y, weight, beyond), lane, (a, b, cost, none)): processes LANES columns j of
+    `rows` (C-ordered int32) from `lane` on. The first tuple has row indices, the second int32
+    numbers, where `none` is at least every value of rows[to].
     """
     from llvmlite import ir
     from numba import types

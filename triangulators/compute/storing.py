@@ -122,7 +122,7 @@ class _Cache(FunctionCache):
         self.enable()
 
     def load_overload(self, signature: Any, target: Any) -> Any:
-        """Load compiled code; initialise Numba's runtime only.
+        """Load compiled code; initialise Numba's runtime, but not the compiler.
 
         Initialising the compiler, which imports SciPy, would take another half second.
         """
@@ -175,7 +175,7 @@ class _Files:
         return None
 
     def save(self, key: Any, data: Any) -> None:
-        """Save `data`; if writing fails, the next process compiles again."""
+        """Save `data` under `key`; if writing fails, the next process compiles again."""
         file = self._get_path(key)
         temporary = file.with_name(f"{file.name}.{uuid4().hex[:8]}")
         try:

@@ -124,7 +124,8 @@ CRITERIA: dict[str, Criterion] = {
     )
 }
 FLIP_TESTS = ("l1", "euclidean", "delaunay")
-"""Flip tests next to the criteria: a diagonal's L1 length, its Euclidean length, the angles."""
+"""Flip tests that "flips" takes instead of a criterion: by a diagonal's L1 length, by its Euclidean
+length, by the Delaunay condition."""
 
 
 def names() -> list[str]:
@@ -139,7 +140,7 @@ def names() -> list[str]:
 
 
 def find(name: str | Criterion | Callable[..., float], **parameters: Any) -> Criterion:
-    """Return a criterion by name, or of a user's Numba function.
+    """Return the criterion of a name or of a user's Numba function.
 
     Parameters
     ----------
@@ -257,7 +258,7 @@ def predict_many(
     triangles: np.ndarray,
     triangle_offsets: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """Return the sums of `predict` of p polygons, as columns (p,); arrays as in a batch."""
+    """Return the sums of `predict` of p polygons, as columns (p,); arrays as in `Batch`."""
     from triangulators.criteria.features import feature_sums_of_many
 
     sums = feature_sums_of_many(coords, vertex_offsets, triangles, triangle_offsets)

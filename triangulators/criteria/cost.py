@@ -35,10 +35,10 @@ Cost: TypeAlias = np.record
 """The cost to minimise: a weighted sum of features, or `sign` times a user's function; read only.
 
 Compiled code reads `cost.box`, Python `cost["box"]`, which is eight times as fast in Python.
-weights (k,): of `FEATURES`, times `sign`, which is -1 to maximise. custom: whether there is a
-`function`, an address. is_box: whether only half-perimeter, bounding-box area, edge length, and
-features with the same sum for every triangulation of a polygon, have a weight; box (3,): the
-weights of the first three.
+weights (k,): of `FEATURES`, times `sign`, which is -1 to maximise. custom: whether the cost is the
+user's function at the address `function`. is_box: whether only half-perimeter, bounding-box area,
+edge length, and features with the same sum for every triangulation of a polygon (their number,
+their area) have a weight; box (3,): the weights of the first three.
 """
 
 _FIELDS = np.dtype(
@@ -81,8 +81,8 @@ def _call_exact_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy:
     return exact_quads(ax, ay, bx, by, cx, cy)
 
 
-def require_number(criterion: Criterion, points: np.ndarray, triangles: np.ndarray) -> None:
-    """Raise `TriangulationError` unless a user's criterion is finite for triangles (m, 3)."""
+def require_finite_total(criterion: Criterion, points: np.ndarray, triangles: np.ndarray) -> None:
+    """Raise `TriangulationError` unless the sum of a user's criterion over triangles is finite."""
     if criterion.function is None:
         return
     try:
@@ -95,14 +95,17 @@ def require_number(criterion: Criterion, points: np.ndarray, triangles: np.ndarr
 
 @lru_cache(maxsize=256)
 def plain_cost(criterion: Criterion, sign: float = 1.0) -> Cost | None:
-    """Return the cost if equal for all polygons, otherwise None; cached."""
+    """Return a criterion's cost if it is the same for all polygons, otherwise None; cached."""
     if criterion.normalise is not None or criterion.function is not None:
         return None
     return make_cost(criterion, 1.0, 1, sign)
 
 
 def make_cost(criterion: Criterion, polygon_area: float, triangles: int, sign: float = 1.0) -> Cost:
-    """Return the `Cost` of a criterion on a polygon; `sign` -1 maximises."""
+    """Return the `Cost` of a criterion on a polygon with that area and number of triangles.
+
+    sign: 1 to minimise the criterion, -1 to maximise it.
+    """
     if criterion.function is not None:
         return _record(custom=True, function=_compile(criterion.function).address, sign=sign)
     weights = sign * criterion.weights_for(polygon_area, triangles)

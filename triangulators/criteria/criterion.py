@@ -44,7 +44,7 @@ CALIBRATED_FEATURES = (
     "expected_blocks",
     "expected_setups",
 )
-"""Features that a device's fitted cost can use."""
+"""Features that the time per triangle fitted on a device can depend on (see `calibrated`)."""
 
 MAX_WEIGHT = 1e200
 """Upper bound of a weight's size; sums of larger weights overflow."""
@@ -61,7 +61,7 @@ class Criterion:
     description, label, symbol, unit : str
         Texts for tables and plots.
     weights : tuple of float
-        Coefficients of `FEATURES`.
+        Coefficients of `FEATURES`, in that order.
     function : callable or None
         A Numba function of three points (six numbers), which replaces the weights.
     normalise : callable or None
@@ -112,7 +112,7 @@ class Criterion:
         return self.normalise(weights, polygon_area, max(triangles, 1))
 
     def total(self, points: np.ndarray, triangles: np.ndarray) -> float:
-        """Return the sum over triangles (m, 3), indices of points (n, 2)."""
+        """Return the criterion's sum over triangles (m, 3), which index points (n, 2)."""
         points = np.ascontiguousarray(points, dtype=np.float64)
         if len(triangles) == 0:
             return 0.0
@@ -214,7 +214,7 @@ def _make_weights_error(name: str, problem: str) -> ArgumentError:
 
 
 def calibrated(coefficients: Mapping[str, float]) -> Criterion:
-    """Return a device's fitted cost.
+    """Return the drawing time of a triangle, as fitted on a device, as a criterion.
 
     Parameters
     ----------

@@ -4,7 +4,7 @@ Two triangles that share an edge form a quadrilateral. If it is strictly convex,
 diagonal by the other one. Diagonals are flipped until no flip gains. Each test decreases a sum or
 replaces lengths by shorter ones, so no triangulation occurs twice and the flips terminate.
 
-A flip is made only if both new triangles are certain to have the orientation of the others, so the
+A flip is made only if both new triangles certainly have the orientation of the old ones, so the
 triangulation remains valid. Integer coordinates up to 2^25 are decided exactly; for others, a
 filter rejects flips that depend on rounding.
 
@@ -26,7 +26,10 @@ _UNDERFLOW = 1e-300  # exceeds the error of a product by underflow
 
 @njit(nogil=True)
 def list_diagonals(twin: np.ndarray, stack: np.ndarray, waiting: np.ndarray) -> int:
-    """Push the earlier half-edge of each diagonal, by the later one; return the stack's size."""
+    """Push the earlier half-edge of each diagonal, in the order of the later ones.
+
+    Returns the stack's size; marks the pushed half-edges in `waiting`.
+    """
     size = 0
     for latter in range(len(twin)):
         former = twin[latter]
@@ -46,7 +49,7 @@ def flip_edge(
     waiting: np.ndarray,
     size: int,
 ) -> int:
-    """Flip a diagonal and push the sides of its quadrilateral; return the stack's size."""
+    """Flip the diagonal e and push the quadrilateral's sides; return the new size of the stack."""
     f: Any = np.int64(twin[e])
     e2, f2 = previous_edge(e), previous_edge(f)
     corner[e], corner[f] = corner[f2], corner[e2]
@@ -70,14 +73,15 @@ def run(
 ) -> int:
     """Flip in place until no flip gains; return the number of flips.
 
-    corner, twin: (3 m,), see `half_edges`; gains(points, a, b, c, d, how): whether the diagonal a-d
-    is better than b-c, the common edge of the triangles a, b, c and d, c, b; convex(points, a, b,
-    c, d): whether their quadrilateral is convex.
+    corner, twin: (3 m,), see `half_edges`; gains(points, a, b, c, d, context): whether the diagonal
+    a-d is better than b-c, the common edge of the triangles a, b, c and d, c, b; convex(points, a,
+    b, c, d): whether the quadrilateral of both triangles is convex.
 
-    Order: diagonals wait on a stack, initially each once, by the later of its half-edges. The top
-    one is tried; after a flip the four sides of the quadrilateral are pushed unless they wait
-    already. Invariant: flipping a diagonal that does not wait would not gain. So a flip takes
-    constant time, and the stack cannot overflow, because `waiting` admits a half-edge once.
+    Order: diagonals wait on a stack, initially each once, in the order of its later half-edge. The
+    top diagonal is tried; after a flip the four sides of the quadrilateral are pushed unless they
+    are on the stack already. Invariant: flipping a diagonal that does not wait would not gain. So a
+    flip takes constant time, and the stack cannot overflow, because `waiting` admits a half-edge
+    once.
     """
     stack = np.empty(len(corner), dtype=np.int32)
     waiting = np.zeros(len(corner), dtype=np.bool_)
@@ -223,7 +227,7 @@ def as_earcut(points: np.ndarray, corner: np.ndarray, twin: np.ndarray) -> int:
 
 @njit(nogil=True)
 def shorten(points: np.ndarray, indices: np.ndarray, in_walk: bool) -> None:
-    """Apply `by_l1`, and optionally a walk, in place to indices (3 m,) of any integer type."""
+    """Apply `by_l1`, then a walk if `in_walk`, in place to indices (3 m,) of any integer type."""
     corner = indices.astype(np.int32)
     twin = link(corner)
     by_l1(points, corner, twin)

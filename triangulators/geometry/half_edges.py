@@ -1,4 +1,4 @@
-"""Half-edges: triangle t has 3 t, 3 t + 1 and 3 t + 2, each from a vertex to the next.
+"""Half-edges: triangle t has the half-edges 3 t, 3 t + 1 and 3 t + 2, from a vertex to the next.
 
 A half-edge's twin is the half of the same edge in the adjacent triangle.
 """
@@ -32,9 +32,9 @@ def link(corner: np.ndarray) -> np.ndarray:
 
     A hash table with open addressing, at most two thirds full, has a slot per undirected edge. The
     slot has the last half-edge of a queue of unmatched half-edges of that edge, all in the same
-    direction, because a half-edge in the opposite direction is matched with the first. A queued
-    half-edge has -2 - next in `twin`, and the last refers to the first: the queue is a ring, so
-    both ends are reached in a step, and each repeated edge takes constant time.
+    direction, because a half-edge in the opposite direction is matched with the first. While e is
+    queued, twin[e] is -2 - f, where f is the half-edge after e in the queue, or the first one if e
+    is the last: both ends are reached in a step, and each repeated edge takes constant time.
     """
     count = len(corner)
     bits = 4
@@ -73,7 +73,7 @@ def link(corner: np.ndarray) -> np.ndarray:
 
 
 def find_twins(triangles: np.ndarray) -> np.ndarray:
-    """Return (m, 3): the twin of the half-edge from vertex e of triangles (m, 3), or -1."""
+    """Return the twins (m, 3) of triangles (m, 3): row t has the twins of 3 t, 3 t + 1, 3 t + 2."""
     corner = np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1)
     return np.asarray(link(corner)).reshape(-1, 3)
 
@@ -82,11 +82,11 @@ def find_twins(triangles: np.ndarray) -> np.ndarray:
 def is_triangulation(
     points: np.ndarray, ring_offsets: np.ndarray, corner: np.ndarray, twin: np.ndarray
 ) -> bool:
-    """Whether all triangles are counter-clockwise and all unshared edges are edges of the rings.
+    """Whether triangles, given by half-edges, are a conforming triangulation of a polygon's rings.
 
     points (n, 2), ring_offsets (h + 2,): rings of either orientation; corner, twin: (3 m,), see
-    `link`. The edges of n + 2 h - 2 counter-clockwise triangles, each on the boundary or shared by
-    two triangles, add up to the boundary as a chain, so the triangles cover the interior once.
+    `link`. Requires n + 2 h - 2 triangles, all counter-clockwise, whose unshared edges are edges of
+    the rings. Then all edges add up to the boundary, so the triangles cover the interior once.
     """
     n = len(points)
     if len(corner) != 3 * (n + 2 * (len(ring_offsets) - 2) - 2):

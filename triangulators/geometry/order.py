@@ -1,10 +1,10 @@
 """Triangle order: a walk over neighbours, or an order for a vertex cache.
 
-Walk: from neighbour to neighbour, the new vertex last. A renderer shades a vertex again after the
-vertex has left the vertex cache, or when a batch ends. So the triangles are visited along the dual
-graph, depth first and the smaller branch first: about log2(m) edges are open at any time. Each
-triangle begins with the edge over which the walk enters: lookups in a vertex cache are then hit,
-hit, miss for every triangle, which a processor's branch predictor learns.
+Walk: from a triangle to a neighbour, the vertex that is new last. A renderer shades a vertex again
+after the vertex has left the vertex cache, or when a batch ends. So the triangles are visited along
+the dual graph, depth first and the smaller branch first: about log2(m) edges are open at any time.
+Each triangle begins with the edge over which the walk enters: lookups in a vertex cache are then
+hit, hit, miss for every triangle, which a processor's branch predictor learns.
 
 Order. Each connected component is walked from the first triangle with a single neighbour, or the
 first triangle if there is none, along a breadth-first spanning tree (holes are cycles of the dual
@@ -54,7 +54,7 @@ def walk(triangles: np.ndarray, count: int) -> np.ndarray:
 
 @njit(nogil=True)
 def walk_along(triangles: np.ndarray, twin: np.ndarray, count: int) -> np.ndarray:
-    """Return `walk` of triangles, given the twins (3 m,) of the half-edges."""
+    """Return triangles as `walk` does, given the twins (3 m,) of their half-edges."""
     rows = _walk_rows(twin)
     ordered = np.empty_like(triangles)
     met = np.zeros(count, dtype=np.bool_)
@@ -98,9 +98,10 @@ def _walk_part(
     order: np.ndarray,
     done: int,
 ) -> int:
-    """Append the component of `root` to `order`, from index `done` on; return the new end.
+    """Append the component of triangle `root` to `order`, from index `done` on; return the new end.
 
-    A half-edge leads down the tree if the twin is the entry of the adjacent triangle.
+    entry, size (m,): see `_walk_rows`; queue, stack: workspaces. A half-edge leads down the tree if
+    the twin is the entry of the adjacent triangle.
     """
     entry[root] = _ROOT
     queue[0] = root

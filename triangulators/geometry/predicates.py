@@ -18,7 +18,7 @@ from triangulators.compute.kernels import njit
 FILTER = 3.3306690738754716e-16
 _MIN_PRODUCT = 1e-250  # the rounding error of a larger product is representable
 _NO_UNDERFLOW = 1e-125  # squares of larger numbers exceed _MIN_PRODUCT
-_ACCURATE = 1e-4  # a determinant larger than this share of the products has eleven digits
+_ACCURATE = 1e-4  # a determinant above this share of its two products has eleven correct digits
 _SPLITTER = 134217729.0  # 2^27 + 1
 
 
@@ -38,7 +38,7 @@ def _multiply_exactly(a: float, b: float) -> tuple[float, float]:
 
 @njit(nogil=True)
 def _grow(expansion: np.ndarray, length: int, value: float) -> int:
-    """Add `value` to a non-overlapping expansion in place; return the new length."""
+    """Add `value` in place to an expansion of `length` non-overlapping terms; return the length."""
     carry = value
     size = 0
     for index in range(length):
@@ -168,7 +168,7 @@ ALL_LEFT, NOT_ALL_LEFT, OUTSIDE = range(3)
 
 @njit(nogil=True)
 def all_left(points: np.ndarray, triangles: np.ndarray) -> int:
-    """Return ALL_LEFT, NOT_ALL_LEFT, or OUTSIDE if an index is out of range."""
+    """Whether all triangles are left turns: ALL_LEFT, NOT_ALL_LEFT, or OUTSIDE for a bad index."""
     count = len(points)
     result = ALL_LEFT
     for row in range(len(triangles)):
@@ -196,9 +196,10 @@ def on_segment(points: np.ndarray, v: int, a: int, b: int, tolerance: float) -> 
 def touching(
     points: np.ndarray, edges: np.ndarray, vertices: np.ndarray, allowed: float
 ) -> list[tuple[int, int]]:
-    """Return (edge, vertex) for each of the vertices (k,) that lies inside an edge (b, 2).
+    """Return (row of `edges`, vertex) for each of `vertices` that lies inside an edge (b, 2).
 
-    vertices: in ascending order of x, so that a short edge is compared with few.
+    vertices (k,): in ascending order of x, so that a short edge is compared with few; allowed: the
+    tolerance of `on_segment`.
     """
     incidences = [(0, 0) for _ in range(0)]
     x_of = points[vertices, 0]

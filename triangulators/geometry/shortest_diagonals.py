@@ -1,4 +1,4 @@
-"""The greedy triangulation: shortest diagonals first, each kept if it crosses no earlier diagonal.
+"""The greedy triangulation: takes diagonals by ascending length unless they cross an earlier one.
 
 Exact orientations decide crossings, so the triangulation is valid even if the distance of a vertex
 from an edge is less than a rounding error.
@@ -71,11 +71,12 @@ def _select_uncrossed(points: np.ndarray, pairs: np.ndarray) -> np.ndarray:
 def _list_triangles(
     points: np.ndarray, sides: np.ndarray, begin: np.ndarray, near: np.ndarray
 ) -> np.ndarray:
-    """Return the triangle left of each side (s, 2), once.
+    """Return the triangles (m, 3) left of the sides (s, 2), each triangle once.
 
-    Sides have the interior on the left, diagonals are present in both directions; v is joined to
-    `near[begin[v]:begin[v + 1]]`. The apex of the triangle left of a-b is the neighbour of a that
-    follows b counter-clockwise, because the angle there is less than 180 degrees.
+    Boundary sides have the interior on the left, diagonals are present in both directions; vertex v
+    is joined to `near[begin[v]:begin[v + 1]]`. The apex of the triangle left of a-b is the
+    neighbour of a that follows b counter-clockwise, because the angle there is less than 180
+    degrees.
     """
     triangles = np.empty((len(sides), 3), dtype=np.int32)
     count = 0

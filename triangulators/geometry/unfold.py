@@ -29,10 +29,11 @@ def grow(
     rows: np.ndarray,
     visited: np.ndarray,
 ) -> int:
-    """Grow a tree of up to `max_size` adjacent triangles from `root`; return the size.
+    """Grow a tree of up to `max_size` adjacent triangles from `root`; return their number.
 
     Breadth first gives a compact region, depth first a long region; the edges of a triangle are
-    tried from index `first_edge` on. Uncrossed edges are the cuts. Writes the triangles to `rows`,
+    tried from index `first_edge` on. Edges between its triangles that the tree does not cross are
+    the cuts. Writes the triangles to `rows`,
     and marks the crossed edges, from both sides, in `tree` (m, 3), which has no marks before.
     visited (m,): workspace, False before and after.
     """
@@ -71,7 +72,7 @@ def grow(
 def unfold(
     triangles: np.ndarray, twin: np.ndarray, tree: np.ndarray, root: int, size: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Cut a tree of triangles out; return (cycle, local triangles, outline).
+    """Return a tree of triangles as a simple polygon: (cycle, local triangles, outline).
 
     triangles: (m, 3); tree: (m, 3), the marks of `grow`; size: number of triangles in the tree.
     With k = size + 2: cycle (k,) has the vertices counter-clockwise, as indices of points; local
@@ -138,7 +139,7 @@ def fold_back(
     better: np.ndarray,
     position_of: np.ndarray,
 ) -> None:
-    """Replace the triangles `rows` by `better` (positions in `cycle`), twins included.
+    """Replace the triangles `rows` (k,) by `better` (k, 3), positions in `cycle`; update `twin`.
 
     Row r of `better` replaces triangle rows[r]. `inner` has the twins inside `better`; a half-edge
     without such a twin is a side of the cycle, from a position to the next, and gets the twin of

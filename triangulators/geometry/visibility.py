@@ -35,12 +35,12 @@ from triangulators.geometry.predicates import orientation
 def find_visible_pairs(
     points: np.ndarray, triangles: np.ndarray, twin: np.ndarray, max_pairs: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (start, target): vertex i sees `target[start[i]:start[i + 1]]`, ascending, all > i.
+    """Return (start, target): `target[start[i]:start[i + 1]]` are the vertices > i that i sees.
 
     points: (n, 2), a counter-clockwise cycle; triangles: (n - 2, 3), any triangulation of it, and
-    `twin` (n - 2, 3), see `half_edges`. Sides of the polygon are included; a diagonal is visible if
-    the open segment does not meet the boundary. Stops early, with `start[n] > max_pairs`, if
-    there are more than `max_pairs` pairs.
+    `twin` (n - 2, 3), see `half_edges`. Lists are ascending. Sides of the polygon are included; a
+    diagonal is visible if the open segment does not meet the boundary. Stops early, with `start[n]
+    > max_pairs`, if there are more than `max_pairs` pairs.
     """
     n = len(points)
     start = np.zeros(n + 1, dtype=np.int64)
@@ -95,9 +95,9 @@ def _look_through(
 ) -> int:
     """Append the vertices > floor that v sees through a window to `target`; return the new count.
 
-    stack: rows of (half-edge of a window in the triangle behind it, which runs left to right; right
-    end, left end, right and left of the view), or (-1, vertex, ...) for a vertex to report. The
-    first row has the window, without the view.
+    stack: workspace, whose first row has the window's first three columns. A row is a window: the
+    half-edge of the triangle behind it, from left to right; its right and left ends; and the
+    vertices view_right and view_left. Or a row is (-1, vertex, ...), a vertex to report.
     """
     height = 1
     stack[0, 3], stack[0, 4] = stack[0, 1], stack[0, 2]
@@ -115,7 +115,7 @@ def _look_through(
         hidden_right = orientation(points, v, view_right, apex) <= 0.0
         hidden_left = not hidden_right and orientation(points, v, apex, view_left) <= 0.0
         split = not (hidden_right or hidden_left)
-        # With floor v: vertices of a cycle before v report v themselves.
+        # With floor v in a cycle: pairs of v with earlier vertices are reported from those.
         seen = split and apex > floor
         if not hidden_left and apex > floor and over_left >= 0:
             stack[height, 0], stack[height, 1], stack[height, 2] = over_left, apex, left

@@ -39,7 +39,7 @@ NONE = (1 << 30) - 1
 """Cost of a ring without a triangulation in the shaders."""
 
 LANES = 32
-"""Invocations of a workgroup; twice as many for rings of more than 32 vertices."""
+"""Shader invocations of a workgroup; twice as many for rings of more than 32 vertices."""
 
 CHUNK = 1 << 18
 """Vertices per upload to the device (2 MiB; the result is 1 MiB)."""
@@ -52,7 +52,10 @@ class DeviceError(Exception):
 
 
 class Compute:
-    """An open context, for use in the thread that opened it."""
+    """An open OpenGL context with compiled shaders, for use in the thread that opened it.
+
+    ctx: moderngl's context.
+    """
 
     def __init__(self, ctx: Any) -> None:
         self.ctx = ctx
@@ -141,7 +144,7 @@ def open_context(name: str) -> Compute:
 
 
 def _open_contexts(problems: list[str]) -> Iterator[Any]:
-    """Yield a context on each EGL device; append the reasons of failures to `problems`."""
+    """Yield a glcontext context of each EGL device; append reasons of failures to `problems`."""
     import glcontext
 
     for index in range(MAX_DEVICES):
@@ -171,7 +174,7 @@ def attempt(name: str, batch: Batch, selected: np.ndarray, max_vertices: int, wo
     """Solve the polygons that the device supports; mark solved polygons in `batch.done`.
 
     selected (p,): polygons to solve, of up to `max_vertices` vertices; worst: maximise the sum of
-    diagonals. The failure of a device is logged once.
+    the diagonals' L1 lengths. The failure of a device is logged once, not raised.
     """
     try:
         wrong = (
@@ -291,7 +294,10 @@ class Engine:
     def _compute_chunk(
         self, rings: Rings, first: int, last: int, worst: bool, bases: np.ndarray
     ) -> None:
-        """Fill the part of bases (n,) of polygons first..last - 1, with a workgroup per ring."""
+        """Compute the results (see `store_results`) of polygons first..last - 1 into bases (n,).
+
+        A workgroup solves a ring.
+        """
         vertices = slice(rings.vertex_offsets[first], rings.vertex_offsets[last])
         self._corners.write(rings.corners[vertices])
         self._bases.reserve(bases[vertices].nbytes)
@@ -314,7 +320,7 @@ class Engine:
 
 
 def make_jobs(rings: Rings, first: int, last: int, kind: int) -> np.ndarray:
-    """Return the jobs (k, 4) int32 of a kind, with a row per ring among polygons first..last - 1.
+    """Return the jobs (k, 4) int32, one for each ring of a kind among polygons first..last - 1.
 
     Columns: index of the first vertex in the chunk, number of vertices, w + h of the box, padding.
     """
@@ -328,7 +334,7 @@ def make_jobs(rings: Rings, first: int, last: int, kind: int) -> np.ndarray:
 
 
 def chunk_bounds(vertex_offsets: np.ndarray, corners: int = CHUNK) -> list[int]:
-    """Return the bounds of chunks of about `corners` vertices, at least a polygon per chunk."""
+    """Return the polygon indices that bound chunks of about `corners` vertices."""
     marks = np.arange(0, int(vertex_offsets[-1]), corners)
     cuts = np.searchsorted(vertex_offsets, marks, side="left")
     return [int(cut) for cut in np.unique(np.r_[cuts, len(vertex_offsets) - 1])]

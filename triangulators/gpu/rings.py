@@ -1,7 +1,7 @@
 """Rings of a batch for a device: vertices as integers, and checked triangles from the results.
 
-Devices compute in int32: n (w + h) is below 2^30 units of the ring's grid, so that every sum of
-diagonals fits, including the sum of two costs NONE.
+Devices compute in int32: n (w + h) is below 2^30 units of the ring's grid (w, h: sides of the
+bounding box), so that every sum of diagonals fits, and so does the sum of two costs `engine.NONE`.
 
 The result is the base (i, j) of the triangle of each apex k: every vertex of a ring except the
 first and the last is the apex of exactly one triangle. So the triangles are a binary tree. The pair
@@ -9,7 +9,7 @@ first and the last is the apex of exactly one triangle. So the triangles are a b
 begins at i, otherwise the triangle of apex i. The tree is walked from the pair (0, n - 1), in the
 order of the CPU.
 
-Results of drivers are not trusted: the bases must be such a tree, all triangles must be
+Results of drivers are not trusted: the bases must form such a tree, all triangles must be
 counter-clockwise, as in a triangulation, and the diagonals must add up to the reported cost. The
 CPU does the rings of invalid results.
 """
@@ -42,8 +42,8 @@ class Rings(NamedTuple):
     vertex_offsets (p + 1,): offsets of the rings in corners (n, 2) int32, the vertices in
     counter-clockwise order, in units of the ring's grid, relative to the lower left of the ring's
     box.
-    kind (p,) int8: ON_CPU, or by size and span; longest (p,) int32: w + h of the box; turned (p,):
-    whether the order is the reverse of the input.
+    kind (p,) int8: ON_CPU, or 2 * (index in SIZES) + (1 if wide, see KINDS); longest (p,) int32:
+    w + h of the box; turned (p,): whether the order is the reverse of the input.
     """
 
     vertex_offsets: np.ndarray
@@ -156,9 +156,10 @@ def _walk_tree(
     stack: np.ndarray,
     triangles: np.ndarray,
 ) -> bool:
-    """Write the triangles (n - 2, 3) of a ring; False unless valid and of that cost.
+    """Write the triangles (n - 2, 3) of a ring; return False if `bases` are not a valid result.
 
-    longest: w + h of the box if diagonals cost longest - length, -1 if diagonals cost the length.
+    bases (n,): see `store_results`; longest: w + h of the box if a diagonal costs longest - length,
+    -1 if a diagonal costs its length; below, stack: workspaces.
     """
     n = len(bases)
     stack[0] = _link_tree(bases, below)
