@@ -37,7 +37,7 @@ CENSUS = (
 """Default triangulators, all of them in compiled code."""
 
 UNITS_PER_PIXEL = 0.25
-"""Default scale: metres per pixel."""
+"""Default scale: units of the file, or metres if the file is in degrees, per pixel."""
 
 
 def census(
@@ -54,7 +54,7 @@ def census(
         typer.Option(
             parser=make_list_parser(),
             metavar="NAME,...",
-            help="Two or more, comma-separated; the others are compared with the first.",
+            help="Two or more triangulators; the others are compared with the first.",
         ),
     ] = ValueList(CENSUS),
     units_per_pixel: Annotated[
@@ -62,7 +62,8 @@ def census(
         typer.Option(
             min=1e-6,
             max=1e6,
-            help="Scale of the map: metres a pixel, if the file is in degrees; by default 0.25.",
+            help="Scale of the map: the file's units per pixel, or metres per pixel if the file "
+            "is in degrees; by default 0.25.",
         ),
     ] = None,
     cell: Annotated[

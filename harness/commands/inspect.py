@@ -98,7 +98,7 @@ def inspect(
         ),
     ] = None,
 ) -> None:
-    """Draw the costs of a polygon's triangulations, or report if the choice matters for a file.
+    """Draw the costs of a polygon's triangulations, or report which triangulator suits a file.
 
     The picture shows overdraw and helper lanes of one polygon for several triangulators. With
     --sizes, all polygons are counted without drawing, and the result is one sentence.

@@ -105,8 +105,8 @@ Quick = Annotated[
 Base = Annotated[
     str | None,
     typer.Option(
-        help="Triangulator to compare the others with; by default ear-clipping, in a model's "
-        "views original, otherwise the triangulator with most polygons.",
+        help="Triangulator to compare the others with; by default ear-clipping, or original for a "
+        "model's views; without these, the triangulator that drew the most polygons.",
     ),
 ]
 Json = Annotated[

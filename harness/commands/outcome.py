@@ -157,7 +157,7 @@ def finish(
 
 
 def make_run(folder: Path, write: Callable[[Path], object], *, quiet: bool) -> Run:
-    """Write a complete run folder with table and report, or nothing; print the summary."""
+    """Write a run folder with table and report, or none if `write` fails; print the summary."""
     from harness.report.page import write_report
 
     with translate_errors(folder), atomic.create_folder(folder) as new_folder:

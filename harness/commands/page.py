@@ -40,7 +40,7 @@ def page(
     from harness.workers.worker import Worker
 
     if profile == (run is not None):
-        raise UsageError("RUN and --profile are mutually exclusive: give one of the two")
+        raise UsageError("give either RUN, the folder of a run, or --profile")
     content: PageContent | ProfileContent
     if run is None:
         with closing(MeasuringPool(Worker, timeout_s=TIMEOUT_S)) as pool:

@@ -38,8 +38,8 @@ def profile(
     """Measure the costs of triangles, pixels and helper lanes on a device; recommend a criterion.
 
     Almost 200 designed draws, of kinds that isolate one or two costs, are timed for about two
-    minutes. Exact counters and times give seconds for each cost, with intervals, and the aspect
-    ratio from which thin triangles are slow, with the reasons. The file also has the costs that
+    minutes. The times and the exact counters give the seconds of each cost, with intervals, and the
+    aspect ratio from which a thin triangle takes twice as long. The file also has the costs that
     optimal:calibrated minimises (run --profile FILE); a chart is written next to the file.
     """
     from harness import rasterisers
@@ -83,7 +83,10 @@ def profile(
 
 
 def add_advice(content: dict[str, Any], pool: MeasuringPool, trouble: str) -> None:
-    """Add the recommended criterion to a profile; mark the profile as refused if `trouble`."""
+    """Add the recommended criterion to a profile; refuse the profile if its times are bad.
+
+    trouble : why the times cannot be trusted, or ""
+    """
     from harness.profile import advice
 
     content["advice"] = advice.recommend(pool, content["coefficients"], content["seed"])

@@ -44,7 +44,10 @@ def run(
     rotation: options.Rotations = options.ValueList((0.0,)),
     fit: Annotated[
         CHOSEN_FITS,
-        typer.Option(help="circle keeps the scale the same at every rotation; box does not."),
+        typer.Option(
+            help="What fills the picture: the rotated scene's bounding box (box), or its enclosing "
+            "circle, which keeps the scale equal at every rotation (circle)."
+        ),
     ] = "box",
     samples: options.Samples = options.ValueList((1,)),
     work: options.Works = options.ValueList((0,)),
@@ -88,8 +91,8 @@ def run(
         bool,
         typer.Option(
             "--draw-twice",
-            help="With --beside: time equal triangulations of both versions separately, too. This "
-            "shows how much the times of equal drawings differ.",
+            help="With --beside: if both versions return equal triangles, time the drawings of "
+            "both. This shows how much the times of equal drawings differ.",
         ),
     ] = False,
     cached: Annotated[

@@ -25,7 +25,7 @@ from scenes.registry import is_tiled
 def open_baseline(
     reference: str | None, plan: Plan, resume: Path | None, *, twice: bool
 ) -> Iterator[OtherVersion | None]:
-    """Yield the interleaved baseline, of the option or of the run to resume, or None."""
+    """Yield the interleaved baseline that --beside or the resumed run names, or None."""
     stored = (read_run(resume).facts.get("beside") or {}) if resume else {}
     reference = reference or str(stored.get("base") or "")
     if not reference:
@@ -49,7 +49,7 @@ def resolve_base_name(name: str | None, plan: Plan) -> str | None:
 
 
 def parse_recipes(triangulators: Sequence[str], seed: int, file: Path | None) -> tuple[Recipe, ...]:
-    """Parse --triangulators; --profile has the coefficients of optimal:calibrated."""
+    """Parse --triangulators; read the coefficients of optimal:calibrated from a profile's file."""
     recipes = parse_all(triangulators, seed=seed)
     if not any(recipe.base.endswith(CALIBRATED) for recipe in recipes):
         return recipes

@@ -25,7 +25,7 @@ from harness.progress import Reporter, Screen
 from harness.settings import QUICK_TIMEOUT_S, TIMEOUT_S, Fit, Order, StudySize, TimingSettings
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
-"""Rotations of the study of turned triangulations, in degrees."""
+"""Rotations in degrees at which triangulations of the unrotated scene are drawn."""
 
 REFUSALS = (IncompatibleRunsError, InputError, StorageError, UsageError)
 """Errors that end one part of the study; the other parts are measured."""
@@ -175,7 +175,7 @@ def _measure_gains(
 ) -> None:
     """Measure or resume a run, and write the gains of the cases that did not fail.
 
-    turned : at all `ANGLES`, at one scale
+    turned : True to measure at all `ANGLES`, with the same scale at each
     """
     from harness.commands import outcome
     from harness.frame import View

@@ -34,7 +34,7 @@ def study_pareto(
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:
-    """Measure the Pareto front of the paper's A and D, and the sweep of their weights.
+    """Measure the Pareto front of the paper's A and D, and the optima for a sweep of weights.
 
     A is the bounding-box overdraw, D the deviation of angles from 60 degrees. The front has all
     triangulations of a polygon that no other triangulation improves in both.

@@ -101,7 +101,7 @@ def plan_validation(
     seed: int,
     budget_s: float,
 ) -> Plan:
-    """Return the plan of a validation; the reference counts in addition to the `rasterisers`."""
+    """Return the plan of a validation; `EXACT_RASTERISERS` are added to the rasterisers."""
     from harness.frame import View
     from harness.measuring.plan import Plan
     from harness.rasterisers.base import Options

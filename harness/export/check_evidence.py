@@ -42,7 +42,7 @@ DOUBLE_ERROR = Fraction(1, 2**44)  # maximum relative error of sums of doubles
 
 
 class EvidenceError(Exception):
-    """Problem of a proof."""
+    """An invalid proof; the message is the reason."""
 
 
 def need(holds: Any, reason: str) -> None:
@@ -167,7 +167,7 @@ class Claim:
         return step * (w + h) if self.criterion == "half-perimeter" else step * step * area
 
     def _compute_units(self) -> None:
-        """Compute scale, factor and bits by the rule, and refuse other values."""
+        """Compute scale, factor and bits from the polygon; refuse a proof with other values."""
         area, count = self.criterion == "overdraw", len(self.triangles)
         self.total = sum(self.cost(*t) for t in self.triangles)
         steps = max(max(values) - min(values) for values in zip(*self.points, strict=True))

@@ -220,8 +220,12 @@ def export_file(
     ------
     scenes.SceneError
         If the source cannot be read.
-    StorageError, InputError
-        If the format or triangulator is unknown, or the output cannot be written.
+    UsageError
+        If the format or triangulator is unknown.
+    InputError
+        If no polygon could be triangulated.
+    StorageError
+        If the output cannot be written.
     """
     start = time.perf_counter()
     target = Path(out)
@@ -280,7 +284,7 @@ def _read_chunks(source: str, size: int, *, solid: bool) -> Iterator[Chunk]:
             f"{name}: a 3D model, whose faces would be laid out next to each other; measure the "
             f"model with `run --scene {name}`, or write .geojson, .parquet or .npz"
         )
-    parameters = convert_arguments(name, read, parameters)  # not parameters of map tiles
+    parameters = convert_arguments(name, read, parameters)  # refuses those of map tiles
     limit = parameters.pop("limit", None)
     if limit is not None and limit < 1:
         raise UsageError(f"limit={limit}: out of range; give 1 or more")

@@ -22,9 +22,9 @@ from scenes.spec import format_install_command
 
 
 class GeoJsonWriter:
-    """Writes one feature per line; `crs` names a system other than longitude and latitude.
+    """Writes one feature per line; a member `crs` names a system other than EPSG:4326.
 
-    `crs` is a member of GeoJSON 2008, which GDAL and QGIS read; RFC 7946 allows degrees only.
+    `crs` is part of GeoJSON 2008, which GDAL and QGIS read; RFC 7946 allows degrees only.
     """
 
     def __init__(self, output: Output, about: ExportMetadata, *, collection: bool = False) -> None:
@@ -159,7 +159,7 @@ def _close_rings(mesh: ExportMesh, about: ExportMetadata) -> NDArray[np.float64]
 def _encode_wkb(mesh: ExportMesh, about: ExportMetadata, collection: bool) -> list[bytes]:
     """Return each polygon's triangles as a little-endian WKB multi-polygon or collection.
 
-    NumPy records are written, as shapely's objects, one per triangle, take five times as long: a
+    NumPy records give the bytes: shapely objects, one per triangle, took five times as long, a
     third of an export.
     """
     rings = _close_rings(mesh, about)

@@ -226,7 +226,7 @@ class PolygonLoops(NamedTuple):
     """Rings and triangles of a batch, as EXT_mesh_polygon stores them.
 
     loops : indices of vertices, exterior rings counter-clockwise and holes clockwise, with RESTART
-        between the rings; a ring has a vertex once
+        between the rings; a ring contains each vertex once
     offsets : (p,) first index of each polygon in `loops`
     triangles : (m, 3) indices of the same vertices
     """

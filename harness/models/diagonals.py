@@ -24,8 +24,8 @@ WORK_NS = (1.0, 10.0, 20.0, 45.0)
 """Nanoseconds per cubed vertex count for the optimum, by the number of holes (measured)."""
 
 MAX_WORK_NS = 1e9
-"""Budget for a part by `WORK_NS`; further faces get flips. The work is estimated, not timed, so
-that a model gets the same diagonals on every machine."""
+"""Maximum total estimate by `WORK_NS` for the optima of a part; further faces get flips. The work
+is estimated, not timed, so that a model gets the same diagonals on every machine."""
 
 
 @njit(nogil=True)
@@ -185,7 +185,7 @@ class Outlines(NamedTuple):
 
 
 def _take_affordable(outlines: Outlines) -> Outlines:
-    """Return the outlines of the least estimated time that `MAX_WORK_NS` allows together."""
+    """Return the outlines with the quickest optima, whose total estimate is up to `MAX_WORK_NS`."""
     sizes = outlines.polygons.vertex_counts
     factors = np.append(WORK_NS, 0.0)[np.minimum(outlines.polygons.ring_counts - 1, len(WORK_NS))]
     work = factors * sizes.astype(np.float64) ** 3
@@ -200,7 +200,8 @@ def find_outlines(faces: Faces) -> Outlines:
     corner = np.ascontiguousarray(faces.triangles, dtype=np.int32).reshape(-1)
     ahead = faces.triangles[:, [1, 2, 0]].reshape(-1)
     outer = np.flatnonzero(np.asarray(link(corner)) < 0)
-    # No outline edge leaves an interior vertex; several leave a vertex at which outlines touch.
+    # Sound faces have one outline edge from each vertex: no outline edge leaves an interior
+    # vertex, and several leave a vertex at which outlines touch.
     outline_edges = np.bincount(corner[outer], minlength=len(faces.points))
     following = np.zeros(len(faces.points), dtype=np.int64)
     following[corner[outer]] = ahead[outer]

@@ -152,7 +152,7 @@ def _has_height(mesh: ModelMesh) -> NDArray[np.bool_]:
 
 
 def _find_neighbours(mesh: ModelMesh) -> tuple[Ints, Counter[str]]:
-    """Return pairs of adjacent triangles (e, 2) of a face, and counts of skipped pairs by reason.
+    """Return pairs (e, 2) of adjacent triangles of one face, and counts of skips by reason.
 
     Degenerate triangles with a repeated vertex, which join strips, have no neighbours.
     """
@@ -185,7 +185,10 @@ def _find_neighbours(mesh: ModelMesh) -> tuple[Ints, Counter[str]]:
 
 
 def _is_same_face(mesh: ModelMesh, edge: Ints, twin: Ints) -> NDArray[np.bool_]:
-    """Return flags (e,) of half-edges between two triangles of a face."""
+    """Return flags (e,) of half-edges whose triangle and the opposite one are on one face.
+
+    edge, twin : (e,) half-edges and their opposite half-edges
+    """
     corner = mesh.triangles.reshape(-1)
     before, after = edge - edge % 3 + (edge + 2) % 3, edge - edge % 3 + (edge + 1) % 3
     quads = corner[np.stack([before, edge, after, twin - twin % 3 + (twin + 2) % 3], axis=1)]
@@ -255,7 +258,9 @@ def _check_faces(mesh: ModelMesh, slots: Ints, face: Ints) -> tuple[Faces, Count
 
 
 def _project_to_planes(positions: Floats, owner: Ints, normal: Floats) -> tuple[Floats, Floats]:
-    """Return coordinates (p, 2) in the faces' planes, from the centre, and distances (p,) to these.
+    """Return coordinates (p, 2) in the faces' planes, and distances (p,) from these planes.
+
+    A plane goes through the mean of its face's positions, which is its origin.
 
     The axes are right-handed with the normal; the first axis is horizontal if z is up.
     """

@@ -37,7 +37,7 @@ class GltfModel(GltfEditor):
         self.unchanged: Counter[str] = Counter()
 
     def groups(self) -> Iterator[list[ModelPart]]:
-        """Yield the parts of each mesh."""
+        """Yield the parts of each mesh; a part that meshes share is yielded with the first."""
         seen: set[str] = set()
         meshes = self.json.get("meshes", [])
         primitives: dict[str, list[dict[str, Any]]] = {}
@@ -133,6 +133,6 @@ class GltfModel(GltfEditor):
 
 
 def _make_key(primitive: dict[str, Any]) -> str:
-    """Return a key that equals the key of primitives with the same triangles."""
+    """Return a text that is equal for primitives with the same vertices and triangles."""
     names = ("attributes", "indices", "mode", "targets", "extensions")
     return repr([primitive.get(name) for name in names])

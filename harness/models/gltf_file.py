@@ -166,7 +166,7 @@ class GltfEditor(GltfFile):
                 )
 
     def _write_buffers(self, out: Path, output: Output) -> bool:
-        """Write changed buffers; return whether addresses in the JSON change."""
+        """Write changed buffers; return whether URIs in the JSON change."""
         renamed = False
         for number, description in enumerate(self.json.get("buffers", [])):
             uri = description.get("uri")

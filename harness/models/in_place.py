@@ -47,7 +47,7 @@ class Changes:
     """Statistics of a model's flat faces, and of the new diagonals.
 
     triangles : number of triangles; flat : number in flat faces of two or more triangles
-    faces : number of flat faces; changed : number with new diagonals; optimal : with an optimum
+    faces : number of flat faces; changed, optimal : with new diagonals, with a proven optimum
     area, flat_area : in the model's units
     before, after : total side length of the changed faces' triangles, in the model's units
     unchanged : number of unchanged faces and parts by reason
@@ -181,7 +181,7 @@ def _retriangulate_part(part: ModelPart, criterion: str, changes: Changes) -> _N
 
 
 def _revert_shared(parts: list[ModelPart], new_parts: list[_NewPart], changes: Changes) -> None:
-    """Restore the diagonals of faces whose new diagonal is also an edge of other triangles.
+    """Restore faces with a new diagonal that is also an edge of other triangles; count the rest.
 
     On a sheet with two sides, both sides could get the same edge, and the model would no longer be
     watertight. Coincident positions count as one vertex.

@@ -50,7 +50,7 @@ class ObjModel:
         self._lines: dict[bytes, list[list[bytes]]] = {b"v": [], b"vt": [], b"vn": []}
         self._parts = [_Part()]
         self._continued: list[bytes] = []  # tokens of a line that the next line continues
-        self._largest = [0, 0, 0]
+        self._largest = [0, 0, 0]  # largest index of v, vt and vn in a face
         self._smooth: list[int] = []  # positions of smoothly shaded vertices without normals
         offset = 0
         for number, line in enumerate(self._data.splitlines(keepends=True), 1):
@@ -71,7 +71,7 @@ class ObjModel:
         text = line.partition(b"#")[0]
         is_single_line = not self._continued
         tokens, self._continued = self._continued, []
-        tokens += text.split()  # in place, as a line may continue over a million lines
+        tokens += text.split()  # in place: copies of a line of a million parts take long
         kind = tokens[0] if tokens else b""
         if kind in (*self._lines, b"f") and tokens[-1].endswith(b"\\"):
             tokens += tokens.pop()[:-1].split()
@@ -190,7 +190,7 @@ def _format_word(vertex: list[int]) -> bytes:
 
 
 def _find_step(tokens: Iterable[bytes]) -> float:
-    """Return the unit of the last decimal place of numbers in a text."""
+    """Return the value of the last decimal place of the most precise number, such as 0.001."""
     return 10.0 ** -max((len(word.partition(b".")[2].rstrip()) for word in tokens), default=0)
 
 

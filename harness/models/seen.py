@@ -232,7 +232,7 @@ def _check_parameters(views: int, pixels: int, distance: float, depth: str) -> N
 
 
 class _PlacedPart(NamedTuple):
-    """A part with a placement.
+    """A part at one of its placements in the model.
 
     first : indices of the first polygon in the scene, and of the first face in its invalid faces
     points : (n, 3) vertices; corners : (m, 3, 3) vertices of the triangles

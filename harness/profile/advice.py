@@ -19,10 +19,10 @@ from harness.triangulating.recipes import parse
 from scenes import SceneError, load
 
 SCENES = {"city": "city", "helsinki": "Helsinki", "glyphs": "letters"}
-"""Scenes that are triangulated, with their names in sentences; missing ones are skipped."""
+"""Scenes that are triangulated, if they can be loaded, with their names in sentences."""
 
 SCENE_POLYGONS = 48
-"""Polygons of each scene, at equal steps from the smallest to the largest."""
+"""Number of polygons of each scene, taken at equal steps of their order by vertex count."""
 
 RESOLUTION = 1024
 
@@ -35,7 +35,7 @@ CRITERIA = {
 CALIBRATED_OPTIMUM = "optimal:calibrated"
 
 MAX_REGRET = 0.005
-"""Regret up to which a criterion that needs no file is recommended instead of the device's own."""
+"""Regret up to which a criterion that needs no file replaces `CALIBRATED_OPTIMUM`."""
 
 
 def recommend(
@@ -61,8 +61,8 @@ def choose_triangulator(costs: Mapping[str, Mapping[str, NDArray[np.float64]]]) 
 
     triangulator : a criterion's optimum, or the optimum for the device's coefficients if the regret
         of each criterion exceeds `MAX_REGRET`
-    regret : for each, modelled extra cost over the device's own optimum, mean over the scenes; the
-        cost of the draw itself is not counted
+    regret : for each triangulator, modelled extra cost over `CALIBRATED_OPTIMUM`, mean over the
+        scenes; the cost of the draw itself is not counted
     saved : by scene, the modelled share of ear clipping's time that the recommended triangulator
         saves, with its 95 % interval over polygons
     """
@@ -96,7 +96,8 @@ def predict_terms(
 ) -> dict[str, NDArray[np.float64]] | None:
     """Return (p, 8) sums of `COSTS[1:]` of a scene's polygons, by triangulator.
 
-    Only polygons that all of them triangulate; None if there are none.
+    Only polygons that all of the triangulators solve are counted; None if there are none.
+
     coefficients : weights that optimal:calibrated minimises
     """
     try:
@@ -122,7 +123,7 @@ def compare_aspects(
     """Return for each area of the design the cost of thin triangles, JSON-ready.
 
     area : px^2; aspects : base / height
-    ratios, low, high : time relative to aspect 1, without the empty draw's, mean over the angles
+    ratios, low, high : time less that of an empty draw, relative to aspect 1, mean over the angles
     lanes : shaded lanes relative to aspect 1
     doubled_at : aspect at which the ratio is 2, with its interval, or None if it stays below
     """

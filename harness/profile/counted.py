@@ -13,14 +13,14 @@ from harness.rasterisers import reference
 from harness.rasterisers.vertex_batches import count_vertices
 
 COARSE = 16
-"""Side in px of the tiles up to which a rasteriser may scan triangles differently, as llvmpipe does
+"""Size in px of triangles up to which a rasteriser may scan differently, as llvmpipe does
 (`lp_setup_tri.c`)."""
 
 
 class Term(NamedTuple):
     """A possible cost of a device.
 
-    sentence : a format string with a place for the cost
+    sentence : a sentence about the cost, which replaces {}
     noun : name in tables
     """
 
@@ -81,7 +81,7 @@ def count_triangles(frame: Frame, triangles: NDArray[np.int32], work: int = 0) -
     near : width and height of each triangle, clamped to `COARSE` px; coarse_blocks : 4x4 blocks
         touched by triangles whose box is wider or higher than that
     rows : rows of pixels whose centres lie between a triangle's lowest and highest corner
-    further_tiles : tiles of 64 px that triangles overlap, except the first of each
+    further_tiles : tiles of 64 px that triangles overlap, except one per triangle
     tile_pairs : pairs of a covering triangle and a tile of 16 px that it overlaps, as on an H200
     vertex_batches, transformed_vertices : see `harness.rasterisers.vertex_batches`
     work : rounds of arithmetic in all lanes

@@ -31,8 +31,8 @@ REMEDIES = {
     "triangles and pixels": "fewer covering triangles and quads",
     "arithmetic": "fewer quads",
 }
-"""What shortens a stage that depends on the triangulation; that of vertices depends on the order
-of triangles."""
+"""Remedies by stage, for stages that depend on the triangulation; the stage of vertices depends on
+the order of triangles."""
 
 WALK = Options(order="walk")
 
@@ -140,7 +140,7 @@ def format_saving(saved: float, interval: tuple[float, float] | None) -> str:
 
 
 def describe_stage(condition: str, costs: Mapping[str, Cost], device: DeviceCosts) -> str:
-    """Return a sentence: the base's slowest stage, if the device has several, and a remedy.
+    """Return a sentence: the base's slowest stage, if a device has several, and what saves time.
 
     condition : such as "256 px"; costs : by triangulator, the base first
     """

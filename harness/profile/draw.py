@@ -15,7 +15,7 @@ from harness.profile.placing import SIDE
 class Draw:
     """One draw of the design.
 
-    kind, name : see the tables of `design` and `stage_draws`; description
+    kind : see the tables of `design` and `stage_draws`; name : description of the draw
     group : name of the draws that differ only in the terms that their kind isolates
     frame, triangles : the geometry, (m, 3) indices of the frame's points
     work : rounds of arithmetic of a fragment
@@ -47,7 +47,7 @@ def unshared(corners: NDArray[np.int32]) -> tuple[Frame, NDArray[np.int32]]:
 def make_jittered_mesh(
     across: int, along: int, side: int, numbers: NDArray[np.int64]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return vertices (n, 2) and triangles (2 across along, 3) of a mesh of squares, 4 px from 0.
+    """Return vertices (n, 2) and triangles (2 across along, 3) of a mesh of squares from (4, 4) px.
 
     Each square of `side`/256 px is two triangles; triangles of a row follow each other in a strip.
 

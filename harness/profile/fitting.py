@@ -18,14 +18,14 @@ LARGE_ERROR = 0.05
 """Relative error beyond which the loss is linear instead of quadratic."""
 
 MAX_FIT_RATIO = 2.0
-"""Upper bound of the ratio of a fitted to the measured time, either way, in the weights."""
+"""Maximum factor between the measured time and the fitted time by which a draw is weighted."""
 
 FIT_TOLERANCE, MAX_ITERATIONS = 1e-4, 100
-"""The fit ends if no fitted time changes by a larger share, or after so many iterations."""
+"""The fit ends if fitted times change by smaller shares, or at this number of iterations."""
 
 
 def solve(design: Design, seconds: Seconds, groups: Labels) -> Seconds:
-    """Return the coefficients of (k, terms) columns: non-negative, with a soft L1 loss.
+    """Fit seconds (k,) by design (k, t): return coefficients (t,), non-negative, by a soft L1 loss.
 
     groups : (k,) labels; draws of one label have the same polygons in different triangulations
 
@@ -49,8 +49,10 @@ def iterate(
 ) -> tuple[Seconds, ...]:
     """Return the coefficients of `solve`, and the linear system of the last iteration.
 
-    These are: the fitted times, (k,); the weighted rows in units of their columns; these units; the
-    rows' weights. least_squares : solver, `nnls` or `lstsq`
+    The system: the fitted times, (k,); the weighted rows, each column divided by its scale; the
+    scales; the weights of the rows.
+
+    least_squares : solver, `nnls` or `lstsq`
     """
     fitted, before = seconds, np.zeros(len(seconds))
     coefficients = np.zeros(design.shape[1])

@@ -61,7 +61,7 @@ from triangulators.criteria.criterion import CALIBRATED_FEATURES
 
 CONFIDENCE = 0.95
 FAMILY_CONFIDENCE = 1.0 - (1.0 - CONFIDENCE) / len(TERMS)
-"""Confidence of a single cost, so that at most one device in twenty has a false one."""
+"""Confidence of a single cost's interval, at which 5 % of devices have a false cost."""
 
 DEVIATION_FACTOR = 1.7
 """Factor of all intervals, for deviations that follow the counters within a group.
@@ -134,7 +134,7 @@ class Law:
 
     form : one of `FORMS`
     costs : (t,) of each of `TERMS`, in the times' unit; 0 for terms that the device does not have
-    signed_costs : (t,) the same without the constraint at 0; covariance : (t, t) of these
+    signed_costs : (t,) fitted with negative costs permitted; covariance : (t, t) of these
     known : (t,) whether the draws determine each cost
     bounds : (t,) upper bounds of the costs: no cost takes longer than a draw
     groups : number of groups of draws
@@ -269,9 +269,9 @@ def fit(design: Design, epochs: Seconds, groups: Sequence[str], form: str | None
 def fit_form(
     design: Design, seconds: Seconds, labels: Groups, form: str, start: Stages | None = None
 ) -> tuple[Seconds, Stages]:
-    """Return the costs of a form, (t,), and the binding stage of each draw, (k,).
+    """Fit costs with a given form: return the costs, (t,), and each draw's binding stage, (k,).
 
-    start : binding stages to begin with; several starts if None
+    start : binding stages to begin with; those of `make_starts` in turn if None
     """
     members = list_members(form)
     best: tuple[float, Seconds, Stages] | None = None

@@ -22,7 +22,7 @@ CONTROL = "(control)"
 """Name of the second copy of one draw of the design."""
 
 EPOCHS = 12
-"""Each in a separate process, because in some processes a draw takes 1.5 times as long."""
+"""Number of epochs, each in a separate process: in some a draw takes 1.5 times as long."""
 
 MAX_DRIFT = 1.5
 """Tolerated ratio of the slowest to the fastest epoch."""
@@ -61,7 +61,7 @@ class Measured:
         if self.disturbed:
             return self.disturbed
         if self.drift > MAX_DRIFT:
-            return f"the machine's speed changed by a factor of {self.drift:.2f} meanwhile"
+            return f"the machine's speed changed by a factor of {self.drift:.2f} during the rounds"
         apart = min(abs(self.control.low - 1.0), abs(self.control.high - 1.0))
         if not self.control.low <= 1.0 <= self.control.high and apart > MAX_CONTROL_DIFFERENCE:
             return f"one draw under two names took {self.control.value:.3f} times its own time"
@@ -69,7 +69,7 @@ class Measured:
 
 
 MIN_LIMIT_S = 100.0
-"""Time limit of the rounds; twice the budget if that is longer."""
+"""Minimum time limit of all rounds; the limit is twice the total budget if that is longer."""
 
 
 def settings(budget_s: float, draws: int) -> TimingSettings:

@@ -29,7 +29,7 @@ FORMAT, VERSION = "raster-harness profile", 2
 Content = TypeVar("Content")
 
 MAX_COST_S = 1.0
-"""Upper bound of what one draw, triangle or pixel may take."""
+"""Maximum valid cost of a draw, a triangle or a pixel, in seconds."""
 
 MAX_NAME_LENGTH = 200
 
@@ -58,7 +58,7 @@ def profile(
     groups = [draw.group for draw in draws]
     of_fitted = [groups[n] for n in fitted]
     law = laws.fit(design[fitted], measured.epochs[:, fitted], of_fitted)
-    # A triangulation changes no time of the vertices: these depend on the order of triangles.
+    # Draws bound by vertices are left out: their times depend on the order, not on the triangles.
     of_shape = [n for n in without_work if not law.is_bound_by_vertices[fitted.index(n)]]
     predicted = make_cost_rows([(draws[n].frame, draws[n].triangles) for n in of_shape])
     coefficients = solve(predicted, measured.times[of_shape], [groups[n] for n in of_shape])
@@ -156,9 +156,9 @@ def read_profile(file: Path, parse: Callable[[Any], Content]) -> Content:
 
 
 def check_profile(content: Any) -> None:
-    """Raise ValueError unless a profile's costs and names are possible.
+    """Raise ValueError for invalid costs or names of a profile.
 
-    Other errors mean that it has another structure.
+    Content of another structure raises KeyError, TypeError or AttributeError.
     """
     if not isinstance(content, dict):
         raise ValueError("it does not hold an object")
@@ -209,7 +209,7 @@ def read_law(content: Mapping[str, Any]) -> Law | None:
 
 
 def origin_of(device: Mapping[str, Any]) -> str:
-    """Return the device on which a profile was measured; of software, with the processor."""
+    """Return the device on which a profile was measured; a software device with its processor."""
     renderer = str(device.get("details", {}).get("renderer", ""))
     name = renderer.partition("/")[0] if device["name"].startswith("gpu") else device["name"]
     on = f", on {device.get('cpu') or 'an unknown processor'}" if device.get("software") else ""
@@ -227,7 +227,7 @@ def is_of_this_machine(device: Mapping[str, Any]) -> bool:
 
 
 def select_fitted(draws: Sequence[Draw]) -> tuple[list[int], list[int]]:
-    """Return the indices of the draws to which a law, and a criterion's costs, are fitted.
+    """Return indices of the draws to which the law, and those to which `coefficients` are fitted.
 
     Excluded are draws that a device may skip because later ones cover them and, for the criterion,
     draws with arithmetic per fragment, and those that differ in what no criterion predicts: the
@@ -239,7 +239,7 @@ def select_fitted(draws: Sequence[Draw]) -> tuple[list[int], list[int]]:
 
 
 def _find_second_filling(draws: Sequence[Draw], measured: Measured) -> dict[str, float]:
-    """Return the relative time of filling the same pixels again, by group."""
+    """Return, by size, the time of drawing the same triangles again, relative to the first time."""
     net = dict(zip((d.name for d in draws), measured.times - measured.empty, strict=True))
     pairs = [d.name for d in draws if d.kind == "twice"]
     return {

@@ -50,7 +50,7 @@ def carry_to_views(frame: Frame, flat: FrameTriangulation, recipe: Recipe) -> Fr
 
     A face is triangulated once, in the plane of the face, for all views. Loose triangles are not
     changed. Recipes of `FLIPPING` treat faces as `triangulate` does, including faces that are not
-    polygons. The seconds are the time of a single triangulation of the polygons.
+    polygons. `seconds` is the time of triangulating the flat polygons once, not once per view.
     """
     viewing = frame.viewing
     assert viewing is not None
@@ -92,10 +92,10 @@ def carry_to_views(frame: Frame, flat: FrameTriangulation, recipe: Recipe) -> Fr
 def _replace_faces(
     frame: Frame, viewing: Viewing, parts: Sequence[Rows | None], recipe: Recipe
 ) -> dict[int, Rows]:
-    """Return by source the triangles of faces that `triangulate` does not triangulate as polygons.
+    """Return, by source, the triangles of faces for which `parts` is not used.
 
-    `triangulate` does not change a face without a gain, and flips diagonals of faces that are not
-    polygons.
+    These are as in the output of the command `triangulate`: a face without a gain keeps the
+    model's triangles, and a face that is not a polygon gets flipped diagonals.
 
     parts : triangles (m, 3) of each polygon
     """
@@ -113,14 +113,18 @@ def _replace_faces(
     same_size = [
         k for k, part in enumerate(parts) if part is not None and len(part) == len(originals[k])
     ]
-    before, offsets = _renumber([originals[k] for k in same_size], first_vertices[same_size])
-    after, _ = _renumber([parts[k] for k in same_size], first_vertices[same_size])
+    before, offsets = _concatenate_faces(
+        [originals[k] for k in same_size], first_vertices[same_size]
+    )
+    after, _ = _concatenate_faces([parts[k] for k in same_size], first_vertices[same_size])
     cheaper = is_cheaper(frame.flat.points.astype(np.float64), before, after, offsets, cost)
     replaced = {k: originals[k] for k in np.array(same_size, int)[~cheaper].tolist()}
     if viewing.invalid_faces:
         points = np.concatenate([vertices for vertices, _ in viewing.invalid_faces])
         first_vertices = offsets_of([len(vertices) for vertices, _ in viewing.invalid_faces])[:-1]
-        triangles, offsets = _renumber([rows for _, rows in viewing.invalid_faces], first_vertices)
+        triangles, offsets = _concatenate_faces(
+            [rows for _, rows in viewing.invalid_faces], first_vertices
+        )
         slots = np.arange(len(triangles))
         faces = Faces(points, np.arange(len(points)), triangles, slots, offsets)
         rows_by_face = np.split(choose_diagonals(faces, criterion).triangles, offsets[1:-1])
@@ -130,10 +134,13 @@ def _replace_faces(
     return replaced
 
 
-def _renumber(
+def _concatenate_faces(
     parts: Sequence[Rows | None], first_vertices: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return triangles of faces whose vertices begin at `first_vertices`, and their offsets."""
+    """Concatenate the triangles of faces, whose vertices begin at `first_vertices`, (f,).
+
+    Returns the triangles (m, 3), and the first row of each face and the end, (f + 1,).
+    """
     rows = [part for part in parts if part is not None]
     renumbered = [part + first for part, first in zip(rows, first_vertices, strict=True)]
     triangles = np.concatenate([np.empty((0, 3), np.int64), *renumbered]).astype(np.int64)

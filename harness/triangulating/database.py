@@ -96,7 +96,7 @@ class ModelDatabase:
         self._database.close()
 
     def find(self, keys: Sequence[bytes]) -> dict[bytes, TimedTriangles]:
-        """Return the intact entries of the keys."""
+        """Return the intact entries by key; keys without an entry are absent."""
         return self._attempt(lambda: self._read(keys), {})
 
     def store(self, triangulator: str, key: bytes, model: TimedTriangles) -> None:
@@ -227,7 +227,7 @@ class ModelDatabase:
         """Connect; raise sqlite3.DatabaseError if the start of the file is damaged."""
         database = sqlite3.connect(self.path, timeout=_WAIT_S)
         try:
-            # first, so that the file has the number, and not only the log
+            # before journal_mode=WAL, so that the file itself has the number, not only its log
             database.execute(f"PRAGMA application_id={APPLICATION_ID}")
             database.execute("PRAGMA journal_mode=WAL")
             # a crash may lose the last entries, but not the file
@@ -270,7 +270,7 @@ def get_triangulators_version() -> str:
     """Return a hash of the triangulators' source and of the versions of their libraries.
 
     These are the libraries that compute triangles or proofs. NumPy's arithmetic and random numbers
-    are the same in all supported versions, so a database can be copied to a machine with another.
+    are the same in all supported versions, so a database serves all of them.
     """
     code_hash = hash_sources(Path(triangulators.__file__).parent)
     digest = hashlib.blake2b(code_hash.encode(), digest_size=12)
@@ -372,7 +372,7 @@ class CacheLookup:
     def store(
         self, number: int, triangles: NDArray[np.int32], seconds: float, gap: float | None = None
     ) -> None:
-        """Store the triangles of a polygon of `find`, if the computation took `MIN_CACHED_S`."""
+        """Store triangles of polygon `number` of `find`, if they took `MIN_CACHED_S` or more."""
         if self._database is not None and seconds >= MIN_CACHED_S:
             entry = TimedTriangles(triangles, seconds, gap, self._processor)
             self._database.store(self._name, self._keys[number], entry)

@@ -1,7 +1,6 @@
 """Triangulation of a batch of polygons, with third-party triangulators in a worker process.
 
-A polygon on which a triangulator crashes or returns an invalid triangulation fails; the others do
-not.
+If a triangulator crashes or returns an invalid triangulation, only that polygon fails.
 """
 
 from __future__ import annotations

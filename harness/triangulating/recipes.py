@@ -108,10 +108,10 @@ class Recipe:
     def attempt(
         self, polygons: PolygonArray
     ) -> tuple[Sequence[NDArray[np.int32]], NDArray[np.bool_]]:
-        """Return triangles (m, 3) of a batch's polygons, and flags (p,) of valid entries.
+        """Triangulate a batch by compiled code on one thread.
 
-        Compiled code on one thread. Other polygons need `triangulate`, as do all polygons of
-        third-party triangulators.
+        Returns triangles (m, 3) of each polygon, and flags (p,) of the polygons that were solved.
+        The others need `triangulate`, as do all polygons of third-party triangulators.
         """
         if not self.builtin:
             return [], np.zeros(len(polygons), np.bool_)
@@ -126,7 +126,7 @@ class Recipe:
         return self.triangulate_with_gap(polygon)[0]
 
     def gap_of_batch(self, vertices: int) -> float | None:
-        """Return the gap of a polygon's triangles from a batch, or None without gaps.
+        """Return the gap to the optimum of a polygon that a batch solved, or None without gaps.
 
         Up to `LIMIT` vertices, a batch has only optima; for larger polygons the gap is unknown.
         """

@@ -26,7 +26,7 @@ from triangulators.verify import find_unconfirmed
 def triangulate_polygons(
     recipe: Recipe, polygons: Sequence[Polygon], database: Path | None = None
 ) -> FrameTriangulation:
-    """Triangulate polygons in px; a polygon on which the triangulator fails raises no exception.
+    """Triangulate polygons in px; a failure on a polygon is stored in the result, not raised.
 
     All triangles are verified. Invalid triangles from the cache or a batch are computed again, one
     polygon at a time.
@@ -81,7 +81,7 @@ def triangulate_polygons(
 def run_batch(
     recipe: Recipe, polygons: PolygonArray, result: FrameTriangulation
 ) -> dict[int, Rows]:
-    """Return the triangles of polygons that compiled code handles; add the time to `result`.
+    """Return triangles by index for polygons that compiled code solves; add the time to `result`.
 
     In a batch, `seconds` is the time of the algorithm, without the overhead of single calls.
     """
@@ -116,7 +116,9 @@ def time_in_rounds(
             for k, polygon in enumerate(polygons if len(batch) < len(arrays) else ()):
                 if k not in batch:
                     start = cpu_clock()
-                    with suppress(Exception, SystemExit, GeneratorExit):  # reported before
+                    with suppress(
+                        Exception, SystemExit, GeneratorExit
+                    ):  # triangulate_polygons reported it
                         recipes[index].triangulate_with_gap(polygon)
                     result.seconds += cpu_clock() - start
             samples[index].append(result.seconds)
@@ -170,7 +172,7 @@ def warm_up(*recipes: Recipe) -> None:
         batch = run_batch(recipe, polygons, FrameTriangulation())
         find_unconfirmed(polygons, batch)
         for polygon in polygons:
-            # the polygons of the scene report errors
+            # the triangulation of the scene reports errors
             with suppress(Exception, SystemExit, GeneratorExit):
                 check_triangles(polygon, recipe.triangulate(polygon))
         _warm.add(recipe.base)

@@ -350,7 +350,9 @@ def test_markup_in_names_runs_no_script(browser, profile_page):
 def test_page_needs_a_run_or_profile(harness, monkeypatch):
     for arguments in ((), ("somewhere", "--profile")):
         assert_refused(
-            harness("page", *arguments), "RUN and --profile are mutually exclusive", code=BAD_INPUT
+            harness("page", *arguments),
+            "give either RUN, the folder of a run, or --profile",
+            code=BAD_INPUT,
         )
     monkeypatch.setattr("harness.workers.worker.Worker", inline)
     monkeypatch.setattr("harness.page.page_data.SCENES", {})
