@@ -99,7 +99,7 @@ def examine_device(rasteriser: str, name: str) -> Finding:
         return Finding(title, absent, str(error), _find_remedy(kind, name))
     if differs:
         detail += f"; differs from the reference: {differs[0]}"
-        fix = "none: the driver rounds edges differently; compare counts of this device only"
+        fix = "none: the driver rounds edges differently; compare its counts only with each other"
         return Finding(title, "warning", detail, fix)
     agrees = "counts equal the reference's" if kind.counters else "draws, but cannot count"
     return Finding(title, "ok", f"{detail}; {agrees}")

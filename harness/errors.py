@@ -23,8 +23,7 @@ BROKEN_PIPE = 141
 
 
 class HarnessError(Exception):
-    """Base class of this package's errors; the command line prints one line and exits with
-    `exit_code`."""
+    """Base class of errors that the command line prints as one line; `exit_code` is its exit code."""
 
     exit_code = BAD_INPUT
 

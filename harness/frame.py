@@ -153,7 +153,7 @@ class Frame:
         return (first - 1).astype(np.int32)
 
     def draws(self, triangles: NDArray[np.int32]) -> list[slice]:
-        """Return, for each draw call, the rows of `triangles` (m, 3), sorted by tile or view."""
+        """Return each draw call's rows of `triangles` (m, 3), which are sorted by tile or view."""
         if self.tiles is None:
             return [slice(0, len(triangles))]
         bounds = np.searchsorted(self.owner(triangles), self.tiles)

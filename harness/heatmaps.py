@@ -18,7 +18,7 @@ PADDING_PX = 2
 """Pixels shown around the polygon."""
 
 PANEL_PX = 600
-"""Approximate length of a panel's longer edge; each pixel of the frame becomes a square of px."""
+"""Approximate length of a panel's longer edge; the factor that enlarges pixels is an integer."""
 
 GAP_PX, FONT_PX = 12, 16
 

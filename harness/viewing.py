@@ -26,7 +26,8 @@ class Viewing:
 
     A view consists of pieces, in this order: the valid faces whose front points to the camera; such
     invalid faces (the outline touches itself, or a vertex is inside); and one piece for all loose
-    triangles, those outside of faces. No triangulator changes invalid faces or loose triangles.
+    triangles, those outside of faces. Triangulators change valid faces; flips also change invalid
+    faces; loose triangles stay as in the model's file.
 
     pixels : side of the image of a view
     names : (v) direction to the camera of each view, for example "1 2 3"

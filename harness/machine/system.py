@@ -61,7 +61,7 @@ def handle_signals(
 ) -> Iterator[None]:
     """Install `handler` for the `STOPPING` signals during the block.
 
-    replaces : function of a signal's present handler; only if it returns True, that is replaced
+    replaces : function of a signal's present handler, which is replaced only if the result is True
     """
     before = {
         number: signal.signal(number, handler)
@@ -77,7 +77,7 @@ def handle_signals(
 
 @contextlib.contextmanager
 def delay_signals() -> Iterator[None]:
-    """Delay `STOPPING` signals to the end of the block, and then raise KeyboardInterrupt if any."""
+    """Delay `STOPPING` signals to the end of the block; if one came, raise KeyboardInterrupt."""
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread handles signals
         return

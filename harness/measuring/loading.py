@@ -126,9 +126,9 @@ def find_backends(plan: Plan, pool: MeasuringPool, reporter: Reporter) -> list[U
             continue
         if not options:
             raise UsageError(
-                f"rasteriser '{name}': unsupported options ({rasterisers.get(name).limitation}); "
-                "use opengl for --samples, --work and --texture, or add a supported case, e.g. "
-                "--work 0,8"
+                f"rasteriser '{name}': unsupported options (it has "
+                f"{rasterisers.get(name).limitation}); use opengl for --samples, --work and "
+                "--texture, or add a supported case, e.g. --work 0,8"
             )
         known_devices.update(supported)
         usable += [(Backend(name, device), options) for device in devices]

@@ -84,8 +84,7 @@ class Backend:
 
 
 class MeasuringPool(WorkerPool):
-    """Workers of a run: one for each device, one for all built-in, and one for each third-party
-    triangulator.
+    """Workers of a run: for each device, for all built-in, and for each third-party triangulator.
 
     open_worker : starts a process
     timeout_s : time limit of a task, in addition to the requested drawing time
@@ -114,7 +113,7 @@ class MeasuringPool(WorkerPool):
         """
         if not recipe.other and recipe.base not in self._compiled:
             timeout_s = max(COMPILE_TIMEOUT_S, self.timeout_s) if recipe.builtin else self.timeout_s
-            message = f"compilation exceeded {timeout_s:g} s; close other programs, and --resume"
+            message = f"compilation exceeded {timeout_s:g} s; close other programs, then --resume"
             self._run_recipe("compile", message, warm_up, recipe, timeout_s=timeout_s, tick=tick)
             self._compiled.add(recipe.base)
 

@@ -304,7 +304,7 @@ def _handle_signals(pool: MeasuringPool, reporter: Reporter) -> Iterator[None]:
         allow_cleanup(unlimited=not at_once)
         if at_once:
             raise KeyboardInterrupt
-        reporter.say("stopping after the case in flight; press Ctrl-C again to stop at once")
+        reporter.say("stopping after the timing in progress; press Ctrl-C again to stop at once")
 
     # Ignored signals stay ignored, as under nohup.
     with system.handle_signals(stop, lambda before: before != signal.SIG_IGN):

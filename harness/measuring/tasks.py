@@ -49,8 +49,8 @@ class Opened:
 
 
 Survey = tuple[tuple[Options, ...], tuple[Device, ...], tuple[str, ...]]
-"""Supported options of a plan; supported devices of the plan, or else the rasteriser's best device;
-and the names of the supported devices."""
+"""For a plan and a rasteriser: the supported options; the requested devices that are supported, or
+if there are none, the rasteriser's best device; and the names of these requested devices."""
 
 
 def survey(name: str, options: Sequence[Options], devices: Sequence[str]) -> Survey:

@@ -34,6 +34,7 @@ __all__ = [
 ]
 
 GROUP = "raster_harness.rasterisers"
+"""Group of the entry points of third-party rasterisers."""
 
 BUILT_IN = {
     "opengl": "harness.rasterisers.opengl:OpenGL",

@@ -182,7 +182,7 @@ class Rasteriser(ABC):
     """Whether `Frame.scissor` is supported, as map tiles require."""
 
     supports_depth: ClassVar[bool] = False
-    """Whether a depth test is supported; if so, `count` (if any) also returns `depth_ties`."""
+    """Whether a depth test is supported; a rasteriser that counts then also counts `depth_ties`."""
 
     device_names: ClassVar[tuple[str, ...]] = ("cpu",)
     """Names of supported devices, whether or not they work on this machine."""

@@ -110,7 +110,7 @@ class Context:
             )
 
     def make_header(self, *extensions: str) -> str:
-        """Return a shader's first lines: the version, `extensions`, and those of an old context."""
+        """Return a shader's first lines, which require `extensions`, and more in old contexts."""
         modern = self.ctx.version_code >= MODERN
         needed = extensions if modern else (*OLDER_EXTENSIONS, *extensions)
         lines = [f"#extension {name} : require" for name in needed]
@@ -218,7 +218,7 @@ class Context:
         return value.value
 
     def measure(self, targets: Mapping[str, int], draw: Callable[[], None]) -> dict[str, int]:
-        """Call `draw` once, and return the results of queries; `targets` are OpenGL's, by name."""
+        """Call `draw` once; return the result of a query of each of OpenGL's `targets`, by name."""
         with self.create_queries(len(targets)) as queries:
             for target, query in zip(targets.values(), queries, strict=True):
                 self.begin_query(target, query)
@@ -240,10 +240,10 @@ class Context:
             self.read_query(query)
 
     def time_draws(self, calls: int, draw: Callable[[], None], after: Callable[[], None]) -> Sample:
-        """Call `draw` and then `after` `calls` times, wait for the device, return the total time.
+        """Repeat `draw` and then `after`, wait for the device, and return the total time.
 
-        `after` is a flush or a barrier. Each call of `draw` has a separate GPU timer, as a timer of
-        llvmpipe covers only the last flush.
+        Each of the `calls` repetitions has a separate GPU timer, as a timer of llvmpipe covers only
+        the last flush. `after` is a flush or a barrier.
         """
         self.wait()
         with self.create_queries(calls) as timers:

@@ -17,7 +17,8 @@ class Counter:
     of_order : whether the counter depends on the order of triangles, which no criterion predicts
     heading : shorter label for the terminal's table; with "" the table omits the counter, unless
         the rasteriser has no other counter
-    gated : whether `compare` gates it; False for a driver's inexact statistics
+    gated : whether `compare` fails if the counter increases; False for inexact driver statistics
+    description : one line for lists of counters
     """
 
     name: str
@@ -55,13 +56,13 @@ _TABLE = (
     ("covering_triangles", "covering triangles", "triangles", "triangles that cover a sample"),
     ("blocks", "4x4 blocks", "blocks", "4x4 pixel blocks with a covered pixel"),
     ("fragments", "fragments", "pixels", "covered pixels"),
-    ("hits", "hits", "pixels", "covered pixels, as found by testing"),
+    ("hits", "hits", "pixels", "covered pixels, found by tests of pixel centres"),
     ("depth_ties", "depth ties", "pixels", "depth tests that depend on a device's rounding"),
     (
         "vertex_batches",
         "vertex batches",
         "batches",
-        "index batches of 32 vertices and 32 triangles",
+        "index batches of at most 32 vertices and 32 triangles",
     ),
     (
         "transformed_vertices",

@@ -52,7 +52,7 @@ LINUX = ("Vulkan", "GL")
 """Backends of WebGPU, best first, as browsers choose them: by system, and `LINUX` for others."""
 
 REPORTED = {"DX12": "D3D12", "GL": "OpenGL"}
-"""Names of backends in adapters' properties, if different from the name that requests a backend."""
+"""Names of backends in adapters' properties, by the name that requests them, if different."""
 
 ADAPTERS = {
     ("llvmpipe", "Vulkan"): "lavapipe",

@@ -79,7 +79,7 @@ skip triangles that later opaque triangles hide, so they get a pass per draw, no
 
 
 class WebGPU(Rasteriser):
-    """WebGPU without a window; as its shaders cannot detect helper lanes, 4 quads - fragments."""
+    """WebGPU without a window; its shaders cannot detect helper lanes: 4 * quads - fragments."""
 
     name = "webgpu"
     shades_fragments = True
@@ -119,7 +119,7 @@ class WebGPU(Rasteriser):
         self.gpu = adapter.request_device_sync(
             required_features=list(features), required_limits=limits
         )
-        from wgpu.backends.wgpu_native import lib  # only wgpu has a timestamp's unit
+        from wgpu.backends.wgpu_native import lib  # the standard has no unit of timestamps
 
         period_ns = float(lib.wgpuQueueGetTimestampPeriod(self.gpu.queue._internal))
         self.period_ns = period_ns if features else None

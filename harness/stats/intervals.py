@@ -25,7 +25,7 @@ suit many values with little skew. The sums behind ratios and regrets have a few
 RESAMPLES = 1999
 
 UNKNOWN = (float("nan"), float("nan"))
-"""Result of functions for an interval whose ends cannot be determined from the values."""
+"""Interval whose ends cannot be determined from the values."""
 
 
 def median_interval(samples: list[float], confidence: float = CONFIDENCE) -> tuple[float, float]:

@@ -40,9 +40,8 @@ MIN_QUIET_ROUNDS = 12
 """Minimum number of undisturbed rounds; if there are fewer, disturbed rounds are used as well."""
 
 MAX_DISTURBED_SHARE = 0.10
-"""Three maxima on a quiet machine: the share of disturbed samples, as the operating system computes
-as well; the share of drawings whose times have two modes; and the share of a core that other
-programs use."""
+"""Maximum of three shares on a quiet machine: the share of disturbed samples (the operating system
+disturbs some), of drawings whose times have two modes, and of a core that other programs use."""
 
 MAX_STOLEN_SHARE = 0.05
 """Maximum share of a core's time that the host takes from a quiet virtual machine."""
@@ -89,9 +88,9 @@ def find_undisturbed(time: Time) -> NDArray[np.bool_]:
     """Return the (r,) mask of samples with a share of waiting of at most `MAX_WAITED_SHARE`.
 
     If the waiting is unknown, all samples are in the mask. Threads of one process that wait for
-    each other, as in Vulkan on the CPU, are not a disturbance, and do not lengthen the wall time.
-    So a sample's waiting counts only up to the excess of its wall time over the least that its CPU
-    time needs; with parallel threads that may be less than the CPU time.
+    each other, as in Vulkan on the CPU, are not a disturbance. So a sample's waiting counts only up
+    to the excess of its wall time over the wall time that an undisturbed sample needs for the same
+    CPU time, which with parallel threads may be less than the CPU time.
     """
     samples, waited, wall = map(np.array, (time.samples_s, time.waited_s, time.wall_s))
     if len(waited) != len(samples):

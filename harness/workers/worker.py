@@ -43,7 +43,7 @@ MAX_OUTPUT_LINES = 5
 MAX_OUTPUT_CHARACTERS = 500
 
 SUSPENSION_CHECK_S = 4.0
-"""Interval of checks for a suspended process; two successive checks that find it suspended kill it.
+"""Interval of checks whether a process is suspended; after two successive such checks it is killed.
 """
 
 POLL_S = 0.1

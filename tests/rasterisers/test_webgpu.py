@@ -133,7 +133,7 @@ def test_unsupported_options_are_refused(on_device):
     frame, triangles = loose_triangles([[256, 256], [2000, 256], [256, 2000]], 64)
     for options in (Options(samples=4), Options(texture=1)):
         assert not get("webgpu").supports(options)
-        with pytest.raises(UsageError, match="one sample per pixel and no textures; use opengl"):
+        with pytest.raises(UsageError, match=r"one sample per pixel and no textures\); use opengl"):
             on_device(tasks.count, frame, triangles, options)
     with pytest.raises(UsageError, match="64x64 px exceeds the device's maximum of 32"):
         on_device(count_with_limit_of_32_px, frame, triangles, Options())

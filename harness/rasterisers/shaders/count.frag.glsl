@@ -27,6 +27,7 @@ void main() {
     float helper = gl_HelperInvocation ? 1.0 : 0.0;
     bool right = (int(gl_FragCoord.x) & 1) == 1;
     bool top = (int(gl_FragCoord.y) & 1) == 1;
+    // Helper flags of the neighbour in the row, in the column, and diagonally.
     float beside = helper + (right ? -1.0 : 1.0) * dFdxFine(helper);
     float beyond = helper + (top ? -1.0 : 1.0) * dFdyFine(helper);
     float across = beside + (top ? -1.0 : 1.0) * dFdyFine(beside);

@@ -1,6 +1,6 @@
 // Draw for timing: one colour, and `work` rounds of arithmetic that compilers cannot remove. With
-// TEXTURE the colour is multiplied by the mean of `lookups` samples; 1.5 texels per pixel lie between
-// two mip levels.
+// TEXTURE the colour is multiplied by the mean of `lookups` samples; at 1.5 texels per pixel each
+// interpolates between two mip levels.
 
 flat in vec4 colour;
 

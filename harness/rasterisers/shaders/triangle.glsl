@@ -1,4 +1,4 @@
-// One workgroup per job, some rows of a triangle; edge functions in exact 64-bit integers.
+// A workgroup per job, which is some rows of a triangle; edge functions in exact 64-bit integers.
 
 layout(local_size_x = 32) in;
 
@@ -56,7 +56,7 @@ int64_t area(ivec2 a, ivec2 b, ivec2 c) {
     return int64_t(b.x - a.x) * int64_t(c.y - a.y) - int64_t(b.y - a.y) * int64_t(c.x - a.x);
 }
 
-// First and last pixel whose centre lies in the closed interval; coordinates are not negative.
+// First pixel whose centre is at or above `low`, last pixel whose centre is at or below `high`.
 ivec2 first_pixel(ivec2 low) { return (low + 127) >> 8; }
 ivec2 last_pixel(ivec2 high) { return (high - 128) >> 8; }
 
