@@ -23,7 +23,7 @@ BROKEN_PIPE = 141
 
 
 class HarnessError(Exception):
-    """Base class of errors that the command line prints as one line; `exit_code` is its exit code."""
+    """Base class of errors that end a command with one printed line and `exit_code`."""
 
     exit_code = BAD_INPUT
 
