@@ -17,7 +17,7 @@ from harness.errors import InputError
 from harness.models.flat_faces import ModelMesh, ModelPart, get_single_precision_tolerance
 
 _WORD = re.compile(rb"\S+")
-_NEW_PART = (
+_NEW_PART = (  # keywords after which a new part begins
     *(b"usemtl", b"usemap", b"mtllib", b"maplib", b"g", b"mg", b"o", b"s"),
     *(b"lod", b"bevel", b"c_interp", b"d_interp", b"shadow_obj", b"trace_obj"),
 )
@@ -116,7 +116,7 @@ class ObjModel:
         return result[0], result[1], result[2]
 
     def groups(self) -> Iterator[list[ModelPart]]:
-        """Yield all parts as a single group."""
+        """Yield all parts as a single group, because parts may share vertices."""
         values = {kind: self._parse_values(kind, lines) for kind, lines in self._lines.items()}
         xyz = values[b"v"][0][:, :3]
         step = _find_step(word for line in self._lines[b"v"] for word in line[:3])

@@ -51,7 +51,7 @@ def profile(
 ) -> dict[str, Any]:
     """Return a profile's content, JSON-ready.
 
-    counted : the draws' `counters`; device : its details
+    counted : `counters` of each draw; device : name and details of the device
     """
     design = design_of(counted)
     fitted, without_work = select_fitted(draws)

@@ -94,7 +94,7 @@ def _split_parts(
     inputs: NDArray[Any], usable: NDArray[np.int64], names: list[str], dropped: list[Note]
 ) -> tuple[NDArray[Any], NDArray[np.int64]]:
     """Return the polygons in the usable geometries, and the index of the geometry of each."""
-    if (shapely.get_type_id(inputs[usable]) == _POLYGON).all():  # the usual case, at no cost
+    if (shapely.get_type_id(inputs[usable]) == _POLYGON).all():  # the usual case: nothing to split
         return inputs[usable], usable
     parts, at = shapely.get_parts(inputs[usable], return_index=True)
     # Collections may hold multi-polygons and collections: split until only simple types remain.

@@ -77,7 +77,7 @@ def _build_courtyards(w: float, d: float, courtyards: int, u: Sequence[float]) -
 
 
 def _build_ellipse(w: float, d: float, vertices: int) -> Ring:
-    # Buildings are circles, except in a narrow lot.
+    # A building is a circle, or an ellipse in a narrow lot.
     a, b = (min(w, d), min(w, d)) if max(w, d) < 1.6 * min(w, d) else (w, d)
     step = 2 * pi / vertices
     return [(w / 2 + a / 2 * cos(k * step), d / 2 + b / 2 * sin(k * step)) for k in range(vertices)]

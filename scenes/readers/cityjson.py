@@ -65,7 +65,7 @@ def read_sequence(source: Source, size: int) -> Iterator[Raw]:
 
 
 class _Surfaces:
-    """Collected surfaces of city objects."""
+    """Surfaces of city objects, collected by `add` and returned by `raw`."""
 
     def __init__(self, source: Source) -> None:
         if source.layer not in (None, *_KINDS):
