@@ -78,7 +78,7 @@ def test_page_counts_as_expected_and_its_result_is_a_run(undisturbed, harness, s
 def test_swiftshader_has_exact_counters_on_its_coarse_grid(undisturbed):
     """Vulkan requires 4 bits of sub-pixel precision; SwiftShader has exactly these."""
     assert undisturbed.result["device"]["step"] == 16
-    assert "moved to it first" in undisturbed.device
+    assert "vertices were moved to this grid" in undisturbed.device
 
 
 def test_reference_of_the_page_equals_python(browser, page):

@@ -240,7 +240,7 @@ def test_gpu_timer_is_used_if_available(browser, profile_page):
     open_page(browser, profile_page, "timer: true, noise: 0")
     result = measure(browser)
     assert result["timer"]["timer"] == "gpu"
-    assert "The GPU's timer goes in steps of" in read_text(browser, "traps")
+    assert "The GPU timer's resolution is" in read_text(browser, "traps")
 
 
 def test_measurements_of_a_lost_gpu_are_evaluated(browser, profile_page):
@@ -260,7 +260,7 @@ def test_counters_of_a_gpu_that_is_lost_early_are_retained(browser, profile_page
     assert len(result["draws"]) == 183
     assert result["law"] is None
     assert "All counters of 183 draws are the exact ones." in read_text(browser, "answer")
-    assert "Too little was timed to say what a triangle costs." in read_text(browser, "answer")
+    assert "Too few rounds were timed to fit" in read_text(browser, "answer")
 
 
 def test_hidden_page_waits_and_repeats_the_round(browser, profile_page):
@@ -313,7 +313,7 @@ def test_browser_with_other_draws_is_refused(browser, profile_page):
     open_page(browser, profile_page)
     browser.evaluate("state.page.grids[1].checksums[5] += 1; null")
     assert measure(browser)["draws"] == []
-    assert "their checksums differ" in read_text(browser, "notice")
+    assert "checksum mismatch" in read_text(browser, "notice")
 
 
 def test_a_stop_keeps_what_was_counted(browser, profile_page):

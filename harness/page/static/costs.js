@@ -1,17 +1,17 @@
 "use strict";
-/* What follows from a profile's times: seconds of each draw, time against aspect, which criterion to triangulate by. As
-   harness/profile/measured.py and advice.py have it; only the device's own optimum is left to Python. */
+/* Results of a profile's times, as in harness/profile/measured.py and advice.py: seconds of each draw, time against
+   aspect, the criterion to triangulate by. Only Python computes the triangulations that are optimal for the device. */
 
 const CONTROL = "(control)";
 const MOST_DRIFT = 1.5, MOST_APART = 0.03, LEAST_R2 = 0.88, LEAST_EPOCHS = 4;
 
-/* Places of the rounds of each epoch that has any: [first, last] */
+/* [first, last + 1] round of each epoch with rounds. */
 function epochsOf(result) {
   let at = 0;
   return result.epochs.map((rounds) => [at, (at += rounds)]).filter(([first, last]) => last > first);
 }
 
-/* Seconds of each draw in each epoch, with the machine's speed, which all draws of a round share, made equal. */
+/* Seconds of each draw in each epoch, without the changes of speed that all draws of a round share; and the drift. */
 function measuredOf(result, size) {
   const parts = epochsOf(result);
   const logs = range(size).map((name) => result.times[name].samples_s.map((value) => Math.log(Math.max(value, 1e-12))));
@@ -24,9 +24,9 @@ function measuredOf(result, size) {
   return { epochs, control, drift: Math.exp(Math.max(...speeds) - Math.min(...speeds)), empty_s: median(result.times[EMPTY].samples_s) };
 }
 
-/* Why the times cannot be trusted; "" where nothing is wrong. */
+/* Why the times are unreliable, or "". */
 function troubleOf({ drift, control }) {
-  if (drift > MOST_DRIFT) return `The device's speed changed by a factor of ${drift.toFixed(2)} meanwhile: it became hot, or did other things.`;
+  if (drift > MOST_DRIFT) return `The device's speed changed by a factor of ${drift.toFixed(2)} during the measurement (heat, or other programs).`;
   const apart = control && Math.min(Math.abs(control.low - 1), Math.abs(control.high - 1));
   if (control && (control.low > 1 || control.high < 1) && apart > MOST_APART) {
     return `One draw under two names took ${control.value.toFixed(3)} times its own time.`;
@@ -34,7 +34,7 @@ function troubleOf({ drift, control }) {
   return "";
 }
 
-/* (draws, terms) rows of a grid's counters. */
+/* Rows (draws, terms) of the law, from a grid's counters. */
 const designRows = (page, counters, size) => range(size).map((k) => Object.keys(page.terms).map((name) =>
   (name === "draw" ? 1 : counters[name][k] / (page.in_px.includes(name) ? UNIT : 1))));
 
@@ -48,7 +48,7 @@ function doubledAt(ratios, aspects) {
   return found.includes(null) ? null : studentInterval(found).map((end) => 2 ** end);
 }
 
-/* For each area: time of thin triangles and their shaded lanes, relative to aspect 1. */
+/* For each area: time and shaded lanes of thin triangles, relative to triangles of aspect 1. */
 function aspectsOf(page, design, measured) {
   const names = Object.keys(page.terms), lane = names.indexOf("helper_lanes"), pixel = names.indexOf("fragments");
   const unlike = (values) => [...new Set(values)].filter(Boolean);
@@ -68,7 +68,7 @@ function aspectsOf(page, design, measured) {
   });
 }
 
-/* Which of the criteria costs least by the model, what each costs above it, and what it saves of ear clipping's time. */
+/* The criterion with the lowest modelled time, each criterion's extra time, and the time saved of ear clipping's. */
 function adviceOf(page, coefficients, random = Math.random) {
   const own = coefficients.slice(1);
   if (!own.some((value) => value > 0)) return null;
@@ -86,11 +86,11 @@ function adviceOf(page, coefficients, random = Math.random) {
   return costs.length ? { triangulator: chosen, regret, saved } : null;
 }
 
-/* For each form a row for each stage: 1 for the terms that count in it, else 0. */
+/* For each form of the law, a row for each stage: 1 for the terms that count in the stage, else 0. */
 const membersOf = (page) => mapValues(page.forms, (stages) => Object.values(stages).map((terms) =>
   Object.keys(page.terms).map((name) => Number(name === "draw" || terms.includes(name)))));
 
-/* All of it, of a result: null where too few epochs were timed to tell anything. */
+/* The law, advice and other results of a result; null if fewer than LEAST_EPOCHS were timed. */
 function profileOf(page, result) {
   const size = page.draws.length;
   if (!result.times || epochsOf(result).length < LEAST_EPOCHS) return null;
@@ -100,7 +100,7 @@ function profileOf(page, result) {
   const pick = (rows) => places.map((k) => rows[k]);
   const law = lawOf(pick(design), measured.epochs.map(pick), page.fitted, membersOf(page));
   const seconds = range(size).map((k) => Math.exp(mean(measured.epochs.map((row) => Math.log(row[k])))));
-  // A triangulation changes no time of the vertices: these depend on the order of triangles.
+  // Draws bound by vertices are left out: their times depend on the order of triangles, not on the criteria.
   const stages = Object.values(page.forms[law.form]);
   const isBound = (k) => stages[law.binding[places.indexOf(k)]].join() === page.vertices.join();
   const shape = range(page.plain.places.length).filter((index) => !isBound(page.plain.places[index]));

@@ -1,10 +1,10 @@
 "use strict";
-/* What people see of a profile: sentences, as harness/profile/report.py has them, charts and tables. */
+/* Display of a profile: sentences as in harness/profile/report.py, charts and tables. */
 
 const UNITS = [[1, "s"], [1e-3, "ms"], [1e-6, "µs"], [1e-9, "ns"], [1e-12, "ps"]];
 const NOTHING = 1e-16;
 
-/* Terms of the first sentence, which has the first few that cost anything. */
+/* Terms for the first sentence, in order; the sentence has the first MOST_SAID terms with a significant cost. */
 const SAID_FIRST = { triangles: "a triangle", set_up: "a triangle with a pixel centre in its box", covering: "a triangle that covers a pixel", tile_pairs: "a 16x16 tile of a covering triangle", transformed_vertices: "a transformed vertex", vertex_batches: "a vertex batch", fragments: "a covered pixel",
   helper_lanes: "a helper lane", blocks: "a 4x4 block", further_tiles: "a further 64x64 tile", near: "a pixel of its box's first width and height",
   half_perimeter: "a pixel of its box's width and height", rows: "a row of pixels", bbox_tests: "a pixel of its box", work: "a round of arithmetic", draw: "a draw" };
@@ -21,7 +21,7 @@ const listed = (words) => (words.length < 2 ? words.join("") : `${words.slice(0,
 const termsOf = ({ law }) => Object.entries(state.page.terms).map(([name, term], j) =>
   ({ name, ...term, seconds: law.seconds[j], low: law.low[j], high: law.high[j], shown: law.shown[j], known: law.known[j] }));
 
-/* [name, terms, number of draws in which it is slowest] of each stage. */
+/* [name, terms, number of draws in which the stage is the slowest] of each stage. */
 const stagesOf = ({ law }) => Object.entries(state.page.forms[law.form]).map(([name, terms], stage) =>
   [name, terms, law.binding.filter((own) => own === stage).length]);
 
@@ -52,31 +52,31 @@ function adviceWords({ advice }) {
   if (!advice) return [];
   const { page } = state;
   const saved = advice.saved.map(({ scene, value, low, high }) => `${percentText(value, 1)} on ${scene} (${percentText(low, 1)} to ${percentText(high, 1)})`);
-  return [`Triangulate by ${advice.triangulator}: by the model, it saves ${listed(saved)} of ear clipping's time, the draw itself left out.`,
-    `Above the least of the three criteria: ${listed(Object.entries(page.criteria).map(([name, short]) => `${short} ${percentText(advice.regret[name], 1)}`))}. `
-      + "Whether optimal:calibrated does better with this device's own costs, raster-harness import says."];
+  return [`Triangulate by ${advice.triangulator}: by the model, it saves ${listed(saved)} of ear clipping's time, without the constant cost of a draw.`,
+    `Extra time compared with the best criterion for each scene: ${listed(Object.entries(page.criteria).map(([name, short]) => `${short} ${percentText(advice.regret[name], 1)}`))}. `
+      + "raster-harness import reports whether optimal:calibrated, with this device's costs, saves more."];
 }
 
-/* What one should know of these times: of the timer, the counters, the device. */
+/* Notes about the times: timer, counters, device. */
 function trapWords(result, profile) {
   const { timer, device } = result;
   const words = [];
   if (timer) {
     const step = secondsText(timer.resolution_s);
-    words.push(timer.timer === "gpu" ? `The GPU's timer goes in steps of ${step}; each time is that of a batch of draws at least a hundred steps long.`
-      : `Times are the wall clock's, for ${timer.reason}. Its steps show ${step}, and asking the GPU takes ${secondsText(timer.asking_s)}: whole batches of draws were waited for.`);
+    words.push(timer.timer === "gpu" ? `The GPU timer's resolution is ${step}; each time is of a batch of draws that takes at least 100 times as long.`
+      : `Times are wall-clock times (${timer.reason}). The resolution is ${step}, and a request to the GPU takes ${secondsText(timer.asking_s)}, so batches of draws were timed.`);
   }
-  words.push("Counters are of covered pixels, one sample a pixel. Under multisampling some GPUs shade once a sample, and their own statistics may count helper lanes, too; neither is used here.");
+  words.push("Counters are exact, with one sample per pixel. The page does not use multisampling, with which some GPUs shade every sample, or the GPU's own statistics, which may include helper lanes.");
   if (device.fallback || /swiftshader|llvmpipe|lavapipe|basic render/i.test(`${device.description} ${device.architecture}`)) {
-    words.push("This is no GPU but a program that draws on the processor: the browser did not give the GPU.");
+    words.push("This device is software on the processor: the browser did not provide a GPU.");
   }
   if (result.hidden) words.push("The page was hidden for a while. Browsers slow hidden pages down, so the rounds of that time were drawn again.");
   if (!profile) return words;
   const tiles = termsOf(profile).find((term) => term.name === "further_tiles");
-  if (profile.law.form === "sum") words.push(tiles.shown ? "Time grows with the 64x64 tiles that triangles touch: the device sorts triangles into tiles, as tile-based GPUs do. A draw that is timed alone may not cost what it does within a frame."
+  if (profile.law.form === "sum") words.push(tiles.shown ? "Time grows with the 64x64 tiles that triangles touch: the device sorts triangles into tiles, as tile-based GPUs do. A draw that is timed alone may cost more or less than within a frame."
     : "The cost of 64x64 tiles is not significant: no sign that the device sorts triangles into tiles.");
   if (profile.again.some((value) => value < 0.5)) {
-    words.push(`To fill the same pixels a second time took ${listed(profile.again.map((value) => percentText(value)))} of the first: the device may leave out what is covered by what follows.`);
+    words.push(`Filling the same pixels a second time took ${listed(profile.again.map((value) => percentText(value)))} of the first time: the device may omit pixels that a later triangle covers.`);
   }
   const { drift, control } = profile;
   words.push(`From the slowest to the fastest part of the measurement, the speed differed by a factor of ${drift.toFixed(2)}. `
@@ -126,21 +126,21 @@ function drawTable(profile) {
     + `R² of their log time: ${r2_over.toFixed(3)} over all, ${r2_within.toFixed(3)} within groups. A dash: not significant.`;
 }
 
-/* Why there is no law to believe; "" where there is one. */
+/* Why the law is refused, or "". */
 function refusalOf(profile) {
-  if (profile.trouble) return `${profile.trouble} Do not trust these figures: let it cool, close other programs, and start again.`;
+  if (profile.trouble) return `${profile.trouble} These times are unreliable: let the device cool, close other programs, and start again.`;
   const { r2_over, r2_within } = profile.law;
-  return profile.refused ? `The law explains too little of the times (R² ${r2_over.toFixed(2)} over all draws, ${r2_within.toFixed(2)} within groups). Do not trust `
-    + "these figures: close other programs, and start again, longer." : "";
+  return profile.refused ? `The law explains too little of the times (R² ${r2_over.toFixed(2)} over all draws, ${r2_within.toFixed(2)} within groups). These costs `
+    + "are unreliable: close other programs, and start again with \"long\"." : "";
 }
 
 function answerOf(result) {
   const { profile } = state, name = deviceName(result, "this device");
   const counted = result.differing ? `Counters differ from the exact ones in ${count(result.differing)} of ${count(result.draws.length)} draws.`
     : `All counters of ${count(result.draws.length)} draws are the exact ones.`;
-  if (!profile) return `On ${name}: ${counted} Too little was timed to say what a triangle costs.${slowWords(result)}`;
+  if (!profile) return `On ${name}: ${counted} Too few rounds were timed to fit the costs of a triangle.${slowWords(result)}`;
   const differ = result.differing ? ` ${counted}` : "";
-  if (refusalOf(profile)) return `On ${name}: ${result.problem ? "what follows is not to be trusted." : refusalOf(profile)}${differ}`;
+  if (refusalOf(profile)) return `On ${name}: ${result.problem ? "the results below are unreliable." : refusalOf(profile)}${differ}`;
   const terms = new Map(termsOf(profile).map((term) => [term.name, term]));
   const causes = Object.entries(SAID_FIRST).filter(([term]) => terms.get(term).shown).slice(0, MOST_SAID)
     .map(([term, words], k) => `${words}${k ? "" : " costs"} ${secondsText(terms.get(term).seconds)}`);
@@ -150,7 +150,7 @@ function answerOf(result) {
   return `${first} ${thin}${differ}`;
 }
 
-/* What a slow device was measured for; "" where the time limit did not matter. */
+/* The rounds and epochs that a slow device completed within the time limit; "" if the limit was not reached. */
 function slowWords(result) {
   if (!result.limited) return "";
   const rounds = sum(result.epochs), epochs = epochsOf(result).length;

@@ -1,5 +1,5 @@
 "use strict";
-/* The draws of a profile in whole numbers, as harness/profile/design.py and placing.py make them, with the same
+/* The draws of a profile in integers, as harness/profile/design.py and placing.py make them, with the same
    checksums. Only sums, products below 2^53, floor divisions and shifts are used. Points are flat: x, y, x, y, ... */
 
 const SIDE = 1024, GAP = 512, MARGIN = 256;
@@ -8,7 +8,7 @@ const MOST = 3000;
 
 const over = (value, by) => Math.floor(value / by);
 
-/* Numbers of 32 bits: the seed's, the draw's and each place's, well mixed. */
+/* A pseudo-random 32-bit number for each of `size` positions, from the seed, the draw and the position. */
 function mixed(seed, draw, size) {
   const start = ((seed % 2 ** 32) * 31 + draw * 65599) % 2 ** 32;
   return range(size).map((place) => {
@@ -27,11 +27,11 @@ function turned([x, y], [dx, dy, length]) {
   return [over(x * dx - y * dy + half, length), over(x * dy + y * dx + half, length)];
 }
 
-/* Corners of at most `wanted` boxes, turned about the viewport's middle, spread evenly over those that fit. */
+/* Lower left corners of at most `wanted` boxes, spread evenly over all boxes that, rotated, fit the viewport. */
 function cells(width, height, [dx, dy, length], wanted) {
   const wide = width + GAP, high = height + GAP, half = SIDE * 128 - MARGIN, most = half - UNIT;
   const reach = (size) => over(3 * half, 2 * size) + 2;
-  // A turned corner is within, on one axis, if the whole number before its division is.
+  // Coordinates are compared before the division in `turned`, which would round them.
   const least = -half * length - (length >> 1), beyond = most * length - (length >> 1);
   const within = (x, y) => {
     const across = x * dx - y * dy, up = x * dy + y * dx;
@@ -48,7 +48,7 @@ function cells(width, height, [dx, dy, length], wanted) {
   return range(some).map((k) => inside[over(k * inside.length, some)]);
 }
 
-/* Points of copies of a shape, each at its own place; shape(number) has points in a box of `size`. */
+/* Points of a copy of a shape in each cell of width x height; shape(number) returns the copy's points in a cell. */
 function placed(shape, [width, height], direction, numbers) {
   const middle = SIDE * 128;
   return cells(width, height, direction, numbers.length).flatMap(([left, low], k) => {
@@ -57,7 +57,7 @@ function placed(shape, [width, height], direction, numbers) {
   });
 }
 
-/* Triangles on a base, each with its apex above another place; every other one hangs. */
+/* A triangle with a horizontal base; the apex's position above the base, and whether it points down, vary. */
 const triangleOf = (base, height) => (number) => {
   const apex = over(((number >>> 16) & 255) * base, 255);
   const corners = [[0, 0], [base, 0], [apex, height]];

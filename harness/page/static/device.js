@@ -140,7 +140,7 @@ class Painter {
   }
 }
 
-/* Ranges of triangles whose lanes fit a counter of 32 bits. */
+/* Ranges of triangles so small that their lane counts fit into 32 bits. */
 function batches(frame, rows) {
   const ranges = [];
   let first = 0, lanes = 0;
@@ -181,8 +181,8 @@ class Drawing {
     }
   }
 
-  /* As instances of one draw on GPUs that shade triangles as they come. Others collect a pass first, and leave
-     out what a later triangle of it hides: they get a pass for each draw. */
+  /* Immediate-mode GPUs draw the repeats as instances of one draw. Tile-based GPUs would omit fragments that a later
+     triangle of the same pass hides, so on these each repeat has a pass. */
   async sample(repeats) {
     const { device, instances, hasTimer } = this.painter;
     const passes = instances ? 1 : repeats;
@@ -207,7 +207,7 @@ class Drawing {
     pass.setVertexBuffer(0, this.buffers[0]);
     pass.setVertexBuffer(1, this.buffers[1]);
     pass.setIndexBuffer(this.buffers[2], "uint32");
-    // An empty draw is only a pass, as browsers warn of draws without triangles.
+    // An empty drawing is a pass without a draw call, because browsers warn of draws without triangles.
     if (this.indices) pass.drawIndexed(this.indices, instances);
     pass.end();
     if (stamps && last) encoder.resolveQuerySet(this.queries, 0, 2, this.answers, 0);

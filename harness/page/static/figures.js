@@ -48,8 +48,8 @@ function meanInterval(values, random = Math.random) {
 }
 
 /* Ratio of `samples` to `base`, round by round: the mean over epochs of their medians of logarithms, with
-   Student's interval for as many independent values as there are epochs, in which another run may find it, too;
-   of this run alone with a scatter of 0. */
+   Student's interval, one independent value per epoch. `scatter` widens the interval by the variation between runs;
+   0 gives the interval of this run alone. */
 function pairedRatio(samples, base, epochs, scatter = RUN_SCATTER) {
   const logs = samples.map((sample, round) => Math.log(sample / base[round]));
   const medians = [];

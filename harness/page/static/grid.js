@@ -1,6 +1,6 @@
 "use strict";
-/* The grid that a device snaps vertices to. Ours is 1/256 px; the standards below WebGPU allow one of 1/16 px. On such
-   a device the polygons are moved to its grid first, and the expected counters are computed again. */
+/* The grid to which a device snaps vertices. The reference's is 1/256 px; APIs under WebGPU allow 1/16 px. On a device
+   with a coarser grid the polygons are moved to its grid first, and the expected counters are computed again. */
 
 const STEPS = [1, 2, 4, 8, 16];
 const PROBE_PX = 64, PROBES = 80;

@@ -9,7 +9,7 @@ const MIN_TIME_SHARE = 0.002, START_FACTORS = [1, 0.5, 2], MAX_REASSIGNMENTS = 4
 const dot = (p, q) => p.reduce((total, value, k) => total + value * q[k], 0);
 const between = (value, low, high) => Math.min(Math.max(value, low), high);
 
-/* Solve the columns `kept` of the equations gram x = right, by Cholesky's factors; what depends on others gets 0. */
+/* Solve gram x = right for the columns `kept` by Cholesky factors; columns that depend on earlier columns get 0. */
 function solved(gram, right, kept) {
   const factor = [], found = new Array(right.length).fill(0), y = [];
   for (const [i, row] of kept.entries()) {
@@ -31,7 +31,7 @@ function solved(gram, right, kept) {
   return found;
 }
 
-/* The same, with nothing negative: C. Lawson and R. Hanson, "Solving Least Squares Problems", 1974, chapter 23. */
+/* `solved` with non-negative coefficients: C. Lawson and R. Hanson, "Solving Least Squares Problems", 1974, chapter 23. */
 function solvedAbove(gram, right) {
   const size = right.length, kept = [], barred = new Set();
   const tolerance = 1e-13 * Math.max(...right.map(Math.abs));
@@ -42,7 +42,7 @@ function solvedAbove(gram, right) {
     if (!(slopes[best] > tolerance)) return found;
     kept.push(best);
     let next = solved(gram, right, kept);
-    // What only rounding lets in would come and go for ever.
+    // A column that only rounding errors admitted is barred: it would be added and removed for ever.
     if (next[best] <= 0) {
       barred.add(kept.pop());
       continue;
@@ -123,13 +123,13 @@ const predictTime = (row, costs, members) => Math.max(...stageTimes(row, costs, 
 const indexOfMaximum = (values) => values.indexOf(Math.max(...values));
 const keepBinding = (design, members, binding) => design.map((row, k) => row.map((value, j) => value * members[binding[k]][j]));
 
-/* The soft L1 loss of predicted times, as the fit weights it. */
+/* Sum of the soft L1 losses of relative errors, with the weights of the fit. */
 function computeLoss(seconds, predicted, labels) {
   const errors = stacked(seconds.map((value, k) => [value / predicted[k] - 1]), labels);
   return sum(errors.map(([error]) => Math.sqrt(1 + (error / LARGE_ERROR) ** 2) - 1));
 }
 
-/* Binding stages to begin a fit with: see law.make_starts. */
+/* Initial binding stages of the draws for a fit, several sets; see law.make_starts. */
 function makeStarts(design, seconds, members) {
   const shares = design.map((row, k) => row.map((value) => value / seconds[k]));
   const bounds = transposed(shares).map((column) => Math.max(...column) || 1);
@@ -166,7 +166,7 @@ function heldOut(design, seconds, labels, folds, members, binding) {
   return predicted;
 }
 
-/* Mean absolute error of log time of each fold, without the draws that are always fitted. */
+/* Mean absolute error of log time of each fold; draws of fold -1, which are always fitted, are excluded. */
 const foldErrors = (seconds, predicted, folds) => range(Math.max(...folds) + 1).map((fold) =>
   mean(range(folds.length).filter((k) => folds[k] === fold).map((k) => Math.abs(Math.log(predicted[k] / seconds[k])))));
 
@@ -180,7 +180,7 @@ function chooseForm(errors, least) {
   }, first);
 }
 
-/* A number from 0 on for each different value, in the order of the values. */
+/* The rank, from 0, of each value among the distinct sorted values. */
 function numbered(values) {
   const places = new Map([...new Set(values)].sort((p, q) => (p < q ? -1 : 1)).map((value, k) => [value, k]));
   return values.map((value) => places.get(value));
@@ -203,7 +203,7 @@ function explained(seconds, predicted, labels) {
 const product = (left, right) => left.map((row) => right[0].map((_, j) => row.reduce((total, value, k) => total + value * right[k][j], 0)));
 const transposed = (rows) => rows[0].map((_, j) => rows.map((row) => row[j]));
 
-/* Deviations from their group's mean, and below these the means, weighed: fitting.stacked. */
+/* Rows less their group's mean, then a weighted row of each group's mean; see fitting.stacked. */
 function stacked(rows, labels) {
   const groups = range(Math.max(...labels) + 1).map((label) => rows.filter((_, k) => labels[k] === label));
   const means = groups.map((own) => own[0].map((_, j) => mean(own.map((row) => row[j]))));
@@ -211,8 +211,8 @@ function stacked(rows, labels) {
     ...means.map((row, label) => row.map((value) => BETWEEN * Math.sqrt(groups[label].length) * value))];
 }
 
-/* Signed coefficients, their covariance under errors that groups share, and which of them the draws determine:
-   law._covariance. */
+/* Signed coefficients, the covariance with errors that a group's draws share, and which coefficients the draws determine;
+   see law._covariance. */
 function covarianceOf(design, seconds, labels) {
   const size = design[0].length, free = coefficientsOf(design, seconds, labels, true);
   const fitted = design.map((row, k) => between(dot(row, free), seconds[k] / FAR_OFF, seconds[k] * FAR_OFF));
@@ -226,9 +226,9 @@ function covarianceOf(design, seconds, labels) {
   const moved = transposed(transposed(right).map((column) => solved(gram, column, range(size)).map((value, j) => value / scale[j])));
   const errors = seconds.map((value, k) => value / fitted[k] - dot(shares[k], free));
   const followed = product(shares, moved), left = followed.map((row, i) => row.map((value, j) => Number(i === j) - value));
-  // Sums of a group's columns: what an error that a group shares does.
+  // The effect of an error that a group's draws share is the sum of the group's columns.
   const grouped = (matrix) => matrix.map((row) => range(Math.max(...labels) + 1).map((label) => sum(row.filter((_, k) => labels[k] === label))));
-  // Squares within groups, and of their means.
+  // Sums of squares within groups, and of the group means.
   const squares = (column) => {
     const apart = centred(column, labels), within = dot(apart, apart);
     return [within, dot(column, column) - within];
@@ -238,7 +238,7 @@ function covarianceOf(design, seconds, labels) {
   let own = (estimate[0] * d - estimate[1] * b) / whole, shared = (estimate[1] * a - estimate[0] * c) / whole;
   if (Math.min(own, shared) < 0) [own, shared] = [(estimate[0] + estimate[1]) / (a + c), 0];
   const square = (matrix) => product(matrix, transposed(matrix)), [one, other] = [moved, grouped(moved)].map(square);
-  // What is left of a column that the others are fitted to.
+  // A coefficient is determined unless the other columns reproduce its column.
   const known = gram.map((column, j) => gram[j][j] - dot(column, solved(gram, column, range(size).filter((k) => k !== j))) > 1e-9);
   return { free, known, covariance: one.map((row, i) => row.map((value, j) => own * value + shared * other[i][j])) };
 }

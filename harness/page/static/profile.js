@@ -1,5 +1,5 @@
 "use strict";
-/* Makes the draws of a profile, counts, times and fits; keeps what was measured whatever happens. */
+/* Generates, counts and times the draws of a profile, and fits the law; completed measurements survive an error. */
 
 const PACE = { quick: 0.1, usual: 0.5, long: 1.5 };
 const RESULT = "raster-harness device profile";
@@ -15,14 +15,14 @@ const drawCharts = () => {};
 async function measureAll(result, painter, budget) {
   const { page } = state;
   state.profile = null;
-  if (painter.device.limits.maxTextureDimension2D < SIDE) throw new Error(`The GPU draws no viewport of ${SIDE} px.`);
+  if (painter.device.limits.maxTextureDimension2D < SIDE) throw new Error(`The GPU does not support a viewport of ${SIDE} px.`);
   progress(0, "making the draws");
   await pause();
   const grid = (result.device.step = await findStep(painter)) ?? 1;
   const frames = designOf(page.seed).map(({ points, rows }, k) => [{ size: SIDE, points: Int32Array.from(snapped(points, grid)),
     owner: new Uint32Array(points.length / 2), polygons: 1, work: page.draws[k].work }, Uint32Array.from(rows)]);
   const expected = page.grids[grid], sums = frames.map(([frame, rows]) => checksumOf({ points: frame.points, rows }));
-  if (sums.some((value, k) => value !== expected.checksums[k])) throw new Error("This browser made other draws than the page was written for: their checksums differ.");
+  if (sums.some((value, k) => value !== expected.checksums[k])) throw new Error("This browser generated other draws than expected (checksum mismatch).");
   for (const [k, [frame, rows]] of frames.entries()) {
     if (k % 10 === 0) progress(0.1 * (k / frames.length), `counting draw ${k + 1} of ${frames.length}`);
     const { fragments: [fragments], quads: [quads] } = await painter.count(frame, rows);
@@ -46,7 +46,7 @@ async function time(result, frames, painter, budget) {
   let seen = 0;
   const stopped = () => {
     const epochs = epochsOf(result).length;
-    // Once an epoch is over: a device that became hot will not tell its law.
+    // Checked after each epoch: the times of a device whose speed changes (heat) cannot be fitted.
     if (epochs > Math.max(seen, 1)) {
       const { drift } = measuredOf(result, frames.length);
       if (drift > MOST_DRIFT) throw new Error(troubleOf({ drift }));
@@ -61,7 +61,7 @@ async function time(result, frames, painter, budget) {
   await prepare([]);
 }
 
-/* Waits until the page is seen again; the seconds that took, 0 where it was seen all the time. */
+/* Waits until the page is visible; returns the seconds waited, 0 if it was visible since the last call. */
 async function away() {
   if (!state.wasHidden && !document.hidden) return 0;
   const begun = timing.clock();
@@ -75,7 +75,7 @@ async function away() {
   return timing.clock() - begun + 1e-9;
 }
 
-/* Fits what was timed, however it ended. */
+/* Fits the completed times, also after an error or a stop. */
 async function conclude(result) {
   progress(0.95, "fitting the law");
   await pause();

@@ -1,5 +1,5 @@
 "use strict";
-/* A measurement from its start to its file, whatever happens to it. The page that measures defines PACE, RESULT,
+/* A measurement from its start to the saved file, also after errors. The script of each page defines PACE, RESULT,
    VERSION, pageOf, nothingYet, measureAll, hasAny, conclude, answerOf, show, drawCharts and wordsOf. */
 
 const state = { page: null, result: null, running: false, stop: false, dark: false };
@@ -28,12 +28,12 @@ async function measure() {
   const painter = new Painter(device, info, state.page.shaders);
   const lost = device.lost.then((why) => `The browser lost the GPU (${why.message || why.reason}).`);
   try {
-    // All pending promises end when the device is lost.
+    // Promises of a lost device may stay pending, so its loss ends the measurement.
     await Promise.race([measureAll(result, painter, budget), lost.then((why) => { throw new Error(why); })]);
   } catch (error) {
     // Running measurements end with the current round.
     state.stop = true;
-    // A failure may arrive before the loss of the device that caused it.
+    // The loss of the device may be reported after the failure that it caused, so wait for it.
     const later = new Promise((resolve) => setTimeout(resolve, 1000));
     throw new Error(await Promise.race([lost, later.then(() => error.message)]));
   } finally {
@@ -47,7 +47,7 @@ async function testTimers(result, painter) {
   for (const drawing of [big, nothing]) drawing.close();
 }
 
-/* prepare(order) for `timeTogether`, of a Map of [frame, rows] by name. */
+/* Returns `prepare` for `timeTogether`; drawn: Map of name -> [frame, rows]. */
 function preparing(painter, drawn) {
   let open = new Map();
   return async (order) => {
@@ -98,7 +98,7 @@ function showDevice(result) {
   const { device, timer } = result;
   const facts = [["GPU", device.description || [device.vendor, device.architecture, device.device].filter(Boolean).join(" ") || "not reported by the browser"],
     ["Browser", navigator.userAgent], ["Timer", timer ? `${timer.timer === "gpu" ? "the GPU's" : "the wall clock"}, in steps of ${timer.resolution_s < 1e-6 ? `${digits(timer.resolution_s * 1e9, 2)} ns` : `${digits(timer.resolution_s * 1e6, 3)} µs`}` : "not tested yet"],
-    ["Grid", device.step ? `1/${256 / device.step} px${device.step > 1 ? ", coarser than ours of 1/256: the polygons were moved to it first" : ""}` : "not known yet"],
+    ["Grid", device.step ? `1/${256 / device.step} px${device.step > 1 ? ", coarser than the reference's 1/256 px: vertices were moved to this grid" : ""}` : "not known yet"],
     ["Largest viewport", `${count(device.limits.maxTextureDimension2D)} px`]];
   $("device").replaceChildren(...facts.flatMap(([term, what]) => [element("dt", {}, term), element("dd", {}, what)]));
 }

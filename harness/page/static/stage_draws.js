@@ -27,14 +27,14 @@ const gridCells = (size, columns, [wide, high], [left, low]) =>
 
 const jitterOf = (number) => [number % SAMPLE_JITTER, over(number, UNIT) % SAMPLE_JITTER];
 
-/* An isolated triangle in each cell; `quarters` of four cover one sample each. */
+/* An isolated triangle in each cell; `quarters` of every four triangles cover one sample, the others none. */
 const smallTriangles = (cells, numbers, quarters) => inOrder(cells.flatMap((cell, k) => {
   const offset = k % 4 < quarters ? ON_SAMPLE : OFF_SAMPLE, jitter = jitterOf(numbers[k]);
   const [x, y] = cell.map((start, axis) => start + offset + jitter[axis]);
   return [x, y, x + SMALL_SIDE, y, x, y + SMALL_SIDE];
 }));
 
-/* A patch of 32 triangles in each cell; in `quarters` of four every triangle covers one sample. */
+/* A patch of 32 triangles in each cell; in `quarters` of every four patches, every triangle covers one sample. */
 function patches(cells, numbers, quarters) {
   const line = PATCH + 1, small = SMALL_SIDE / PATCH;
   const points = cells.flatMap((cell, k) => {
@@ -49,7 +49,7 @@ function patches(cells, numbers, quarters) {
 const largeTriangles = (side, cells, numbers) => inOrder(cells.flatMap(([left, low], k) =>
   triangleOf(side * UNIT, side * UNIT)(numbers[k]).flatMap(([x, y]) => [x + left, y + low])));
 
-/* Two populations in one index buffer, one after the other; or their blocks of triangles spread evenly. */
+/* Two populations of triangles in one index buffer: one after the other, or evenly interleaved in blocks. */
 function joined([one, block], [other, otherBlock], interleaved) {
   const shift = one.points.length / 2, triangles = [one, other].map(({ rows }) => rows.length / 3);
   const points = [...one.points, ...other.points], rows = [...one.rows, ...other.rows.map((vertex) => vertex + shift)];

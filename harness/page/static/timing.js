@@ -65,7 +65,7 @@ async function selfTest(big, nothing) {
 /* Draws until times are stable; returns the draws per batch of `batch` seconds, and the seconds per draw. */
 async function warmUp(drawing, batch, limit, timer) {
   const deadline = timing.clock() + limit;
-  // The additional time of the first draw might exceed a batch.
+  // The first draw is discarded: its additional time might exceed a batch.
   await drawing.sample(1);
   let repeats = 1;
   let seconds = secondsOf(await drawing.sample(repeats), timer);
@@ -90,18 +90,18 @@ async function warmUp(drawing, batch, limit, timer) {
 
 /* Time all drawings together.
 
-   prepare(order) gives up what there is and returns a Map of fresh drawings, in that order of making;
-   settings : {budget_s, min_batch_s, warm_up_s}, and may have {paired}: whether all are drawn equally often a batch;
-   {limit_s}: what ends it however few rounds there are; {away}: a promise of the seconds for which nobody looked, asked
-   after each round, which does not count then; reportShare(share) hears how much is done, from 0 to 1;
-   stopped() ends it after the round under way. Fills found.times, {name: {repeats, samples_s}}, and found.epochs,
-   rounds of each, as it goes. */
+   prepare(order) destroys the drawings and returns a Map of new ones, made in this order;
+   settings : {budget_s, min_batch_s, warm_up_s}, optionally {paired}: whether a batch has equally many draws of each;
+   {limit_s}: time limit, whatever the number of rounds; {away}: called after each round, promises the seconds for which
+   the page was hidden; such a round is discarded. reportShare(share) is called with the completed share, 0 to 1;
+   stopped() returns true to end after the current round. Fills found.times, {name: {repeats, samples_s}}, and
+   found.epochs, the number of rounds of each epoch, during the measurement. */
 async function timeTogether(names, prepare, settings, test, reportShare, stopped, found, random = Math.random) {
   const { paired = true, limit_s = Infinity, away = () => 0 } = settings;
   let gone = 0;
   const now = () => timing.clock() - gone;
   const start = now();
-  // Browsers take milliseconds per batch, so shorter batches would waste the budget.
+  // A batch costs the browser milliseconds of overhead, so shorter batches would waste the budget.
   const batch = Math.max(settings.min_batch_s, 100 * test.resolution_s, 3 * test.asking_s);
   const budget = settings.budget_s * names.length;
   let drawings = await prepare(names);

@@ -101,8 +101,8 @@ function chartOption(marks, stacked) {
   const panel = (i) => stacked
     ? { left: 62, right: 16, top: i ? "57%" : 48, height: "35%" }
     : { left: i ? "55%" : 62, right: i ? 16 : "52%", top: 48, bottom: 58 };
-  const whole = $("chart").clientWidth, room = stacked ? whole - 12 : 0.45 * whole - 20;  // of a title
-  // Ratios have the same axes in both panels and both directions, so that the dashed lines compare.
+  const whole = $("chart").clientWidth, room = stacked ? whole - 12 : 0.45 * whole - 20;  // width of a title
+  // All axes of ratios have the same range, so that the dashed lines of both panels are comparable.
   const every = isRatio() ? marks.flatMap((m) => [m.y, ...m.x]).filter(positive) : null;
   const axis = (name, i, y) => ({
     type: "log", logBase: spread(every ?? marks.map((m) => (y ? m.y : m.x[i]))) > 4 ? 2 : Math.SQRT2, gridIndex: i, name, nameLocation: "middle", nameGap: y ? 42 : 30,

@@ -1,5 +1,5 @@
 "use strict";
-/* What the report and the measuring page both use: their numbers, elements, the colours of the style. */
+/* Functions of the report and of measuring pages: embedded data, elements, colours of the style. */
 
 const $ = (id) => document.getElementById(id);
 
@@ -11,7 +11,7 @@ function decode(text, Kind) {
   return new Kind(bytes.buffer);
 }
 
-/* The numbers that the page was written with. */
+/* The data embedded in the page. */
 async function unpack() {
   const packed = decode($("data").textContent.trim(), Uint8Array);
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
@@ -28,7 +28,7 @@ function element(name, attributes = {}, ...children) {
   return made;
 }
 
-/* The colour a style variable has now, light or dark. */
+/* The current colour of a style variable, which depends on the light or dark theme. */
 function styled(variable) {
   const probe = element("i", { style: `color: var(${variable})` });
   document.body.append(probe);

@@ -120,7 +120,7 @@ function drawGallery() {
   const [p, q] = [costsOf(a), costsOf(b)];
   const shown = mostDifferent(a, b).slice(0, THUMBNAILS);
   const maps = shown.map((k) => mapOf(k, b) ?? mapOf(k, a));
-  // One scale for all thumbnails.
+  // All thumbnails have the same colour scale.
   const most = maps.reduce((value, map) => (map ? Math.max(value, largest(map.values)) : value), 1);
   $("gallery").replaceChildren(...shown.map((k, i) => {
     const map = maps[i];

@@ -8,7 +8,7 @@ function groupsAlike() {
   return groups.map((each, index) => [each, index]).filter(([g]) => g.scene === scene && g.condition === condition);
 }
 
-/* In the order of the terminal's table. */
+/* The visible ranked cases of a group, in the order of the terminal's table. */
 function ranked(index) {
   const good = casesOf(index).filter((each) => each.rank !== null).sort((p, q) => p.rank - q.rank);
   const shown = good.filter((each) => !isHidden(each.row.triangulator));
