@@ -162,10 +162,10 @@ def _sort_triangles(
     alive: np.ndarray,
     on_hole: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pocket (t,) that a triangle is in, e for none of them, and the steps (s, 4).
+    """Return the pocket (t,) at whose edge each triangle is, e if none, and the steps (s, 4).
 
-    A step: the bridges before and after, its triangle, the triangle's third edge. A triangle is
-    outside the pocket of a side that runs from the lower to the higher site as the pocket does.
+    A step has the bridges before and after a triangle with two bridges, the triangle, and its third
+    edge. A triangle is outside the pocket of a side if both run in the same direction along it.
     """
     c = candidates
     pocket_of = np.full(len(alive), len(c.edges), dtype=np.int64)
@@ -207,7 +207,10 @@ def _weigh_pockets(
     weights: np.ndarray,
     none: Any,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the minimum weight (e,) of each pocket, and the triangle (e,) at its edge."""
+    """Return the minimum weight (e,) of each pocket, and the triangle (e,) at its edge, by index.
+
+    The weight of an edge that is no pocket is 0 for sides and cuts, `none` for all others.
+    """
     sides, count = candidates.sides, len(kind)
     pocket = np.full(count, none, dtype=weights.dtype)
     apex = np.full(count, -1, dtype=np.int64)
@@ -247,7 +250,8 @@ def _solve_annulus(
 ) -> tuple[Any, np.ndarray]:
     """Return the minimum weight with one unmerged hole, and the indices (m,) of its triangles.
 
-    starts: bridges of which each triangulation has one. The weight is `none` without a solution.
+    starts: bridges of which each triangulation has at least one. The weight is `none` if there is
+    no triangulation.
     """
     c, (outer, inner) = candidates, find_rings(candidates, ring_offsets, hole, cut)
     m, q = len(outer), len(inner)
@@ -270,7 +274,7 @@ def _solve_annulus(
     rank = np.zeros(len(kind), dtype=np.int64)
     for k in range(len(order)):
         rank[order[k]] = k
-    # Steps by their bridge after. Those around the wrong side of the hole change its turn.
+    # Group steps by the bridge after; exclude a step that leads around the wrong side of the hole.
     after = np.full(len(steps), len(kind), dtype=np.int64)
     sizes, costs = np.empty(len(steps), dtype=np.int64), np.empty(len(steps), weights.dtype)
     for k in range(len(steps)):
@@ -327,8 +331,9 @@ def _walk(
 ) -> Any:
     """Return the minimum weight of a closed walk from a bridge; write the last steps to `via`.
 
-    ahead: bridges in order of their sums, from `start` on and back to it; those from index `wrap`
-    on are a turn ahead. walk (e,): workspace for the weights of walks.
+    ahead: bridges in order of their sums of positions, from `start` on and back to `start`; those
+    from index `wrap` on are a turn ahead. by_target: the steps grouped by the bridge after; walk
+    (e,): workspace for the weights of walks.
     """
     begin, items = by_target
     m, q = turn
@@ -341,7 +346,7 @@ def _walk(
         if number >= wrap:
             o, h = o + m, h + q
         if not (0 <= o <= m and 0 <= h <= q):
-            continue  # it crosses the first bridge
+            continue  # b crosses the first bridge
         total = none
         for index in range(begin[b], begin[b + 1]):
             k = items[index]

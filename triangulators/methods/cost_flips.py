@@ -1,9 +1,9 @@
 """Flips that decrease a cost; for expected quads also pairs of flips.
 
-A pair flips a diagonal, which alone may cost more, and then a side of its quadrilateral: three
-triangles of a pentagon are replaced. Pairs take about as long again as single flips. In four scenes
-at 1024 px they save another 1 to 12 % of the helper lanes, more than a second start from the
-Delaunay triangulation does. ports/ORDER.md specifies the order.
+A pair flips a diagonal, which alone may increase the cost, and then a side of its quadrilateral:
+three triangles of a pentagon are replaced. Trying pairs as well doubles the time of single flips.
+In four scenes at 1024 px pairs save another 1 to 12 % of the helper lanes, more than a second start
+from the Delaunay triangulation does. ports/ORDER.md specifies the order.
 """
 
 from typing import Any
@@ -16,7 +16,7 @@ from triangulators.criteria.criterion import FEATURES
 from triangulators.geometry.flips import convex, flip_edge, list_diagonals
 from triangulators.geometry.half_edges import next_edge, previous_edge
 
-_SLACK = 1e-12  # relative; a smaller gain may be a rounding error
+_SLACK = 1e-12  # gain relative to the costs, below which it may be a rounding error
 _QUADS = FEATURES.index("expected_quads")
 
 
@@ -31,9 +31,10 @@ def flip_by_cost(
 ) -> int:
     """Flip in place until no single flip decreases a cost; return the number of flips.
 
-    points, scaled: (n, 2), the coordinates for orientations and for the cost; corner, twin: (3 m,),
-    see `half_edges`. `costs` has the cost of each triangle as computed when the triangle appeared,
-    so that its sum decreases with every step, whatever the rounding errors: the flips terminate.
+    Pairs of flips are tried if the cost contains expected quads. points, scaled: (n, 2), the
+    coordinates for orientations and for the cost; corner, twin: (3 m,), see `half_edges`. `costs`
+    has the cost of each triangle as computed when the triangle appeared, so that the sum of `costs`
+    decreases with every step, whatever the rounding errors: the flips terminate.
     """
     stack, waiting = np.empty(len(corner), dtype=np.int32), np.zeros(len(corner), dtype=np.bool_)
     size = list_diagonals(twin, stack, waiting)
@@ -61,7 +62,8 @@ def flip_by_cost(
             continue
         if cost.weights[_QUADS] == 0.0:
             continue
-        # Sides by their half-edges before and after flipping e; the third vertex after it.
+        # For each side: its half-edges before and after flipping e, its triangle's third vertex
+        # after the flip, and the cost of the other new triangle.
         max_gain, side, left, right = 0.0, e, 0.0, 0.0
         for before, after, third, other in (
             (f2, e, a, below),

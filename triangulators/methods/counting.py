@@ -1,8 +1,9 @@
 """The number of triangulations of a simple polygon, and uniform random triangulations.
 
 The dynamic program of the optimum, with sums and products instead of minima and sums. The apex over
-a pair of vertices is drawn in proportion to the triangulations with it, so that all are equally
-likely. Source: P. Epstein and J.-R. Sack, "Generating triangulations at random", 1994.
+a pair of vertices is drawn in proportion to the number of triangulations that contain it, so that
+all triangulations are equally likely. Source: P. Epstein and J.-R. Sack, "Generating triangulations
+at random", 1994.
 """
 
 import numpy as np
@@ -13,14 +14,14 @@ from triangulators.errors import SkippedError
 from triangulators.initial import Cycle, make_cycle
 from triangulators.polygon import Boundary, checked_boundary
 
-MAX_VERTICES = 2000  # of a random triangulation, which needs a matrix of all pairs
+MAX_VERTICES = 2000  # vertices up to which `draw`, with a matrix of all pairs, is used
 
 
 def count_triangulations(polygon: shapely.Polygon, max_count: int | None = None) -> int:
     """Return the exact number of triangulations of a polygon without holes.
 
-    max_count: stop counting above it, see `count_in_cycle`. Raises `InvalidPolygonError`, and
-    `SkippedError` for holes.
+    max_count: stop above this number and return a lower bound, see `count_in_cycle`. Raises
+    `InvalidPolygonError`, and `SkippedError` for holes.
     """
     return count_in_cycle(make_cycle(checked_boundary(polygon), "count"), max_count)
 
@@ -28,12 +29,12 @@ def count_triangulations(polygon: shapely.Polygon, max_count: int | None = None)
 def count_in_cycle(ring: Cycle, max_count: int | None = None) -> int:
     """Return the exact number of triangulations of a `Cycle`.
 
-    max_count: stop at the first part of the polygon that has more, and return its number, a lower
-    bound, because every triangulation of a part extends to one of the polygon.
+    max_count: stop at the first sub-polygon with more triangulations, and return their number: a
+    lower bound, because every triangulation of a sub-polygon extends to one of the polygon.
     """
     n = len(ring.cycle)
     above = [ring.target[ring.start[i] : ring.start[i + 1]].tolist() for i in range(n)]
-    ways: list[dict[int, int]] = [{} for _ in range(n)]  # ways[j][k]: of the corners k..j
+    ways: list[dict[int, int]] = [{} for _ in range(n)]  # ways[j][k]: number for corners k..j
     for i in range(n - 1, -1, -1):
         row: dict[int, int] = {}
         for j in above[i]:
@@ -124,7 +125,7 @@ def _draw(
 
 
 def draw(outline: Boundary, *, seed: int = 0) -> np.ndarray:
-    """Return a triangulation (n - 2, 3) drawn uniformly; the same seed gives the same one.
+    """Return a random triangulation (n - 2, 3), uniform over all; it depends only on the seed.
 
     Raises `SkippedError` for holes and for more than 2000 vertices.
     """

@@ -64,7 +64,7 @@ def _check_count(ring: Cycle, max_count: int) -> None:
 
 
 def _list_all(ring: Cycle) -> np.ndarray:
-    """Return all triangulations of a cycle, (count, n - 2, 3) positions in it."""
+    """Return all triangulations of a cycle, (count, n - 2, 3), as positions in the cycle."""
     _check_count(ring, MAX_TRIANGULATIONS)
     n = len(ring.cycle)
     lists: list[dict[int, np.ndarray]] = [{} for _ in range(n)]  # lists[j][i]: of corners i..j
@@ -97,7 +97,10 @@ def triangulate(
     criterion: criteria.Criterion | str | Callable[..., float] = "overdraw",
     **parameters: object,
 ) -> np.ndarray:
-    """Return the best of all triangulations; raises `SkippedError` for holes and for too many."""
+    """Return the cheapest of all triangulations (n - 2, 3), by listing them.
+
+    Raises `SkippedError` for holes and for more than 10^6 triangulations.
+    """
     ring = make_cycle(outline, "exhaustive")
     resolved = criteria.find(criterion, **parameters)
     cost = make_cost(resolved, boundary_area(outline), outline.expected_triangles)
@@ -108,8 +111,9 @@ def triangulate(
 def triangulate_listed(outline: Boundary, *, k: int = 0) -> np.ndarray:
     """Return the k-th of all triangulations (m, 3), in ascending order of A and then of D.
 
-    Mode `paper`, with T-junctions. The lists of recent polygons are cached. Raises `SkippedError`
-    for holes, for more than 20,000 triangulations, and if there is no entry k.
+    A is "overdraw", D is "shape". The list is that of mode `paper`, with T-junctions. The lists of
+    recent polygons are cached. Raises `SkippedError` for holes, for more than 20,000
+    triangulations, and if there is no entry k.
     """
     listed = _list_sorted(polygon_of_rings(outline.points, outline.ring_offsets).wkb)
     if not 0 <= k < len(listed):
@@ -133,12 +137,12 @@ class Recursion:
     """All triangulations of the polygons over one set of points, by cutting ears.
 
     From each starting edge of the remaining polygon three cuts are tried: the triangle of this and
-    the next edge (the paper's firstPart), that of the previous edge and the one before
-    (secondPart), and both (thirdPart). A cut is allowed if its triangle is inside; the rest is
-    treated in the same way until one triangle remains. The result is the set of distinct ones.
+    the next edge (the paper's firstPart), the triangle of the two edges before (secondPart), and
+    both triangles (thirdPart). A cut is allowed if its triangles are inside; the remaining polygon
+    is treated in the same way until one triangle remains. The result is a set, without duplicates.
 
     points: (n, 2). drop_straight: drop a vertex that a cut has made collinear, like the paper's
-    program; triangulations that skip it do not conform.
+    program; triangulations without that vertex do not conform.
     """
 
     def __init__(self, points: np.ndarray, *, drop_straight: bool) -> None:

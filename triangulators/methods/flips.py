@@ -38,7 +38,8 @@ from triangulators.polygon import Boundary, boundary_area
 from triangulators.polygon_arrays import Batch, rings_at
 from triangulators.verify import check_rows
 
-L1, EUCLIDEAN, DELAUNAY, AS_EARCUT, COST, NONE = range(6)  # the first three as in FLIP_TESTS
+# Flip tests, the first three in the order of FLIP_TESTS; NONE: no flips.
+L1, EUCLIDEAN, DELAUNAY, AS_EARCUT, COST, NONE = range(6)
 
 NO_COST = make_cost(criteria.find("half-perimeter"), 1.0, 1)
 
@@ -68,13 +69,13 @@ def refine(
     corner, twin: (3 m,) half-edges, see `geometry.half_edges`; both are overwritten. The result is
     never worse than these triangles.
 
-    Lengths: the local optimum of flips depends on the initial solution. One is the given
-    triangulation; the other is the constrained Delaunay triangulation, reached from it by flips
-    with the in-circle test. Both are flipped, and the better result is returned.
+    For L1 and Euclidean lengths, there are two initial solutions, because the result of flips
+    depends on it: the given triangulation, and the constrained Delaunay triangulation, reached from
+    it by flips with the in-circle test. Both are flipped, and the cheaper result is returned.
 
-    Other costs: windows are optimised, then diagonals are flipped. A flip evaluates four triangles,
-    so that flips alone, from both initial solutions, take as long and leave the expected quads of
-    letters 3.5 % above the optimum in place of 0.4 %.
+    For other costs, windows are optimised, then diagonals are flipped. A flip evaluates four
+    triangles, so that flips alone, from both initial solutions, take as long and leave the expected
+    quads of letters 3.5 % above the optimum in place of 0.4 %.
     """
     rows = corner.reshape(-1, 3)
     if test == COST:
@@ -96,7 +97,10 @@ def refine(
 def _refine_if_valid(
     points: np.ndarray, ring_offsets: np.ndarray, corner: np.ndarray, test: int, cost: Cost
 ) -> np.ndarray:
-    """Return `refine` of corners (3 m,), which are overwritten; no rows if they are invalid."""
+    """Return `refine` of triangles `corner` (3 m,), which is overwritten; no rows if invalid.
+
+    Invalid: not a conforming triangulation of the rings.
+    """
     twin = link(corner)
     if is_triangulation(points, ring_offsets, corner, twin):
         return refine(points, corner, twin, test, cost)
@@ -116,10 +120,11 @@ def improve_batch(
 ) -> None:
     """Improve the triangles of the polygons first..last - 1; mark in `done` those that conform.
 
-    raw: triangles (m, 3), which are overwritten; bounds: the rows of polygon i are bounds[i -
-    first] to bounds[i - first + 1]; to_clip (p,): polygons whose ears are clipped here instead.
-    two_starts: whether to `refine` them instead of flipping once. in_walk: whether to put them in a
-    walk; the result of `refine` always is.
+    raw: (triangles, bounds, to_clip): triangles (m, 3), which are overwritten; polygon i has the
+    rows bounds[i - first] to bounds[i - first + 1] - 1; to_clip (p,): polygons whose ears are
+    clipped here instead. test, cost: see `refine`. two_starts: whether to `refine` instead of
+    flipping once. in_walk: whether to put the triangles in walk order; those of `refine` always
+    are.
     """
     raw_triangles, bounds, to_clip = raw
     coords, ring_offsets, geom_offsets, _vertex_offsets, offsets, triangles, done = batch
@@ -175,10 +180,10 @@ def flip(
     triangles
         (m, 3) or (3 m,) indices, all of the same orientation.
     by
-        "l1" flips to diagonals with less abs(dx) + abs(dy), which a GPU's quads follow; "euclidean"
-        to shorter ones; "delaunay" until no vertex is inside a neighbour's circumcircle; a
-        criterion (see `criteria.find`) until no flip decreases it. By "expected-quads", pairs of
-        flips are tried, too.
+        "l1" flips to diagonals with less abs(dx) + abs(dy), on which the number of a GPU's 2x2
+        pixel quads depends; "euclidean" to shorter diagonals; "delaunay" until no vertex is inside
+        a neighbour's circumcircle; a criterion (see `criteria.find`) until no flip decreases it. By
+        "expected-quads", pairs of flips are tried, too.
     order
         "walk" puts the result in an order from neighbour to neighbour, in which a GPU transforms
         few vertices twice; "native" leaves a flip's two triangles at the positions of the old two.
@@ -256,7 +261,7 @@ def triangulate(
     criterion: criteria.Criterion | str | Callable[..., float] = "l1",
     **parameters: Any,
 ) -> np.ndarray:
-    """Return ear clipping's triangles (m, 3) after `flip`; `registry` has their order."""
+    """Return ear clipping's triangles (m, 3) after `flip`, in native order (see `registry`)."""
     return flip(outline.points, ear_clipping(outline), criterion, "native", **parameters)
 
 

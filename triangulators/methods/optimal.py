@@ -35,21 +35,21 @@ from triangulators.polygon import Boundary, boundary_area
 
 LIMIT = 2000  # vertices up to which a polygon is optimised in one piece
 MAX_PLACED_VERTICES = 500
-"""Vertices up to which a criterion that counts pixels is optimised."""
+"""Vertices up to which a criterion that depends on the position on the pixel grid is optimised."""
 
 MAX_PROGRAM_VERTICES = 500
 """Vertices up to which the linear program is used if the skeleton does not connect all rings.
 
-With more it can take minutes; `certify` uses it for polygons of any size. The maximum is never
-proven, because local minimality excludes almost no edge there.
+With more vertices a linear program can take minutes; `certify` uses it for polygons of any size. A
+maximum is never proven, because local minimality excludes almost no edge then.
 """
 
 
 MAX_BRIDGED_HOLES = 2
-"""Holes up to which a polygon is optimised before edges are excluded, see `bridges`."""
+"""Holes up to which `bridges` optimises a polygon over all its edges, before any is excluded."""
 
 MAX_TRIPLES = 1_500_000
-"""Visible triples of a polygon that is optimised so."""
+"""Maximum number of visible triples for which `bridges` is tried over all edges."""
 
 
 class SearchOptions(NamedTuple):
@@ -57,7 +57,7 @@ class SearchOptions(NamedTuple):
 
     limit : vertices up to which a polygon is optimised in one piece, in cubic time at worst; larger
         polygons are optimised in windows
-    seed : of the local search's random choices
+    seed : seed of the local search's random choices
     """
 
     limit: int = LIMIT
@@ -104,9 +104,9 @@ def _bound_rounding(
 ) -> float:
     """Return a bound on the relative gap of a dynamic program's result (m, 3) due to rounding.
 
-    For costs that are not negative, sums above the optimum's do not matter, so it is enough that
-    the optimum's is exact. Otherwise each sum has a relative error of 2^-53 for each number added,
-    and for the three that it was computed from.
+    For costs that are not negative, it is enough that the sums that add up to the optimum are
+    exact: larger sums are never chosen. Otherwise each sum has a relative error of 2^-53 for each
+    number added, and for the three operations that computed it.
     """
     points, count = outline.points, outline.expected_triangles
     cost = make_cost(criterion, boundary_area(outline), count)
@@ -187,7 +187,7 @@ def _search(
 
 
 def _solve_few_holes(outline: Boundary, cost: Cost) -> np.ndarray | None:
-    """Return the optimum (m, 3) of a polygon with few holes, or None if it is unsupported."""
+    """Return the optimum (m, 3) of a polygon with few holes, or None if `bridges` finds none."""
     # Imported only for polygons with holes.
     from triangulators.certificate.bridges import solve_by_bridges
     from triangulators.certificate.candidates import find_candidates, weigh_candidates

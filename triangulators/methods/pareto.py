@@ -2,7 +2,8 @@
 
 The dynamic program of the optimum, with sets of non-dominated pairs of costs instead of costs. It
 lists no triangulations; the fronts of sub-polygons are small in practice, without a proven bound.
-Weighted sums of the two criteria reach only vertices of the front's convex hull; this finds all.
+Weighted sums of the two criteria reach only vertices of the front's convex hull; this program finds
+all points of the front.
 """
 
 from collections.abc import Callable
@@ -19,8 +20,8 @@ from triangulators.initial import Cycle, make_cycle
 from triangulators.polygon import Boundary, boundary_area, checked_boundary
 from triangulators.polygon_arrays import polygon_of_rings
 
-MAX_FRONT_SIZE = 100_000  # of a sub-polygon
-MAX_VERTICES = 100  # of the triangulator "pareto": a minute at worst
+MAX_FRONT_SIZE = 100_000  # points of a sub-polygon's front
+MAX_VERTICES = 100  # maximum for the triangulator "pareto", which takes up to a minute
 _RELATIVE_TOLERANCE = 1e-9  # costs closer than this part of the largest count as equal
 
 CriterionLike = criteria.Criterion | str | Callable[..., float]
@@ -37,7 +38,10 @@ class Front(NamedTuple):
 
 
 class _Partial(NamedTuple):
-    """A front of a sub-polygon: costs (f, 2) and, for each, (apex, first entry, second entry)."""
+    """The front of a sub-polygon i..j: costs (f, 2), and the origin (f, 3) of each point.
+
+    An origin is the apex k, the index in the front of i..k, and the index in the front of k..j.
+    """
 
     costs: np.ndarray
     origin: np.ndarray
@@ -62,7 +66,7 @@ def pareto_front(
 
 
 def triangulate(outline: Boundary, *, k: int = 0) -> np.ndarray:
-    """Return the k-th triangulation (n - 2, 3) of the front of A and D, by ascending A.
+    """Return the k-th triangulation (n - 2, 3) of the front of A (overdraw) and D (shape), by A.
 
     The fronts of recent polygons are cached for other k. Raises `SkippedError` for holes, for more
     than 100 vertices, and if the front has no entry k.
@@ -87,7 +91,7 @@ def _find_front_of_a_and_d(wkb: bytes) -> Front:
 def _compute_fronts(ring: Cycle, first: Cost, second: Cost) -> dict[tuple[int, int], _Partial]:
     n = len(ring.cycle)
     fronts: dict[tuple[int, int], _Partial] = {}
-    below: list[list[int]] = [[] for _ in range(n)]  # below[j]: the i < j it sees, descending
+    below: list[list[int]] = [[] for _ in range(n)]  # below[j]: the i < j that j sees, descending
     for i in range(n - 1, -1, -1):
         for j in ring.target[ring.start[i] : ring.start[i + 1]].tolist():
             if j == i + 1:

@@ -1,13 +1,13 @@
-"""Sparse dynamic program for any cost of triangles, which are weighed in blocks.
+"""Sparse dynamic program for any cost; the costs of triangles are computed in blocks.
 
 The recurrence, the visible pairs and the order of the loops are those of `visible_lists`: vertex i
 descends, and each j has a list of the apexes k > i that see j. Here a triangle costs much more than
-two additions, so that the triangles of a vertex i and of several j are collected first, and weighed
-in one block: lists are short, and SIMD lanes would be half empty for one j. The best apex of each
-pair is stored, so that no triangle is weighed again.
+two additions, so the triangles of a vertex i and of several j are collected first, and their costs
+are computed in one block: lists are short, and SIMD lanes would be half empty for one j. The best
+apex of each pair is stored, so that no cost is computed twice.
 
-Expected quads take 22 microseconds in a ring of 21 vertices (letters), and took 46 with a call for
-each triangle.
+For expected quads, a ring of 21 vertices (letters) takes 22 microseconds; with a call for each
+triangle it took 46.
 """
 
 import numpy as np
@@ -16,12 +16,15 @@ from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost, allocate_block, weigh_block
 
 FLOAT = 1e300  # cost of a sub-polygon without a triangulation; the sum of two does not overflow
-_BLOCK = 256  # triangles that are weighed at a time
+_BLOCK = 256  # triangles whose costs are computed in one call
 
 
 @njit(nogil=True)
 def solve_any(start: np.ndarray, target: np.ndarray, points: np.ndarray, cost: Cost) -> np.ndarray:
-    """Return the optimum (n - 2, 3) of a cycle for any cost; no rows if there is none."""
+    """Return the optimum (n - 2, 3) of a cycle (n, 2) for any cost; no rows if there is none.
+
+    start, target: `find_visible_pairs` of the cycle.
+    """
     chosen = _fill_any(start, target, points, cost)
     n = len(points)
     triangles = np.empty((n - 2, 3), dtype=np.int32)
@@ -55,8 +58,8 @@ def solve_any(start: np.ndarray, target: np.ndarray, points: np.ndarray, cost: C
 def _fill_any(start: np.ndarray, target: np.ndarray, points: np.ndarray, cost: Cost) -> np.ndarray:
     """Return the best apex (p,) of each visible pair, -1 if there is none.
 
-    The apexes of a block are those that i sees; their costs are final when the block is combined,
-    j by j. Of apexes that tie the highest is taken.
+    A block has triangles i, k, j of one i and several j. The costs of the pairs i-k and k-j are
+    final when the block's triangles are compared, j by j. Of equal apexes the highest is taken.
     """
     n, pairs = len(points), start[len(points)]
     first = np.zeros(n + 1, dtype=np.int64)
@@ -113,10 +116,10 @@ def _collect(
     entries: np.ndarray,
     ends: np.ndarray,
 ) -> int:
-    """Collect triangles of the pairs from `pair` to before `stop`; return the first one left.
+    """Collect triangles of the pairs `pair` to `stop` - 1; return the first pair not collected.
 
     lists: first, end and apexes of the lists; sees (n,): vertices that i sees. Writes vertices k
-    and j of each triangle to `corners`, its entry of a list to `entries`, and the number of
+    and j of each triangle to `corners`, the index of k in j's list to `entries`, and the number of
     triangles up to each pair to `ends`.
     """
     first, end, apex = lists

@@ -26,11 +26,11 @@ from triangulators.optimum.full_table import SMALL, solve_ring
 from triangulators.optimum.visible_lists import solve_visible_pairs
 from triangulators.polygon import Boundary
 
-MAX_DENSE_VERTICES = 128  # up to which finding visible pairs takes longer than it saves
+MAX_DENSE_VERTICES = 128  # vertices up to which finding visible pairs takes longer than it saves
 _SPARSE_TO_DENSE = 2.0  # measured ratio of the times per apex, sparse to dense
 
 PIECE = 200  # triangles in a window of a large polygon
-_MAX_SWEEPS = 12  # of windows
+_MAX_SWEEPS = 12  # a sweep optimises windows that cover all triangles
 _MIN_GAIN = 5e-3  # relative; a sweep that gains less is the last
 _PATIENCE = 6  # consecutive cuts without gain after which the search stops
 
@@ -39,8 +39,8 @@ def optimum(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.ndarray
     """Return the minimum-cost triangulation (n - 2, 3) of a simple polygon.
 
     points: (n, 2), a counter-clockwise cycle, in which a point may occur several times; triangles:
-    (n - 2, 3), any triangulation of it, as positions in the cycle. Raises `TriangulationError` if
-    there is none. Exact predicates decide orientations and visibility for all doubles.
+    (n - 2, 3), any triangulation of the cycle, as positions in it. Raises `TriangulationError` if
+    no triangulation is found. Exact predicates decide orientations and visibility for all doubles.
     """
     n = len(points)
     if cost["is_box"] and n <= MAX_DENSE_VERTICES:
@@ -63,7 +63,9 @@ def optimum(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.ndarray
 
 @njit(nogil=True)
 def _count_apexes(n: int, target: np.ndarray) -> float:
-    """Return the number of apexes in the sparse program: half the sum of squared list lengths.
+    """Return the number of apexes that the sparse program tries: half the sum of squared lengths.
+
+    The lengths are those of the lists of `visible_lists`.
 
     `np.bincount` would copy all pairs to int64, a third of the memory of the lists.
     """
@@ -101,7 +103,7 @@ def _solve_dense(points: np.ndarray, box: np.ndarray) -> np.ndarray | None:
 
 
 class Patchwork:
-    """A triangulation under improvement: triangles (m, 3) of points (n, 2), and twins."""
+    """A triangulation to optimise piece by piece: triangles (m, 3) of points (n, 2), and twins."""
 
     def __init__(self, points: np.ndarray, triangles: np.ndarray, cost: Cost) -> None:
         self.points = points
@@ -134,7 +136,10 @@ class Patchwork:
 
 
 def search_cuts(points: np.ndarray, triangles: np.ndarray, cost: Cost, seed: int = 0) -> np.ndarray:
-    """Optimise a polygon with holes for several choices of cuts; return (m, 3)."""
+    """Optimise a polygon with holes for several choices of cuts; return the triangles (m, 3).
+
+    triangles: (m, 3), the initial solution; seed: of the random choices of cuts.
+    """
     work = Patchwork(points, triangles, cost)
     size = len(triangles)
     # If the dual graph is a tree, this is one simple polygon, without cuts.
@@ -156,7 +161,7 @@ def search_cuts(points: np.ndarray, triangles: np.ndarray, cost: Cost, seed: int
 def sweep_windows(
     points: np.ndarray, triangles: np.ndarray, cost: Cost, piece: int = PIECE, seed: int = 0
 ) -> np.ndarray:
-    """Improve a large polygon by overlapping windows of at most `piece` triangles."""
+    """Optimise overlapping windows of at most `piece` triangles; return the triangles (m, 3)."""
     work = Patchwork(points, triangles, cost)
     rng = np.random.default_rng(seed)
     best = work.total()

@@ -1,17 +1,19 @@
 """The optimum of a small polygon with holes: the best of all ways to cut it into one ring.
 
 Take the leftmost vertex of all holes. The polygon's angle there is open to the left and exceeds 180
-degrees, while a triangle's angle is less, so every triangulation has a diagonal from it to a vertex
-further left, which is not a hole's. Cutting along that diagonal makes the hole a part of the ring
-around it, with two more vertices. After one cut per hole a single ring remains, whose optimum the
-dynamic program finds (`full_table`). So the minimum over all choices of cuts is the optimum.
+degrees, while a triangle's angle is less, so every triangulation has a diagonal from this vertex to
+a vertex further left, which belongs to no hole. Cutting along that diagonal joins the hole with the
+ring around it into one ring, with two more vertices. After one cut per hole a single ring remains,
+whose optimum the dynamic program finds (`full_table`). So the minimum over all choices of cuts is
+the optimum.
 
 The same holds for the rightmost, highest and lowest vertex, so each step uses the direction with
-the fewest diagonals. They are few for one or two holes; `solve_by_cuts` gives up beyond `_MAX_CUTS`
-rings.
+the fewest possible cuts. One or two holes have few; `solve_by_cuts` gives up after `_MAX_CUTS`
+rings, one for each way to cut all holes.
 
-Rejected: sharing the part of the cost table that all cuts of a hole have in common, the pairs of
-vertices around it. The full dynamic program of a ring takes less time than the rest of each table.
+Rejected: computing once the part of the cost table that all cuts of a hole have in common, the
+pairs of vertices around the hole. The dynamic program from scratch takes less time than completing
+a copy.
 """
 
 import numpy as np
@@ -24,7 +26,7 @@ from triangulators.optimum.full_table import SMALL, solve_ring, weight
 from triangulators.polygon import orient_rings
 
 MAX_HOLES = 3
-_MAX_CUTS = 250  # rings to triangulate
+_MAX_CUTS = 250  # rings to triangulate, one for each way to cut all holes
 _MIN_DISTANCE = 1e-9  # of rings, relative to the span; nearer rings may touch and are unsupported
 
 
@@ -51,9 +53,9 @@ def solve_by_cuts(
     copy_row(ring[: ring_offsets[1]], cycle[0])
     size = np.empty(holes + 1, dtype=np.int64)
     size[0] = ring_offsets[1]
-    merged = np.zeros((holes + 1, holes + 1), dtype=np.bool_)  # at each depth, which holes
-    bridges = np.empty((holes, ring_size), dtype=np.int32)
-    count = np.full(holes, -1, dtype=np.int64)  # of bridges; -1: not searched yet
+    merged = np.zeros((holes + 1, holes + 1), dtype=np.bool_)  # at each depth, the merged holes
+    cut_ends = np.empty((holes, ring_size), dtype=np.int32)
+    count = np.full(holes, -1, dtype=np.int64)  # of cut ends; -1: not searched yet
     taken = np.zeros(holes, dtype=np.int64)
     tip = np.empty(holes, dtype=np.int64)
     local = np.empty((ring_size - 2, 3), dtype=np.int32)
@@ -61,8 +63,8 @@ def solve_by_cuts(
     while depth >= 0:
         around = cycle[depth, : size[depth]]
         if count[depth] < 0:
-            ends, vertex = bridges[depth], tip[depth : depth + 1]
-            count[depth] = _find_bridges(
+            ends, vertex = cut_ends[depth], tip[depth : depth + 1]
+            count[depth] = _find_cut_ends(
                 points, ring_offsets, ring, around, merged[depth], doubt, ends, vertex
             )
             taken[depth] = 0
@@ -70,7 +72,7 @@ def solve_by_cuts(
             count[depth] = -1
             depth -= 1
             continue
-        position = bridges[depth, taken[depth]]
+        position = cut_ends[depth, taken[depth]]
         taken[depth] += 1
         hole = _merge(ring_offsets, ring, around, position, tip[depth], cycle[depth + 1])
         if depth + 1 < holes:
@@ -105,7 +107,10 @@ def _merge(
     tip: int,
     merged: np.ndarray,
 ) -> int:
-    """Write to `merged` the cycle joined with the hole of `tip` at a position; return the hole."""
+    """Write to `merged` the cycle joined with the hole of `tip`; return the hole's number.
+
+    The cut leads from position `position` of the cycle to ring[tip].
+    """
     hole = 1
     while tip >= ring_offsets[hole + 1]:
         hole += 1
@@ -119,21 +124,21 @@ def _merge(
 
 
 @njit(nogil=True)
-def _find_bridges(
+def _find_cut_ends(
     points: np.ndarray,
     ring_offsets: np.ndarray,
     ring: np.ndarray,
     cycle: np.ndarray,
     merged: np.ndarray,
     doubt: float,
-    bridges: np.ndarray,
+    cut_ends: np.ndarray,
     tip: np.ndarray,
 ) -> int:
-    """Write the positions in the cycle where a cut may end to `bridges`; return their number.
+    """Write to `cut_ends` the positions in `cycle` at which a cut may end; return their number.
 
-    The cut starts at the vertex ring[tip[0]] of an unmerged hole, the furthest in the direction
-    with the fewest bridges. Diagonal directions are tried if sums of coordinates are exact, that is
-    if doubt is 0.
+    Writes to tip[0] the position in `ring` of the vertex at which the cut starts: the furthest
+    vertex of all unmerged holes in the direction with the fewest cuts. Diagonal directions are
+    tried if sums of coordinates are exact, that is if doubt is 0.
     """
     edges = _list_edges(points, ring_offsets, ring, cycle, merged)
     min_count = len(cycle) + 1
@@ -152,7 +157,7 @@ def _find_bridges(
         if 0 < count < min_count:
             min_count = count
             tip[0] = best
-            copy_row(positions[:count], bridges)
+            copy_row(positions[:count], cut_ends)
     return min_count if min_count <= len(cycle) else 0
 
 
@@ -173,7 +178,7 @@ def _find_furthest(
     merged: np.ndarray,
     direction: int,
 ) -> tuple[int, float]:
-    """Return the position in `ring` of the furthest vertex of unmerged holes, and `_project`."""
+    """Return the position in `ring` of the furthest unmerged hole vertex, and its `_project`."""
     furthest, min_along = -1, 0.0
     for hole in range(1, len(ring_offsets) - 1):
         if not merged[hole]:
@@ -212,10 +217,10 @@ def _list_edges(
 
 @njit(nogil=True, fastmath=FAST)
 def _is_blocked(edges: np.ndarray, x: float, y: float, ax: float, ay: float, doubt: float) -> bool:
-    """Whether the open segment from x, y to ax, ay certainly crosses an edge, inside both.
+    """Whether the segment from x, y to ax, ay certainly crosses an edge in the interior of both.
 
-    It does if both ends of either are on different sides of the other, by determinants of more
-    than `doubt`. Touching and doubtful edges are not tested: the dynamic program then finds no
+    The segment does if the ends of each are on different sides of the other, by determinants of
+    more than `doubt`. Touching and doubtful edges are not tested: the dynamic program then finds no
     triangulation of the ring.
     """
     dx, dy = ax - x, ay - y

@@ -1,8 +1,8 @@
 """Dense O(n^3) dynamic program over box and edge costs of one ring, microseconds for small rings.
 
 Single calls, batches and the drop-in all use this kernel, so a triangulator's name gives the same
-cost in all of them; also rings of any size where most vertices see each other (see `best_way`). It
-tries n^3 / 6 apexes and stores n^2 numbers.
+cost in all of them; so do rings of any size in which most vertices see each other (see `best_way`).
+The kernel tries n^3 / 6 apexes and stores n^2 numbers.
 
 Source: G. T. Klincsek, "Minimal triangulations of polygonal domains", 1980 (and Gilbert 1979). With
 the interior on the left, let cost(i, j) be the minimum cost of the sub-polygon of vertices i,
@@ -51,8 +51,8 @@ SPAN = 1 << 15  # int32: |dx * dy'| < 2^30, so that their difference fits
 _NO_INT: Any = np.int32(1 << 29)  # no triangulation; the sum of three of them still fits
 # Rows in the workspace of a ring, before those of its cost table.
 _X, _Y, _FROM_X, _FROM_Y, _WEIGHT, _ROW, _TABLE = range(7)
-_NONE = 1e300
-_FAR = 1e30
+_NONE = 1e300  # cost without a triangulation, in float64
+_FAR = 1e30  # coordinate of the padding in float64
 
 
 @njit(nogil=True)
@@ -85,7 +85,7 @@ def _fill_int(space: np.ndarray, n: int, sign: int, base: int) -> None:
 
 @njit(nogil=True)
 def _weigh_diagonals(space: np.ndarray, n: int, i: int, sign: int, base: int) -> None:
-    """Prepare the row of vertex i: relative positions of the others, and costs of diagonals.
+    """Fill the workspace rows of vertex i: positions relative to i, costs of diagonals, and _ROW.
 
     A diagonal must start into the polygon's angle at i: left of both sides, or of either side if
     the angle is reflex.
@@ -194,7 +194,7 @@ def _compute_sides(
 
 @njit(nogil=True)
 def weight(dx: float, dy: float, box: np.ndarray) -> float:
-    """Return the cost of a diagonal; an edge of two triangles counts twice."""
+    """Return the cost of a diagonal; its length counts twice, once for each triangle."""
     cost: float = box[0] * (abs(dx) + abs(dy))
     if box[2] != 0.0:
         cost += 2.0 * box[2] * math.sqrt(dx * dx + dy * dy)

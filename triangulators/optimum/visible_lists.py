@@ -16,7 +16,7 @@ lengths are counted in advance. The inner loop reads one list from front to back
 one row of n numbers, which fits the first-level cache; entries that i does not see are `none` and
 drop out of the minimum without a branch.
 
-Three costs share the loop, each with its own inner loop; `any_cost` has all others:
+Three kinds of costs share the loop over pairs, each with an inner loop; `any_cost` has all others:
 
 edges    only edges have a cost, triangles have none. For three numbers a <= b <= c,
          |a - b| + |b - c| + |a - c| = 2 (c - a), so twice the half-perimeter of a triangle's box is
@@ -78,11 +78,12 @@ def _fill(
     minimise: Any,
     context: Any,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return (row costs, list starts, list apexes, lists): cost(i, j) by i, and by j.
+    """Return (row costs, list starts, list apexes, lists): cost(i, j) ordered by i, and by j.
 
     start, target: vertex i sees `target[start[i]:start[i + 1]]`. extra_rows (b, n): further values
-    of each vertex in a list, of the costs' type. minimise(row, apex, lists, range, pair, none,
-    context): cost(i, j) over the apexes in a range of j's list; pair: i, j, its index in `target`.
+    of each vertex to store in the lists, of the costs' type. minimise(row, apex, lists, range,
+    pair, none, context): returns cost(i, j), the minimum over the apexes in a range of j's list;
+    pair: i, j and the index of the pair in `target`.
     """
     n, pairs = len(start) - 1, start[len(start) - 1]
     first = np.zeros(n + 1, dtype=np.int64)
@@ -127,7 +128,7 @@ def _trace(
 
     Apexes are not stored: the n - 2 of the optimum are recomputed from the same sums, with a stack
     of pairs i-j whose sub-polygons remain. The cost of the pair itself is the same for all apexes.
-    own(i, k, j, context): cost of a triangle. Of apexes that tie the highest is taken.
+    triangle_cost(i, k, j, context): cost of a triangle. Of equal apexes the highest is taken.
     """
     row_cost, first, apex, lists = filled
     n = len(start) - 1
@@ -178,7 +179,7 @@ def _minimise_edges(
     (first, end), (_, _, p) = between, pair
     # Arrays are named once, and `weights` is read without a branch: otherwise Numba would count
     # references for each apex or pair. The casts keep Numba from widening to int64, which would
-    # halve the lanes. The side from vertex 0 to the last is counted: a constant of the ring.
+    # halve the SIMD lanes. The side from vertex 0 to the last adds the same to each triangulation.
     kind, best = row.dtype.type, none
     for r in range(first, end):
         best = min(best, kind(row[np.uint32(apex[r])] + lists[0, r]))
@@ -274,7 +275,7 @@ def far_costs(
     cost: Cost,
     units: Units,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return far (p,) of each pair, and the minimum-weight triangles (n - 2, 3) or no rows.
+    """Return far (p,), a cost of each pair, and the minimum-weight triangles (n - 2, 3) or no rows.
 
     Position i of the ring is the site ring[i] of points, and sees `target[start[i]:start[i + 1]]`;
     far(i, j) is the minimum weight of a triangulation of the sub-polygon i, i + 1, ..., j by
@@ -318,7 +319,9 @@ def _compute_pair_lengths(
 def weigh_pairs(
     points: np.ndarray, start: np.ndarray, target: np.ndarray, box: np.ndarray
 ) -> np.ndarray:
-    """Return the cost of each visible pair as a diagonal, >= 0, in int32, int64 or float64.
+    """Return the cost (p,) of each visible pair as a diagonal, >= 0, in int32, int64 or float64.
+
+    On a grid in units of the grid; negative costs are shifted by a constant.
 
     box: coefficients of half-perimeter, bounding-box area (0 here) and edge length.
     """
@@ -338,7 +341,7 @@ def solve_visible_pairs(
 ) -> np.ndarray:
     """Return the optimum (n - 2, 3) of a counter-clockwise cycle (n, 2); no rows if none.
 
-    start, target: its `find_visible_pairs`, all of them.
+    start, target: `find_visible_pairs` of the cycle, without a limit.
     """
     if not cost["is_box"]:
         triangles: np.ndarray = solve_any(start, target, points, cost)
@@ -346,7 +349,8 @@ def solve_visible_pairs(
         weights = weigh_pairs(points, start, target, cost["box"])
         triangles = _solve_edges(start, target, weights, _NONE[weights.dtype])
     else:
-        # `_minimise_boxes` counts edges with the pairs, and constants of the ring are omitted.
+        # Costs of triangles for `_trace`, without edge lengths (`_minimise_boxes` adds these to the
+        # pairs) and without area and number of triangles (equal for all triangulations).
         boxes = np.zeros_like(cost["weights"])
         boxes[HALF_PERIMETER], boxes[BBOX_AREA] = cost["box"][0], cost["box"][1]
         in_boxes = replace_fields(cost, weights=boxes)

@@ -4,13 +4,13 @@ A window is a tree of adjacent triangles, unfolded into a simple polygon (see `u
 dynamic program over visible vertices optimises exactly. Each triangle is in a window. Work and
 memory are linear in the number of windows, because workspaces are cleared by window.
 
-The program's time depends on the pairs of vertices that see each other, so windows grow where there
-are few of them: to 96 triangles in narrow polygons, from 24 in convex ones.
+The program's time depends on the pairs of vertices that see each other, so windows are larger where
+such pairs are few: up to 96 triangles in narrow polygons, 24 in convex ones.
 
-Expected quads above the optimum, relative, and time, on letters at 1024 px with flips at the end:
-0.1 % for these windows, in place of 3.5 % for flips alone from two initial solutions; with up to
-24 triangles 0.3 % in 0.85 of the time, with 32 to 128 less than 0.1 % in 1.1 of it. The limit of 24
-leaves 1.5 % on narrow polygons. A second sweep takes twice as long for 0.1 points.
+On letters at 1024 px, windows and then flips leave the expected quads 0.1 % above the optimum;
+flips alone, from two initial solutions, 3.5 %. Windows of up to 24 triangles leave 0.3 % in 0.85 of
+the time, those of 32 to 128 less than 0.1 % in 1.1 of the time. On narrow polygons the limit of 24
+leaves 1.5 %. A second sweep over all windows takes twice as long and gains 0.1 percentage points.
 """
 
 import numpy as np
@@ -22,17 +22,17 @@ from triangulators.geometry.unfold import fold_back, grow, unfold
 from triangulators.geometry.visibility import find_visible_pairs
 from triangulators.optimum.any_cost import solve_any
 
-_MIN_TRIANGLES = 24  # of a window
+_MIN_TRIANGLES = 24  # minimum and maximum of the limit of a window's triangles
 _MAX_TRIANGLES = 96
-_FEW_PAIRS = 7  # visible pairs for each triangle of a window, below which the next one is larger
-_MANY_PAIRS = 12  # above which it is smaller
+_FEW_PAIRS = 7  # visible pairs per triangle of a window, below which the limit is doubled
+_MANY_PAIRS = 12  # visible pairs per triangle, above which the limit is halved
 
 
 @njit(nogil=True)
 def optimise_windows(
     points: np.ndarray, triangles: np.ndarray, twin: np.ndarray, cost: Cost
 ) -> bool:
-    """Replace windows by their optima, in place; return whether one window was the polygon.
+    """Replace windows by their optima, in place; return whether the first was the whole polygon.
 
     triangles, twin: (m, 3), see `half_edges`. Windows grow breadth first from the triangles that
     are in no window yet, in ascending order. No replacement increases the cost.
