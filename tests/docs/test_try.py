@@ -333,7 +333,8 @@ def test_nothing_is_cut_off(browser, width, scheme):
     browser.prefer(scheme)
     open_page(browser, width)
     assert browser.evaluate("document.documentElement.scrollWidth") <= width
-    small = "[...document.querySelectorAll('button')].filter((b) => b.offsetHeight < 24).length"
+    small = "(b) => b.offsetParent && b.offsetHeight < 24"
+    small = f"[...document.querySelectorAll('button')].filter({small}).length"
     assert browser.evaluate(small) == 0
     colour = browser.evaluate("getComputedStyle(document.body).backgroundColor")
     assert (sum(map(int, colour[4:-1].split(","))) > 384) == (scheme == "light")

@@ -44,7 +44,7 @@ def count_footprints(footprints, name):
         rounded = shapely.transform(footprint, on_the_grid)
         counts = predict(to_grid([rounded]).coords, triangulate(rounded, name))
         rows.append([counts[measure].sum() for measure in COUNTED])
-    return np.array(make_rows)
+    return np.array(rows)
 
 
 def test_counters_equal_those_of_footprints_on_the_map(parts, tmp_path, footprints):
