@@ -92,7 +92,7 @@ def _make_table(decision: Decision, *, wide: bool) -> Table:
 
 
 def list_table(decisions: Sequence[Decision]) -> tuple[list[str], list[list[str]], int]:
-    """Return heading, rows, and number of leading text columns of one table of several groups."""
+    """Return one table of several groups: heading, rows, and how many first columns are text."""
     standings = [standing for decision in decisions for standing in decision.standings]
     metrics = _select_metrics([standing.record for standing in standings], wide=True)
     heading = ["scene, device", "triangulator", *(m.heading or m.label for m in metrics)]

@@ -150,8 +150,8 @@ def finish(
     covered = [record.counters.get(COVERED) for record in measured]
     if covered and not any(count is None or count > 0 for count in covered):
         raise NothingMeasuredError(
-            "no pixel is covered in any case: if a polygon is far away, exclude it by --where"
-            " or --limit, or give a larger --resolution"
+            "none of the measured cases covers a pixel: a polygon far from the others makes all"
+            " of them tiny; exclude it by --where or --limit, or give a larger --resolution"
         )
     require_all(outcome)
 

@@ -17,7 +17,7 @@ from harness.measuring.pool import (
     get_rasteriser_worker,
     get_recipe_worker,
 )
-from harness.measuring.tasks import Survey, survey
+from harness.measuring.tasks import Supported, find_supported
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.triangulating.recipes import Recipe
@@ -120,7 +120,7 @@ def find_backends(plan: Plan, pool: MeasuringPool, reporter: Reporter) -> list[U
     known_devices: set[str] = set()
     for name in plan.rasterisers:
         try:
-            options, devices, supported = _survey(name, plan, pool)
+            options, devices, device_names = _find_supported(name, plan, pool)
         except TaskError as error:
             reporter.warn(f"rasteriser '{name}': skipped ({error})")
             continue
@@ -130,7 +130,7 @@ def find_backends(plan: Plan, pool: MeasuringPool, reporter: Reporter) -> list[U
                 f"{rasterisers.get(name).limitation}); use opengl for --samples, --work and "
                 "--texture, or add a supported case, e.g. --work 0,8"
             )
-        known_devices.update(supported)
+        known_devices.update(device_names)
         usable += [(Backend(name, device), options) for device in devices]
     unknown_devices = [device for device in plan.devices if device not in known_devices]
     if unknown_devices:
@@ -143,10 +143,10 @@ def find_backends(plan: Plan, pool: MeasuringPool, reporter: Reporter) -> list[U
     return usable
 
 
-def _survey(name: str, plan: Plan, pool: MeasuringPool) -> Survey:
-    """Return a rasteriser's devices and options; third-party code runs in a worker process."""
+def _find_supported(name: str, plan: Plan, pool: MeasuringPool) -> Supported:
+    """Call `find_supported`, in a worker process if the rasteriser is third-party code."""
     if name in rasterisers.BUILT_IN or (name not in rasterisers.names() and ":" not in name):
-        return survey(name, plan.options, plan.devices)
+        return find_supported(name, plan.options, plan.devices)
     timeout_s = max(MIN_IMPORT_TIMEOUT_S, pool.timeout_s)
     worker = get_rasteriser_worker(name)
-    return pool.run(worker, survey, name, plan.options, plan.devices, timeout_s=timeout_s)
+    return pool.run(worker, find_supported, name, plan.options, plan.devices, timeout_s=timeout_s)

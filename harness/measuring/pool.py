@@ -300,5 +300,6 @@ class MeasuringPool(WorkerPool):
         super().close(at_once=at_once, abandoned=abandoned)
 
     def _forget(self, spec: WorkerSpec) -> None:
+        """Forget what a failed worker had compiled: its new process has compiled nothing."""
         if spec == TRIANGULATORS:
             self._compiled.clear()

@@ -171,7 +171,7 @@ def run(
         if all(shapely.get_num_coordinates(p) == _CLOSED_TRIANGLE for p in scene.polygons):
             raise NothingMeasuredError(
                 f"{plan.scene}: nothing to measure (every polygon is a triangle); for a model, "
-                "raster-harness triangulate MODEL --check reports the savings of flips"
+                "raster-harness triangulate MODEL --check reports what flipping edges would save"
             )
         if options.split is None:
             plan = _set_scene_view(plan, scene)

@@ -48,13 +48,13 @@ class Opened:
     draws_indexed: bool
 
 
-Survey = tuple[tuple[Options, ...], tuple[Device, ...], tuple[str, ...]]
+Supported = tuple[tuple[Options, ...], tuple[Device, ...], tuple[str, ...]]
 """For a plan and a rasteriser: the supported options; the requested devices that are supported, or
 if there are none, the rasteriser's best device; and the names of these requested devices."""
 
 
-def survey(name: str, options: Sequence[Options], devices: Sequence[str]) -> Survey:
-    """Return the options and devices of a plan that a rasteriser supports.
+def find_supported(name: str, options: Sequence[Options], devices: Sequence[str]) -> Supported:
+    """Return the options and devices of a plan that a rasteriser supports, as `Supported`.
 
     Raises UsageError or NoRasteriserError as `rasterisers.find_device` does.
     """

@@ -269,7 +269,11 @@ def time_together(
 
 
 def _sample(name: str, drawing: Drawing, repeats: int) -> Sample:
-    """Draw `repeats` times; draw the reference once before, as it must not depend on the caches."""
+    """Time `repeats` draws.
+
+    The reference is first drawn once untimed, so that its time does not depend on what the previous
+    drawing left in the caches.
+    """
     if name == REFERENCE:
         drawing.sample(1)
     return drawing.sample(repeats)

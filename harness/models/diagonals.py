@@ -200,8 +200,8 @@ def find_outlines(faces: Faces) -> Outlines:
     corner = np.ascontiguousarray(faces.triangles, dtype=np.int32).reshape(-1)
     ahead = faces.triangles[:, [1, 2, 0]].reshape(-1)
     outer = np.flatnonzero(np.asarray(link(corner)) < 0)
-    # Sound faces have one outline edge from each vertex: no outline edge leaves an interior
-    # vertex, and several leave a vertex at which outlines touch.
+    # A face is sound if exactly one outline edge leaves each vertex. None leaves an interior
+    # vertex; several leave a vertex at which outlines touch.
     outline_edges = np.bincount(corner[outer], minlength=len(faces.points))
     following = np.zeros(len(faces.points), dtype=np.int64)
     following[corner[outer]] = ahead[outer]

@@ -55,7 +55,7 @@ class ObjModel:
         offset = 0
         for number, line in enumerate(self._data.splitlines(keepends=True), 1):
             try:
-                self._read(line, offset)
+                self._read_line(line, offset)
             except ValueError as error:
                 text = line.decode(errors="replace").strip()[:60]
                 raise InputError(f"{path} line {number}: not OBJ ({text!r})") from error
@@ -67,7 +67,7 @@ class ObjModel:
                     f"{len(lines):,})"
                 )
 
-    def _read(self, line: bytes, offset: int) -> None:
+    def _read_line(self, line: bytes, offset: int) -> None:
         text = line.partition(b"#")[0]
         is_single_line = not self._continued
         tokens, self._continued = self._continued, []

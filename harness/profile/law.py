@@ -161,7 +161,7 @@ class Law:
 
     @property
     def is_bound_by_vertices(self) -> NDArray[np.bool_]:
-        """Whether the stage of vertices binds each draw, (k,); in a sum it binds none."""
+        """Flags (k,) of the draws whose binding stage is vertices; all False if `form` is a sum."""
         return np.array([terms == VERTICES for terms in FORMS[self.form].values()])[self.binding]
 
     @property

@@ -257,7 +257,7 @@ class Dataset:
         self._cut(paths)
         if not self.parts and self._unreadable:
             raise InputError(next(iter(self._unreadable.values())))
-        self._scan_parts({part.key for part in self.parts})
+        self._read_results({part.key for part in self.parts})
 
     def _cut(self, paths: Iterable[Path]) -> None:
         """Cut files into parts; record the files that cannot be read."""
@@ -282,14 +282,14 @@ class Dataset:
                 }
                 self.parts.append(FilePart(str(file), rows, size, about | self._about))
 
-    def _scan_parts(self, keys: set[str]) -> None:
-        """Read the results in the folder; refuse a folder with incompatible results."""
+    def _read_results(self, part_keys: set[str]) -> None:
+        """Read the results in `out` into `done`; refuse incompatible ones."""
         identities: dict[str, set[str]] = {}
         for part in self.parts:
             identities.setdefault(part.about["source"], set()).add(part.about["identity"])
         for file in sorted(self.out.glob(f"*{self.work.suffix}")):
             done = self.work.read(file)
-            if done is None and file.stem in keys:
+            if done is None and file.stem in part_keys:
                 continue  # damaged: processed again
             if done is None:
                 raise UsageError(
@@ -306,7 +306,7 @@ class Dataset:
                     f"{self.out} has parts of an older version of {about['source']}; "
                     "give another -o"
                 )
-            if about["key"] in keys:
+            if about["key"] in part_keys:
                 self.done[about["key"]] = done
 
     @property

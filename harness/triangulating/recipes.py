@@ -73,13 +73,13 @@ class Recipe:
     def parameters(self) -> dict[str, Any]:
         """Parameters other than base and polygon, JSON-ready."""
         if self.calibration is not None:
-            return {"calibration": [list(term) for term in self._weights]}
+            return {"calibration": [list(term) for term in self._calibration_without_draw]}
         if self.number is not None:
             return {NUMBERED[self.base]: self.number}
         return {"seed": self.seed} if self.base == "random" else {}
 
     @property
-    def _weights(self) -> tuple[tuple[str, float], ...]:
+    def _calibration_without_draw(self) -> tuple[tuple[str, float], ...]:
         # The cost of a draw does not depend on the triangulation, so no criterion has that term.
         return tuple(term for term in self.calibration or () if term[0] != "draw")
 
@@ -87,7 +87,7 @@ class Recipe:
     def _call(self) -> tuple[str, dict[str, Any]]:
         """Name and keyword arguments for `triangulators.triangulate`."""
         if self.calibration is not None:
-            calibrated = criteria.calibrated(dict(self._weights))
+            calibrated = criteria.calibrated(dict(self._calibration_without_draw))
             return self.base.removesuffix(CALIBRATED), {"criterion": calibrated}
         return self.base, self.parameters
 
@@ -108,10 +108,10 @@ class Recipe:
     def attempt(
         self, polygons: PolygonArray
     ) -> tuple[Sequence[NDArray[np.int32]], NDArray[np.bool_]]:
-        """Triangulate a batch by compiled code on one thread.
+        """Triangulate the polygons of a batch that compiled code can solve, on one thread.
 
         Returns triangles (m, 3) of each polygon, and flags (p,) of the polygons that were solved.
-        The others need `triangulate`, as do all polygons of third-party triangulators.
+        The others need `triangulate`; by a third-party triangulator, none is solved here.
         """
         if not self.builtin:
             return [], np.zeros(len(polygons), np.bool_)

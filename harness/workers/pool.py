@@ -140,7 +140,7 @@ class WorkerPool:
             raise
 
     def _forget(self, spec: WorkerSpec) -> None:
-        """Hook of subclasses: discard what they know about the state of a worker that failed."""
+        """Hook of subclasses: forget the state of a failed worker, which gets a new process."""
 
 
 def wait_for_result(future: Future[T]) -> T:

@@ -42,7 +42,10 @@ def build_footprint(
 
 
 def _build_wings(w: float, d: float, vertices: int, u: Sequence[float]) -> Ring:
-    """Return a rectangle, or a front building with a wing (L), a middle wing (T), two or three."""
+    """Return a rectangle, or a front building with wings.
+
+    One wing at a side (L), one between the sides (T), two wings (U) or three (E).
+    """
     front = max(WING_M, d * (0.4 + 0.25 * u[1]))
     wing = max(WING_M, w * (0.28 + 0.15 * u[2]))
     if vertices < 6 or d - front < 2.0 or w < 2 * WING_M:

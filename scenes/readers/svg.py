@@ -112,10 +112,10 @@ class _Drawing:
                     reason := _OMITTED.get(kind) or state.hidden or _check_fill(state, self._by_id)
                 ):
                     self.dropped.append((label, reason))
-                elif (area := self._compute_area(element, state, style, "fill-rule")) is None:
+                elif (region := self._find_region(element, state, style, "fill-rule")) is None:
                     self.dropped.append((label, _EMPTY if state.clip is None else _CLIPPED))
                 else:
-                    geometries.append(area)
+                    geometries.append(region)
                     labels.append(label)
                     identifiers.append(element.get("id") or "")
         table = pd.DataFrame({"id": identifiers}, dtype=object)
@@ -189,10 +189,10 @@ class _Drawing:
             viewport = (box[2], box[3])
         return replace(state, matrix=state.matrix.transform(matrix), viewport=viewport)
 
-    def _compute_area(
+    def _find_region(
         self, element: ElementTree.Element, state: _State, style: dict[str, str], rule: str
     ) -> Any:
-        """Return the visible area of a shape, or None if there is none."""
+        """Return the visible region of a shape as a geometry, or None if nothing is visible."""
         outline = format_outline(element, style, state.viewport)
         contours = flatten_outline(outline, FLIP.transform(state.matrix))
         name = state.properties[rule]
@@ -226,7 +226,7 @@ class _Drawing:
                 child_state, style = self._enter(child, clip_state)
                 is_hidden = child_state.hidden == "is not displayed"
                 if not is_hidden and child_state.properties["visibility"] == "visible":
-                    areas.append(self._compute_area(child, child_state, style, "clip-rule"))
+                    areas.append(self._find_region(child, child_state, style, "clip-rule"))
         return shapely.union_all([area for area in areas if area is not None])
 
 

@@ -109,7 +109,7 @@ def test_a_run_without_covered_pixels_measures_nothing(harness):
     write("far.wkt", "\n".join(f"POLYGON (({house}))" for house in houses))
     code, out, err = harness("run", "--scene", "far.wkt", "--rasterisers", "reference", "--quick")
     assert code == 4
-    assert_one_line(err, "no pixel is covered in any case", "exclude it by --where or --limit")
+    assert_one_line(err, "none of the measured cases covers", "exclude it by --where or --limit")
     assert "the polygons cover 0 pixels in all (at least 64 are needed)" in out
 
 

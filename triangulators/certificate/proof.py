@@ -22,10 +22,12 @@ from triangulators.optimum.best_way import search_cuts
 from triangulators.optimum.visible_lists import NOTHING
 from triangulators.polygon import Boundary
 
-# Without a time limit, sizes are limited instead: a proof ends in seconds, the same on any machine.
 PROGRAM_TIMEOUT_S = 60.0  # time limit of a linear program; a polygon may need two programs
-_MAX_UNTIMED_ROWS = 100_000  # constraints of a linear program without a time limit
-_MAX_UNTIMED_TRIPLES = 1_500_000  # visible triples for exclusion without a time limit
+# Used if no time limit is given: limits of size end a proof within seconds, with the same result on
+# every machine.
+_MAX_UNTIMED_ROWS = 100_000  # constraints of a linear program
+_MAX_UNTIMED_TRIPLES = 1_500_000  # visible triples for exclusion
+
 MAX_TRIPLES = 8_000_000  # visible triples of a polygon: about 1 GB
 _MAX_POTENTIAL = 2.0**59  # the checker adds three potentials below 2^60 in 64 bits
 

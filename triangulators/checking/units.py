@@ -46,7 +46,7 @@ TOO_LARGE = 2**60
 
 _MAX_TOTAL = 2**61  # four times the weight of the triangulation stays below
 _MAX_WEIGHT = 2**59  # weight of a triangle, without noise
-_DIGITS = 36  # a real total has up to 2^36 units
+_ROUNDED_TOTAL_BITS = 36  # the total of costs that are rounded has up to 2^36 units
 _MAX_COEFFICIENT = 1024  # sum of the sizes of the weights of a cost that is counted exactly
 _MAX_EXPONENT = 900  # so that scaled costs do not overflow a double
 _MAX_SCALE = 2.0**_MAX_EXPONENT
@@ -79,12 +79,12 @@ def find_units(outline: Boundary, triangles: np.ndarray, cost: Cost) -> Units:
             factor = find_factor(count, bits)
             if 4.0 * total * scale * factor < _MAX_TOTAL:
                 return Units(scale, factor, bits, True, False)
-    exponent = _DIGITS - math.frexp(total)[1] if total > 0.0 else 0
+    exponent = _ROUNDED_TOTAL_BITS - math.frexp(total)[1] if total > 0.0 else 0
     # A multiple of 4, so that most triangulations of a polygon have the same units.
     exponent = max(-_MAX_EXPONENT, min(_MAX_EXPONENT, 4 * (exponent // 4)))
     for bits in (*range(NOISE_BITS, 1, -1), 0):
         factor = find_factor(count, bits)
-        if factor << (_DIGITS + 2) < _MAX_TOTAL:
+        if factor << (_ROUNDED_TOTAL_BITS + 2) < _MAX_TOTAL:
             break
     return Units(2.0**exponent, factor, bits, False, not is_integer)
 

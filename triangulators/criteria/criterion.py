@@ -133,7 +133,7 @@ def weighted_sum(
     unit: str,
     **coefficients: float,
 ) -> Criterion:
-    """Return a weighted sum of features; coefficients default to 0."""
+    """Return the criterion that is a weighted sum of features; coefficients default to 0."""
     weights = tuple(float(coefficients.get(feature, 0.0)) for feature in FEATURES)
     return Criterion(name, description, weights, label=label, symbol=symbol, unit=unit)
 

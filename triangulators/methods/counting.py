@@ -34,7 +34,8 @@ def count_in_cycle(ring: Cycle, max_count: int | None = None) -> int:
     """
     n = len(ring.cycle)
     above = [ring.target[ring.start[i] : ring.start[i + 1]].tolist() for i in range(n)]
-    ways: list[dict[int, int]] = [{} for _ in range(n)]  # ways[j][k]: number for corners k..j
+    # ways[j][k]: number of triangulations of the sub-polygon k..j
+    ways: list[dict[int, int]] = [{} for _ in range(n)]
     for i in range(n - 1, -1, -1):
         row: dict[int, int] = {}
         for j in above[i]:

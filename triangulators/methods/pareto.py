@@ -22,7 +22,8 @@ from triangulators.polygon_arrays import polygon_of_rings
 
 MAX_FRONT_SIZE = 100_000  # points of a sub-polygon's front
 MAX_VERTICES = 100  # maximum for the triangulator "pareto", which takes up to a minute
-_RELATIVE_TOLERANCE = 1e-9  # costs closer than this part of the largest count as equal
+# Costs that differ by less than this fraction of the largest cost are treated as equal.
+_RELATIVE_TOLERANCE = 1e-9
 
 CriterionLike = criteria.Criterion | str | Callable[..., float]
 

@@ -47,7 +47,7 @@ from triangulators.polygon import twice_ring_area
 from triangulators.polygon_arrays import Batch
 
 SMALL = 192  # vertices up to which batches and polygons with holes use this dynamic program
-SPAN = 1 << 15  # int32: |dx * dy'| < 2^30, so that their difference fits
+SPAN = 1 << 15  # int32: products of two spans are below 2^30, so that differences of them fit
 _NO_INT: Any = np.int32(1 << 29)  # no triangulation; the sum of three of them still fits
 # Rows in the workspace of a ring, before those of its cost table.
 _X, _Y, _FROM_X, _FROM_Y, _WEIGHT, _ROW, _TABLE = range(7)
