@@ -151,24 +151,26 @@ def _explain(error: BaseException) -> int | str | None:
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
             return BROKEN_PIPE
         case SystemExit():
-            return _say(f"error: a plugin called sys.exit({error.code})", BAD_INPUT)
+            return _print_and_return(f"error: a plugin called sys.exit({error.code})", BAD_INPUT)
         case KeyboardInterrupt():
-            return _say("stopped", INTERRUPTED)
+            return _print_and_return("stopped", INTERRUPTED)
         case HarnessError():
-            return _say(f"error: {error}", error.exit_code)
+            return _print_and_return(f"error: {error}", error.exit_code)
         case ClickException():
-            return _say(*_format_misuse(error))
+            return _print_and_return(*_format_misuse(error))
         case OSError():
-            return _say(f"error: {format_os_error(error)}", BAD_INPUT)
+            return _print_and_return(f"error: {format_os_error(error)}", BAD_INPUT)
         case MemoryError() | ImportError() | RuntimeError() if is_memory_error(error):
-            return _say("error: out of memory; try a smaller scene, e.g. limit=1000", BAD_INPUT)
+            return _print_and_return(
+                "error: out of memory; try a smaller scene, e.g. limit=1000", BAD_INPUT
+            )
         case _ if _is_input_error(error):
-            return _say(f"error: {error}", BAD_INPUT)
+            return _print_and_return(f"error: {error}", BAD_INPUT)
         case _:
             if not is_debugging():
                 print_traceback(error)
             summary = f"{type(error).__name__}: {error}".splitlines()[0]
-            return _say(f"error: internal error, please report: {summary}", DEFECT)
+            return _print_and_return(f"error: internal error, please report: {summary}", DEFECT)
 
 
 def _is_input_error(error: BaseException) -> bool:
@@ -189,7 +191,8 @@ def _format_misuse(error: ClickException) -> tuple[str, int]:
     return f"error: {message.rstrip('.')}; see: {command} --help", BAD_INPUT
 
 
-def _say(line: str, code: int) -> int:
+def _print_and_return(line: str, code: int) -> int:
+    """Print a line to stderr, and return the exit code `code`."""
     with contextlib.suppress(OSError, SystemExit):  # the terminal was closed
         Console(stderr=True, highlight=False, emoji=False).print(
             line, style="red" if line.startswith("error") else None, markup=False, soft_wrap=True

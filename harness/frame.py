@@ -229,7 +229,7 @@ def _frame_of_tiles(scene: Scene, tiling: Tiling, view: View) -> Frame:
     reach = float(max(-bounds[:2].min(), bounds[2:].max() - tiling.pixels, 0.0))
     margin = -(-math.ceil(reach) // MARGIN_STEP_PX) * MARGIN_STEP_PX
     moved = shapely.transform(polygons, lambda xy: xy + margin)
-    frame = _snap_to_frame(moved, 1.0, view, tiling.pixels + 2 * margin)
+    frame = _make_snapped_frame(moved, 1.0, view, tiling.pixels + 2 * margin)
     tiles = np.searchsorted(frame.source, tiling.first)
     return replace(frame, scissor=(margin, margin, tiling.pixels, tiling.pixels), tiles=tiles)
 
@@ -255,11 +255,11 @@ def make_frame(polygons: Sequence[Polygon], view: View) -> Frame:
     """
     if not polygons:
         raise InputError("the scene has no polygon to draw")
-    return _snap_to_frame(*_fit_to_view(polygons, view), view, view.resolution)
+    return _make_snapped_frame(*_fit_to_view(polygons, view), view, view.resolution)
 
 
-def _snap_to_frame(polygons: NDArray[Any], scale: float, view: View, side: int) -> Frame:
-    """Snap polygons in px, and return their frame with a viewport of `side` px."""
+def _make_snapped_frame(polygons: NDArray[Any], scale: float, view: View, side: int) -> Frame:
+    """Snap polygons in px to 1/256 px; return their frame, whose viewport is `side` px wide."""
     pieces, source, dropped, repaired = snap_polygons(polygons)
     grid = to_grid(pieces)
     return Frame(side, side, scale, view, source, grid, dropped=dropped, repaired=repaired)

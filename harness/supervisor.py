@@ -140,7 +140,7 @@ class _Supervisor:
                 os.kill(self._child, number)
             if time_s >= self._deadline:
                 self._kill()
-                return _say("stopped", INTERRUPTED)
+                return _print_and_return("stopped", INTERRUPTED)
             due = min([self._deadline, *self._to_forward.values()])
             poll.poll(None if due == inf else 1000 * (due - time_s) + 1)
             self._note_own_signals()
@@ -152,7 +152,9 @@ class _Supervisor:
         if code >= 0:
             return code
         why = system.describe_exit(code)
-        return _say(f"error: the program was ended by {why}; try a smaller scene", 128 - code)
+        return _print_and_return(
+            f"error: the program was ended by {why}; try a smaller scene", 128 - code
+        )
 
     def _reap(self) -> int | None:
         """Return the child's exit code or negative signal, or None while it runs."""
@@ -211,7 +213,8 @@ def _read(descriptor: int) -> bytes | None:
         return None
 
 
-def _say(line: str, code: int) -> int:
+def _print_and_return(line: str, code: int) -> int:
+    """Print a line to stderr, and return the exit code `code`."""
     with suppress(OSError):
         os.write(2, f"{line}\n".encode())
     return code

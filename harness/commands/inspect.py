@@ -86,8 +86,9 @@ def inspect(
     every: Annotated[
         Literal["conforming", "paper"] | None,
         typer.Option(
-            help="Instead of a picture, list every triangulation with its criteria: conforming, "
-            "without T-junctions, or paper, as in the paper."
+            help="Instead of a picture, list all triangulations of the polygon and their criteria. "
+            "conforming: only those without T-junctions; paper: those that the paper's program "
+            "finds, which drops vertices that a cut has made collinear."
         ),
     ] = None,
     out: Annotated[
@@ -236,7 +237,7 @@ def _prepare_file(out: Path, *endings: str) -> Path:
 def _list_every(
     scene: Scene, polygon: int, mode: Literal["conforming", "paper"], out: Path | None
 ) -> None:
-    """List every triangulation of a polygon with its criteria."""
+    """List all triangulations of a polygon and their criteria."""
     from harness import atomic
     from harness.commands.outcome import choose_folder
     from harness.study.pareto import make_triangulation_table

@@ -14,7 +14,9 @@ from harness.webpages import is_stream
 
 
 def page(
-    run: Annotated[Path | None, typer.Argument(help="Folder of a run; none for --profile.")] = None,
+    run: Annotated[
+        Path | None, typer.Argument(help="Folder of a run; leave out with --profile.")
+    ] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="File to write.")] = Path("page.html"),
     profile: Annotated[
         bool,

@@ -74,9 +74,9 @@ def run(
     profile: Annotated[
         str | None,
         typer.Option(
-            help="Profile of a device, a file or a contributed name, e.g. opengl-h200: the report "
-            "predicts its times, and optimal:calibrated minimises its costs. See: raster-harness "
-            "profile.",
+            help="A device's profile: a file, or the name of a contributed profile, such as "
+            "opengl-h200. The report then predicts times on that device, and optimal:calibrated "
+            "minimises that device's costs. See: raster-harness profile.",
         ),
     ] = None,
     baseline_reference: Annotated[

@@ -146,8 +146,9 @@ def compare_group(
 ) -> tuple[list[TimeChange], Drift | None]:
     """Return the changes of a group's cases and the group's drift.
 
-    The q-values are not yet corrected for the number of cases (see `correct`). In common rounds the
-    drift is that of the cases whose triangles differ, or None if fewer than two cases differ.
+    The q-values are not yet corrected for the number of cases (see `correct`). If BASE and HEAD
+    were measured in the same rounds, the drift is computed from the cases that draw different
+    triangles, and is None if there are fewer than two such cases.
     """
     if all(pair.same_rounds for pair in pairs):
         changes = [

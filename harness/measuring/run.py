@@ -248,7 +248,8 @@ def _measure(
         if options.profile is not None:
             atomic.write(out / STORED_PROFILE, options.profile)
         writer.write_facts({**facts, "interrupted": True})  # until the run has finished
-        # Rounds that time triangulation are not for BASE, which triangulates in another process.
+        # No rounds that time triangulation for BASE, which triangulates in another process, and for
+        # a study that splits the scene, which compares draw times only.
         rounds = not (options.split or options.baseline)
         try:
             with _handle_signals(pool, reporter):

@@ -197,7 +197,7 @@ def read(
         description=str(path),
         licence="as the file's",
         parameters={"views": views, "pixels": pixels, "distance": distance, "depth": depth},
-        notes=(_format_note(placed_parts, len(polygons), views),),
+        notes=(_describe_coverage(placed_parts, len(polygons), views),),
         viewing=Viewing(
             pixels=pixels,
             names=tuple(
@@ -263,7 +263,7 @@ def _place_part(
     return _PlacedPart(part, flat, first, points, corners, fronts, face_fronts)
 
 
-def _format_note(placed_parts: list[_PlacedPart], faces: int, views: int) -> str:
+def _describe_coverage(placed_parts: list[_PlacedPart], faces: int, views: int) -> str:
     valid = invalid = total = 0.0
     for placed_part in placed_parts:
         area = np.nan_to_num(np.linalg.norm(placed_part.triangle_fronts, axis=1))

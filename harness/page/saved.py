@@ -79,7 +79,7 @@ def check_rounds(times: Mapping[str, Times], epochs: Sequence[int]) -> None:
 
 
 class Measured(SavedModel):
-    """Fields of all kinds of results."""
+    """Fields that results of all kinds have."""
 
     version: Literal[1]
     started: Text

@@ -47,11 +47,12 @@ def unshared(corners: NDArray[np.int32]) -> tuple[Frame, NDArray[np.int32]]:
 def make_jittered_mesh(
     across: int, along: int, side: int, numbers: NDArray[np.int64]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return vertices (n, 2) and triangles (2 across along, 3) of a mesh of squares from (4, 4) px.
+    """Return vertices (n, 2) and triangles (2 * across * along, 3) of a mesh of squares.
 
-    Each square of `side`/256 px is two triangles; triangles of a row follow each other in a strip.
+    The mesh starts at (4, 4) px. Each square of `side`/256 px is two triangles; triangles of a row
+    follow each other in a strip.
 
-    numbers : (across + 1) (along + 1) hashes, which move each vertex by less than half a side
+    numbers : (across + 1) * (along + 1) hashes, which move each vertex by less than half a side
     """
     line = across + 1
     row, column = np.divmod(np.arange(line * (along + 1)), line)

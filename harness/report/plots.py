@@ -111,7 +111,10 @@ def draw_predictions(run: Run, group: RecordGroup) -> Figure | None:
 
 
 def _format_fit(x: Marks, y: Marks, *, in_unit: bool) -> str:
-    """Return the rank correlation of marks and, in the same unit, their RMS error in per cent."""
+    """Return the rank correlation of x and y and, if `in_unit`, also the RMS error in per cent.
+
+    in_unit : whether x and y both have the counter's unit
+    """
     rank, error = rank_correlation(x, y), compute_rms_error(x, y)
     text = "" if rank is None else f"rank correlation {rank:.2f}"
     if not in_unit or error is None:

@@ -62,7 +62,7 @@ class Run:
     records : in the order written
     problems : a line for each unreadable part
     modified : names of array files whose checksum differs
-    truncation : message if records of a complete run are missing, or ""
+    truncation : message if the file of records is shorter than when it was written, or ""
     """
 
     path: Path

@@ -82,7 +82,7 @@ def make_regret_table(records: Sequence[Record]) -> pd.DataFrame:
 
     kind : "criterion" or "triangulator", with `name`; `triangulator` is the selected triangulator
     best : the triangulator with the minimum, for times over all rounds
-    least_known : whether the minimum holds for all triangulations
+    least_known : whether the minimum is proven over all possible triangulations
     regret : ratio to the minimum, less 1; for a time, the mean of both estimates
     regret_low, regret_high : cross-fitted and plug-in estimate; equal for counters
     """
@@ -155,7 +155,8 @@ def summarise_regret(table: pd.DataFrame) -> pd.DataFrame:
 
     Triangulations of one family, such as random ones, count once per polygon, by their mean.
 
-    least_known : share of polygons whose minimum holds for all triangulations
+    least_known : share of polygons whose minimum is proven over all possible triangulations, not
+        only over the measured ones
     ci_low, ci_high : `compute_regret_interval`
     """
     rows = []

@@ -73,7 +73,7 @@ class Run(NamedTuple):
 class Archive(ABC):
     """Tiles that can be counted without being read.
 
-    zooms : zooms in the archive, in order; () for files without a position
+    zooms : zooms in the archive, in order; () for a folder whose paths do not give tile positions
     attribution : attribution of the data, or ""
     """
 
@@ -122,7 +122,7 @@ class Archive(ABC):
         return zooms
 
     def get_zoom(self, number: int) -> int | None:
-        """Return the zoom of a tile by number, or None for files without a position."""
+        """Return the zoom of a tile by number, or None if paths do not give tile positions."""
         return ((3 * number + 1).bit_length() - 1) // 2
 
     def read(self, name: Any) -> bytes | None:

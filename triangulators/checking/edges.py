@@ -205,8 +205,8 @@ def _find_meeting_edge(sides: _Sides, scale: float, a: int, b: int, stack: np.nd
             continue
         c, d = edges[node - size]
         if c == a or c == b or d == a or d == b:  # noqa: SIM109 - for Numba
-            # An edge at an end of the segment leaves in another direction, because the segment
-            # starts inside, unless the edge is the segment.
+            # An edge that shares an end with the segment does not meet it elsewhere, because the
+            # segment starts into the interior. The exception: the edge is the segment.
             if (c == a or c == b) and (d == a or d == b):  # noqa: SIM109
                 return -2
         elif _meets(points, a, b, c, d):

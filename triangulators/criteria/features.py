@@ -264,7 +264,8 @@ def feature_sums_of_many(
     """Return (p, k) sums of each feature over the triangles of each of p polygons.
 
     coords (n, 2), vertex_offsets (p + 1,): vertices; triangles (m, 3), triangle_offsets (p + 1,):
-    as indices into the vertices of each polygon, summed in order like `feature_sums`.
+    vertex indices, which start at 0 in each polygon. The order of summation is that of
+    `feature_sums`.
     """
     sums = np.empty((len(vertex_offsets) - 1, COUNT))
     for polygon in range(len(sums)):

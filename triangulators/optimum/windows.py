@@ -22,7 +22,7 @@ from triangulators.geometry.unfold import fold_back, grow, unfold
 from triangulators.geometry.visibility import find_visible_pairs
 from triangulators.optimum.any_cost import solve_any
 
-_MIN_TRIANGLES = 24  # minimum and maximum of the limit of a window's triangles
+_MIN_TRIANGLES = 24  # bounds of the limit on a window's number of triangles
 _MAX_TRIANGLES = 96
 _FEW_PAIRS = 7  # visible pairs per triangle of a window, below which the limit is doubled
 _MANY_PAIRS = 12  # visible pairs per triangle, above which the limit is halved
