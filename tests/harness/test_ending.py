@@ -60,7 +60,7 @@ def system_error(number: int) -> OSError:
     ],
 )
 def test_uncaught_errors_are_one_line(harness, stored, monkeypatch, error, code, parts):
-    def fail(*_: object) -> None:
+    def fail(*_: object, **__: object) -> None:
         raise error
 
     monkeypatch.setattr("harness.report.page.write_report", fail)
@@ -104,7 +104,9 @@ def test_the_log_has_workers_retries_and_the_exit_code(harness):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_anywhere_is_130(harness, stored, monkeypatch, number):
-    monkeypatch.setattr("harness.report.page.write_report", lambda *_: signal.raise_signal(number))
+    monkeypatch.setattr(
+        "harness.report.page.write_report", lambda *_, **__: signal.raise_signal(number)
+    )
     before = signal.getsignal(number)
     code, _, err = harness("report", "run")
     assert code == 130
@@ -121,7 +123,7 @@ def test_commands_started_by_nohup_survive_the_terminal(harness, stored, monkeyp
         signal.signal(signal.SIGHUP, before)
 
 
-def _hang_up(run: Run, *_: object) -> Path:
+def _hang_up(run: Run, *_: object, **__: object) -> Path:
     signal.raise_signal(signal.SIGHUP)
     return run.path / "report.html"
 

@@ -221,7 +221,7 @@ def test_page_reports_the_known_costs_of_a_gpu(profiled):
     assert nothing in profiled["words"]
     assert "Triangulate by optimal:" in profiled["words"]
     assert " on city (" in profiled["words"]
-    assert "Times are the wall clock's, for the device has no GPU timer." in profiled["traps"]
+    assert "Times are wall-clock times (the device has no GPU timer)." in profiled["traps"]
     assert "no sign that the device sorts triangles into tiles" in profiled["traps"]
     assert profiled["panels"] == 2
     assert "twice at" in profiled["thin"]

@@ -109,7 +109,7 @@ def test_run_stores_the_profile_and_minimises_the_slowest_stage(tmp_path):
         triangulators=parse_all((base, name), calibration=coefficients),
         rasterisers=("reference",),
         views=(View(2048),),
-        timing=TimingSettings(precision=0.5, budget_s=0.02, warm_up_s=0.0),
+        timing=TimingSettings(precision=0.5, budget_s=1.0, warm_up_s=0.0),
     )
     reporter = Reporter(quiet=True, console=Console(quiet=True))
     options = RunOptions(
