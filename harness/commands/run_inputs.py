@@ -67,9 +67,9 @@ def find_profile_file(name: str | None, resume: Path | None) -> Path | None:
 
     Raises UsageError if the name is unknown.
     """
-    from harness.profile.device_costs import find_profile
-
     if name:
+        from harness.profile.device_costs import find_profile
+
         return find_profile(name, PROFILES)
     stored = resume and resume / STORED_PROFILE
     return stored if stored and stored.is_file() else None

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 Design = NDArray[np.float64]
 Seconds = NDArray[np.float64]
@@ -40,6 +39,8 @@ def solve(design: Design, seconds: Seconds, groups: Labels) -> Seconds:
     which contain the errors, noise would bias all coefficients downwards. A term that costs nothing
     gets exactly 0.
     """
+    from scipy.optimize import nnls  # slow to import, and reading a profile fits nothing
+
     labels = np.unique(groups, return_inverse=True)[1]
     return iterate(design, seconds, labels, nnls)[0]
 

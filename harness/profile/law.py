@@ -41,7 +41,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from harness.frame import Frame
 from harness.grid import SUBPIXEL
@@ -200,6 +199,8 @@ class Law:
 
 def compute_interval_reach(groups: int, confidence: float) -> float:
     """Return the half-width of an interval in standard errors, for a number of groups."""
+    from scipy.special import stdtrit  # slow to import, and reading a profile needs none
+
     return DEVIATION_FACTOR * float(stdtrit(groups / 2, 0.5 + confidence / 2))
 
 

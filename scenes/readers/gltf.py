@@ -16,7 +16,6 @@ from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from scenes.readers.guard import refuse_special
 from scenes.scene import SceneError
@@ -286,6 +285,8 @@ def _read_node_matrix(node: dict[str, Any]) -> NDArray[np.float64]:
     """Return the (4, 4) matrix of a node."""
     if "matrix" in node:
         return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
+    from scipy.spatial.transform import Rotation  # slow to import, and writers of meshes need none
+
     rotation = Rotation.from_quat(node.get("rotation", (0, 0, 0, 1))).as_matrix()
     result = np.eye(4)
     result[:3, :3] = rotation * np.array(node.get("scale", (1, 1, 1)), dtype=np.float64)
