@@ -75,7 +75,7 @@ def refine(
 
     For other costs, windows are optimised, then diagonals are flipped. A flip evaluates four
     triangles, so that flips alone, from both initial solutions, take as long and leave the expected
-    quads of letters 3.5 % above the optimum in place of 0.4 %.
+    quads of letters 3.5 % above the optimum in place of 0.1 %.
     """
     rows = corner.reshape(-1, 3)
     if test == COST:
