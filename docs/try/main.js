@@ -186,7 +186,7 @@ function startDrawing() {
   Object.assign(state, { drawing: [], cursor: null, selected: 0 });
   showNotice("");
   $("editor").focus({ preventScroll: true });
-  $("editor").scrollIntoView({ block: "nearest" });
+  $("editor").scrollIntoView({ block: "nearest", behavior: "instant" });
   requestUpdate();
 }
 

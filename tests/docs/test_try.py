@@ -213,11 +213,11 @@ def test_a_polygon_is_drawn_by_clicks(browser):
     browser.evaluate("$('draw').click(); null")
     browser.wait("$('vertex-count').textContent === '0 placed so far'")  # the layout is final
     corners = ((0.2, 0.2), (0.8, 0.2), (0.8, 0.8), (0.5, 0.4), (0.2, 0.8), (0.2, 0.2))
+    # the editor does not move under the pointer, as it would during a smooth scroll
+    x, y, side = browser.evaluate(
+        "(({x, y, width}) => [x, y, width])($('editor').getBoundingClientRect())"
+    )
     for count, (across, down) in enumerate(corners, start=1):
-        # measured for each click: the page scrolls to the editor when it gets the focus
-        x, y, side = browser.evaluate(
-            "(({x, y, width}) => [x, y, width])($('editor').getBoundingClientRect())"
-        )
         browser.click(x + across * side, y + down * side)
         browser.wait(f"state.drawing === null || state.drawing.length === {count}")
     browser.wait(
