@@ -10,8 +10,6 @@ For expected quads, a ring of 21 vertices (letters) takes 22 microseconds; with 
 triangle it took 46.
 """
 
-from typing import Any
-
 import numpy as np
 
 from triangulators.compute.kernels import njit
@@ -21,13 +19,14 @@ FLOAT = 1e300  # cost of a sub-polygon without a triangulation; the sum of two d
 _BLOCK = 256  # triangles whose costs are computed in one call
 
 
-@njit(nogil=True, inline="always")
-def trace(n: int, find_apex: Any, triangle_cost: Any, search: Any) -> np.ndarray:
-    """Return the triangles (n - 2, 3) of an optimum of a cycle of n vertices; no rows if none.
+@njit(nogil=True)
+def solve_any(start: np.ndarray, target: np.ndarray, points: np.ndarray, cost: Cost) -> np.ndarray:
+    """Return the optimum (n - 2, 3) of a cycle (n, 2) for any cost; no rows if there is none.
 
-    find_apex(i, j, triangle_cost, search): the apex of the optimum of the sub-polygon i, ..., j at
-    its side i-j, or -1. A stack holds the pairs i-j whose sub-polygons remain.
+    start, target: `find_visible_pairs` of the cycle.
     """
+    chosen = _fill_any(start, target, points, cost)
+    n = len(points)
     triangles = np.empty((n - 2, 3), dtype=np.int32)
     stack = np.empty((n, 2), dtype=np.int32)
     stack[0, 0], stack[0, 1] = 0, n - 1
@@ -37,7 +36,14 @@ def trace(n: int, find_apex: Any, triangle_cost: Any, search: Any) -> np.ndarray
         i, j = stack[height, 0], stack[height, 1]
         if j - i < 2:
             continue
-        k = find_apex(i, j, triangle_cost, search)
+        low, high = start[i], start[i + 1]
+        while low < high:  # the pair i-j
+            middle = (low + high) // 2
+            if target[middle] < j:
+                low = middle + 1
+            else:
+                high = middle
+        k = chosen[low]
         if k < 0:
             return triangles[:0]
         triangles[size, 0], triangles[size, 1], triangles[size, 2] = i, k, j
@@ -46,30 +52,6 @@ def trace(n: int, find_apex: Any, triangle_cost: Any, search: Any) -> np.ndarray
         stack[height + 1, 0], stack[height + 1, 1] = k, j
         height += 2
     return triangles
-
-
-@njit(nogil=True)
-def solve_any(start: np.ndarray, target: np.ndarray, points: np.ndarray, cost: Cost) -> np.ndarray:
-    """Return the optimum (n - 2, 3) of a cycle (n, 2) for any cost; no rows if there is none.
-
-    start, target: `find_visible_pairs` of the cycle.
-    """
-    chosen = _fill_any(start, target, points, cost)
-    return trace(len(points), _find_apex, None, (start, target, chosen))
-
-
-@njit(nogil=True, forceinline=True)
-def _find_apex(i: int, j: int, _: Any, search: tuple[np.ndarray, np.ndarray, np.ndarray]) -> int:
-    """Return the best apex of the pair i-j. search: visible pairs and their best apexes."""
-    start, target, chosen = search
-    low, high = start[i], start[i + 1]
-    while low < high:
-        middle = (low + high) // 2
-        if target[middle] < j:
-            low = middle + 1
-        else:
-            high = middle
-    return int(chosen[low])
 
 
 @njit(nogil=True)

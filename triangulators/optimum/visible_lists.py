@@ -55,7 +55,7 @@ from triangulators.criteria.cost import (
     replace_fields,
 )
 from triangulators.geometry.predicates import bounding_box, grid_unit
-from triangulators.optimum.any_cost import FLOAT, solve_any, trace
+from triangulators.optimum.any_cost import FLOAT, solve_any
 
 INT32_LIMIT = 1 << 30  # n (w + h), in units of the grid, below which sums fit int32
 _NONE: dict[np.dtype, Any] = {
@@ -126,37 +126,45 @@ def _trace(
 ) -> np.ndarray:
     """Return the triangles (n - 2, 3) of the optimum of `_fill`; no rows if there is none.
 
-    triangle_cost(i, k, j, context): cost of a triangle. Of equal apexes the highest is taken.
+    Apexes are not stored: the n - 2 of the optimum are recomputed from the same sums, with a stack
+    of pairs i-j whose sub-polygons remain. The cost of the pair itself is the same for all apexes.
+    triangle_cost(i, k, j, context): cost of a triangle. Of equal apexes the highest is taken. A
+    function that is passed on to a further kernel would prevent Numba from caching the caller.
     """
-    n = len(start) - 1
-    row = np.empty(n, dtype=filled[3].dtype)
-    row[:] = none
-    return trace(n, _search_apex, triangle_cost, (start, target, filled, none, row, context))
-
-
-@njit(nogil=True, forceinline=True)
-def _search_apex(i: int, j: int, triangle_cost: Any, search: Any) -> int:
-    """Return the apex of a pair, recomputed from the sums of `_fill`, which stores none.
-
-    The cost of the pair itself is the same for all apexes. search: other arguments of `_trace`, and
-    a row (n,) of `none`.
-    """
-    start, target, filled, none, row, context = search
     row_cost, first, apex, lists = filled
-    for p in range(start[i], start[i + 1]):
-        row[target[p]] = row_cost[p]
-    best, best_apex = none, -1
-    for r in range(first[j], first[j + 1]):
-        k = apex[r]
-        if k <= i:
-            break  # the list descends: all further apexes are outside i..j
-        if row[k] < none:
-            total = row[k] + lists[0, r] + triangle_cost(i, k, j, context)
-            if total < best:
-                best, best_apex = total, k
-    for p in range(start[i], start[i + 1]):
-        row[target[p]] = none
-    return best_apex
+    n = len(start) - 1
+    triangles = np.empty((n - 2, 3), dtype=np.int32)
+    row = np.empty(n, dtype=lists.dtype)
+    row[:] = none
+    stack = np.empty((n, 2), dtype=np.int32)
+    stack[0, 0], stack[0, 1] = 0, n - 1
+    height, size = 1, 0
+    while height > 0:
+        height -= 1
+        i, j = stack[height, 0], stack[height, 1]
+        if j - i < 2:
+            continue
+        for p in range(start[i], start[i + 1]):
+            row[target[p]] = row_cost[p]
+        best, best_apex = none, -1
+        for r in range(first[j], first[j + 1]):
+            k = apex[r]
+            if k <= i:
+                break  # the list descends: all further apexes are outside i..j
+            if row[k] < none:
+                total = row[k] + lists[0, r] + triangle_cost(i, k, j, context)
+                if total < best:
+                    best, best_apex = total, k
+        for p in range(start[i], start[i + 1]):
+            row[target[p]] = none
+        if best_apex < 0:
+            return triangles[:0]
+        triangles[size, 0], triangles[size, 1], triangles[size, 2] = i, best_apex, j
+        size += 1
+        stack[height, 0], stack[height, 1] = i, best_apex
+        stack[height + 1, 0], stack[height + 1, 1] = best_apex, j
+        height += 2
+    return triangles
 
 
 @njit(nogil=True, forceinline=True, fastmath=FAST)
