@@ -14,7 +14,7 @@ from harness.errors import InputError
 from harness.grid import SUBPIXEL
 from harness.measuring.timing import EMPTY
 from harness.page.device_summaries import identify_browser
-from harness.results.parsing import MAX_NUMBER
+from harness.results.record import MAX_NUMBER
 from harness.results.run_folder import file_stem
 
 VERSION = 1

@@ -10,10 +10,18 @@ import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal, Self, TypedDict
+from typing import Annotated, Any, Literal, Self, TypedDict
+
+from annotated_types import Ge, Interval
 
 from harness.frame import View
 from harness.rasterisers.base import Options
+
+MAX_NUMBER = 2**63
+"""Upper limit of the numbers of a record, because readers compute with 64 bits."""
+
+Number = Annotated[float, Interval(gt=-MAX_NUMBER, lt=MAX_NUMBER)]
+Integer = Annotated[int, Interval(gt=-MAX_NUMBER, lt=MAX_NUMBER)]
 
 Status = Literal["ok", "skipped", "failed", "counted"]
 """Status of a case; "counted": not yet timed."""
@@ -108,7 +116,7 @@ class CaseId:
     rasteriser: str
     device: str
     options: Options
-    number: int | None = None
+    number: Integer | None = None
     upright: bool = False
     version: Version = ""
     host: str = ""
@@ -172,22 +180,22 @@ class Time:
     """
 
     timer: str = ""
-    samples_s: tuple[float, ...] = ()
-    wall_s: tuple[float, ...] = ()
-    waited_s: tuple[float, ...] = ()
-    disturbed: int | None = None
-    stolen_s: float | None = None
-    others_s: float | None = None
-    timing_s: float | None = None
-    median_s: float | None = None
-    ci95_s: tuple[float, float] | None = None
-    repeats: int | None = None
-    epochs: tuple[int, ...] = ()
-    processes: tuple[int, ...] = ()
-    precision: float | None = None
+    samples_s: tuple[Number, ...] = ()
+    wall_s: tuple[Number, ...] = ()
+    waited_s: tuple[Number, ...] = ()
+    disturbed: Integer | None = None
+    stolen_s: Number | None = None
+    others_s: Number | None = None
+    timing_s: Number | None = None
+    median_s: Number | None = None
+    ci95_s: tuple[Number, Number] | None = None
+    repeats: Integer | None = None
+    epochs: tuple[Annotated[Integer, Ge(1)], ...] = ()
+    processes: tuple[Integer, ...] = ()
+    precision: Number | None = None
     precision_reached: bool | None = None
-    empty_s: tuple[float, ...] = ()
-    reference_s: tuple[float, ...] = ()
+    empty_s: tuple[Number, ...] = ()
+    reference_s: tuple[Number, ...] = ()
     round_group: str = ""
     warnings: tuple[str, ...] = ()
 
@@ -206,10 +214,10 @@ class LeastQuads:
     shaded, fragments : quads shaded and pixels covered by the record's triangles of these polygons
     """
 
-    polygons: int
-    quads: int
-    shaded: int
-    fragments: int
+    polygons: Integer
+    quads: Integer
+    shaded: Integer
+    fragments: Integer
 
 
 @dataclass(frozen=True)
@@ -219,7 +227,7 @@ class ViewCounters:
     names : names of a model's views, () for map tiles
     """
 
-    counters: Mapping[str, tuple[float, ...]]
+    counters: Mapping[str, tuple[Integer | Number, ...]]
     names: tuple[str, ...] = ()
 
 
@@ -233,22 +241,22 @@ class Record:
     id: CaseId
     status: Status
     reason: str | None = None
-    polygons: int = 0
-    polygons_skipped: int = 0
-    polygons_failed: int = 0
-    vertices: int | None = None
-    triangles: int | None = None
-    predicted: Mapping[str, float] = field(default_factory=dict)
-    counters: Mapping[str, int] = field(default_factory=dict)
-    triangulate_s: float | None = None
-    triangulate_samples_s: tuple[float, ...] = ()
-    polygons_cached: int = 0
+    polygons: Integer = 0
+    polygons_skipped: Integer = 0
+    polygons_failed: Integer = 0
+    vertices: Integer | None = None
+    triangles: Integer | None = None
+    predicted: Mapping[str, Number] = field(default_factory=dict)
+    counters: Mapping[str, Integer] = field(default_factory=dict)
+    triangulate_s: Number | None = None
+    triangulate_samples_s: tuple[Number, ...] = ()
+    polygons_cached: Integer = 0
     conforming: bool | None = None
-    t_junctions: int | None = None
-    proven: int | None = None
-    largest_gap: float | None = None
-    coverage_error: int | None = None
-    outline_quads: int | None = None
+    t_junctions: Integer | None = None
+    proven: Integer | None = None
+    largest_gap: Number | None = None
+    coverage_error: Integer | None = None
+    outline_quads: Integer | None = None
     least: LeastQuads | None = None
     views: ViewCounters | None = None
     time: Time | None = None

@@ -69,7 +69,7 @@ def test_damaged_record_is_reported_with_its_line(harness):
     write_run(Path("head"), seed=2, edits={"delaunay": damage})
     code, out, _ = harness("compare", "base", "head")
     assert code == 1
-    problem = "counters: is not an object of numbers in range; record ignored"
+    problem = "counters.quads: Input should be a valid integer; record ignored"
     assert f"HEAD: head/cases.jsonl, line 3: {problem}" in out
     assert out.startswith(
         "Regression: delaunay, city 1024 px, opengl on llvmpipe: measured in BASE"

@@ -8,8 +8,8 @@ import pytest
 from tests.conftest import require_ok
 
 IMPOSSIBLE = {
-    "resolution": (4, "view: resolution 4: out of range (8 to 16384 pixels)"),
-    "options": ({"order": "foo"}, "options: unknown order 'foo'"),
+    "resolution": (4, "resolution 4: out of range (8 to 16384 pixels)"),
+    "options": ({"order": "foo"}, "options.order: Input should be 'native', 'walk'"),
 }
 MOCK = ("--rasterisers", "tests.mock:MockRasteriser", "--triangulators", "fan,delaunay")
 
