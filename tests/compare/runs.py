@@ -164,7 +164,7 @@ def slower(share: float) -> Edit:
 
 
 def in_same_rounds(share: float = 0.0) -> Edit:
-    """Return an edit of BASE's samples to HEAD's in the same rounds, longer by `share`."""
+    """Return an edit that makes samples those of BASE in the same rounds, times 1 + `share`."""
 
     def edit(entry: dict[str, Any]) -> None:
         generator = random.Random(f"{entry['triangulator']} {share}")
@@ -195,7 +195,7 @@ def old(entry: dict[str, Any]) -> None:
 
 
 def read_back(facts: Any, records: list[dict[str, Any]]) -> Run:
-    """Return the run that is read from a folder with this content."""
+    """Write a run folder with these facts and records, and read it."""
     with tempfile.TemporaryDirectory() as folder:
         lines = "".join(json.dumps(entry) + "\n" for entry in records)
         (Path(folder) / "cases.jsonl").write_text(lines)

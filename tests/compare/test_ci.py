@@ -67,18 +67,18 @@ def test_options_are_split_as_a_shell_splits_them():
     assert done.stderr == "error: input run: a line break inside quotes\n"
 
 
-def test_the_judge_fails_as_the_command_did():
+def test_last_step_exits_with_the_code_of_compare():
     (script,) = (step["run"] for step in STEPS if step.get("name") == "Judge")
 
-    def end(code: str, strict: str = "false") -> int:
+    def exit_code_of(code: str, strict: str = "false") -> int:
         environment = {**os.environ, "CODE": code, "STRICT": strict}
         return subprocess.run(["bash", "-e", "-c", script], env=environment, check=False).returncode
 
-    assert [end(code) for code in ("0", "1", "2", "4", "5", "")] == [0, 1, 2, 4, 0, 2]
-    assert end("5", strict="true") == 5
+    assert [exit_code_of(code) for code in ("0", "1", "2", "4", "5", "")] == [0, 1, 2, 4, 0, 2]
+    assert exit_code_of("5", strict="true") == 5
 
 
-def test_the_workflow_runs_this_action_with_inputs_it_has():
+def test_workflow_uses_declared_inputs_of_the_action():
     (job,) = WORKFLOW["jobs"].values()
     (step,) = (step for step in job["steps"] if step["uses"] == "./")
     assert set(step["with"]) <= set(ACTION["inputs"])
@@ -86,7 +86,7 @@ def test_the_workflow_runs_this_action_with_inputs_it_has():
     assert WORKFLOW["permissions"] == {"contents": "read", "pull-requests": "write"}
 
 
-def test_the_gitlab_example_runs_what_is_here():
+def test_gitlab_example_uses_existing_commands_and_files():
     job = GITLAB["rasterising"]
     lines = " ".join([*job["before_script"], *job["script"]])
     scripts = re.findall(r"\$HARNESS/(\S+)", lines)

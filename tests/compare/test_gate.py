@@ -39,7 +39,7 @@ COUNTERS = Settings(gates=("counters",))
 
 
 def counted(counters: dict[str, int]) -> Edit:
-    """Return an edit that makes the case one of a rasteriser that counts these, untimed."""
+    """Return an edit that replaces the counters and removes the times."""
 
     def edit(entry: dict[str, Any]) -> None:
         entry |= {"counters": dict(counters), "rasteriser": "theirs", "device": "asic"}
@@ -281,7 +281,7 @@ def test_planned_rasteriser_without_records_is_a_regression(tmp_path):
 
 
 def test_200000_samples_are_compared(tmp_path):
-    """A very short draw has that many samples, which must not take gigabytes."""
+    """Very short draws have 200,000 samples; comparing all pairs would take gigabytes."""
     rng = np.random.default_rng(1)
 
     def many(entry):
@@ -394,7 +394,7 @@ def test_driver_version_may_change_and_device_may_not():
 
 
 def test_devices_of_every_rasteriser_are_compared(tmp_path):
-    """The runs share opengl's device; webgpu's differ, so that its cases have no pair."""
+    """The runs share the device of opengl; those of webgpu differ, so its cases have no pair."""
     runs = []
     for number, device in enumerate(("lavapipe", "swiftshader"), 1):
         edit = {"fan": lambda record, to=device: record.update(rasteriser="webgpu", device=to)}

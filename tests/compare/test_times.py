@@ -111,7 +111,7 @@ def test_drift_regresses_only_beyond_the_reference_draw():
 
 
 def test_unchanged_cases_stay_unchanged_when_most_cases_slow_down():
-    """The cases of equal counters are the peers."""
+    """Only cases with equal counters are peers, so slower drawings do not hide as drift."""
     rng = np.random.default_rng(6)
     dear = pairs(rng, [0.2, 0.2, 0.2], same_work=False)
     changes, _ = compare([*dear, *pairs(rng, [0, 0, 0])])
@@ -284,7 +284,7 @@ def test_drift_without_reference_draw_is_reported_in_full(drift, outcome):
 
 
 def test_two_peers_of_equal_counters_suffice():
-    """The third case grew relative to these two; relative to the reference draw it shrank."""
+    """The third case grew relative to two peers, but shrank relative to the reference draw."""
     rng = np.random.default_rng(12)
     dear = pairs(rng, [0.2], drift=1.0, reference_drift=1.6, same_work=False)
     same = pairs(rng, [0, 0], drift=1.0, reference_drift=1.6)
@@ -364,7 +364,7 @@ def test_case_of_other_polygons_has_no_peers():
 
 
 def test_equal_drawings_are_not_tested():
-    """One drawing of both versions: no ratio, no p-value, no share in the correction."""
+    """A drawing shared by both versions has no ratio or p-value and does not affect correction."""
     rng = np.random.default_rng(20)
     cases = [replace(pair, same_rounds=True) for pair in pairs(rng, [0.03, *[0] * 9], noise=0.02)]
     single, _ = compare(cases[:1])

@@ -1,8 +1,8 @@
-"""Reads the commands and files out of a Markdown page, and runs them in order.
+"""Fenced blocks of Markdown pages: commands to run, and files to write.
 
-A fenced `sh` block holds commands. A comment right before a block says what is special about it:
-`<!-- file: NAME -->` the block is written to that file; `<!-- slow: why -->` it is run by
-`make docs-full` only; `<!-- not run: why -->` never; `<!-- exit: N -->` it must end with that code.
+A block of the language `sh` has commands. A comment in the line before a block changes its use:
+`<!-- file: NAME -->` write the block to that file; `<!-- slow: why -->` run it in `make docs-full`
+only; `<!-- not run: why -->` never run it; `<!-- exit: N -->` require exit code N.
 """
 
 import re
@@ -24,7 +24,7 @@ COMMAND = re.compile(
 
 @dataclass(frozen=True)
 class Block:
-    """A fenced block: its language, its content, and what the comment before it says."""
+    """A fenced block, with the kind and note of the comment before it ("" without a comment)."""
 
     language: str
     content: str
@@ -33,12 +33,12 @@ class Block:
 
     @property
     def lines(self) -> list[str]:
-        """The commands of a `sh` block."""
+        """The commands of a `sh` block, without empty lines."""
         return [line for line in self.content.splitlines() if line.strip()]
 
     @property
     def exit_code(self) -> int:
-        """What the block's last command must end with."""
+        """The required exit code of the last command."""
         return int(self.note) if self.kind == "exit" else 0
 
 
@@ -49,5 +49,5 @@ def blocks(page: Path) -> Iterator[Block]:
 
 
 def pages() -> list[Path]:
-    """Return every page a reader may follow."""
+    """Return the pages whose commands are tested."""
     return [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]

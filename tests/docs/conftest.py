@@ -1,4 +1,4 @@
-"""A reader's folder, and commands that run in it."""
+"""Execution of the commands of pages in a folder like that of a reader."""
 
 import os
 import shlex
@@ -20,11 +20,11 @@ from tests.paths import ROOT
 from triangulators.compute import compiled_files
 
 FULL = bool(os.environ.get("DOCS_FULL"))
-"""Whether everything is run as a reader would: in a shell, at full length, the slow ones too."""
+"""True in `make docs-full`: run all commands, also slow ones, in a shell with full durations."""
 
 
-class _Kept:
-    """A worker that outlives the run it was opened for: starting one takes a second or two."""
+class _SharedWorker:
+    """A worker that several runs share, because its start takes one or two seconds."""
 
     def __init__(self, worker: Worker) -> None:
         self.call = worker.call
@@ -34,22 +34,22 @@ class _Kept:
 
 
 class Workers:
-    """Workers by name, each started when first asked for and kept until the end."""
+    """Workers by name, started on first use and closed at the end of the session."""
 
     def __init__(self) -> None:
-        # A process ends with the thread that started it, so that one must last.
+        # A worker process ends with the thread that started it, so one thread starts all.
         self._thread = ThreadPoolExecutor(1)
         self._workers: dict[str, Worker] = {}
 
     def open(
         self, name: str, environment: Mapping[str, str], limits: Limits | None = None
-    ) -> Worker | _Kept:
-        # A reader's own module may change between two runs: its worker is started anew.
+    ) -> Worker | _SharedWorker:
+        # A reader's module may change between two runs, so its worker is not shared.
         if name.startswith(("triangulator ", "rasteriser ", "scene ")):
             return Worker(name, environment, limits)
         if name not in self._workers:
             self._workers[name] = self._thread.submit(self._start, name, environment).result()
-        return _Kept(self._workers[name])
+        return _SharedWorker(self._workers[name])
 
     @staticmethod
     def _start(name: str, environment: Mapping[str, str]) -> Worker:
@@ -65,14 +65,14 @@ class Workers:
 
 @pytest.fixture(scope="session")
 def workers() -> Iterator[Workers]:
-    serving.start_server()  # here, since a reader's folder goes, and its server with it
+    serving.start_server()  # not in a reader's folder: its removal would end the server
     kept = Workers()
     yield kept
     kept.close()
 
 
 class Reader:
-    """Follows a page: writes its files and runs its commands in one folder."""
+    """Write the files and run the commands of a page in one folder, as a reader would."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -81,7 +81,7 @@ class Reader:
         (folder / "berlin.pmtiles").symlink_to(FILE)
 
     def follow(self, block: Block) -> None:
-        """Do what a block says."""
+        """Write the file or run the commands of a block; require the exit code of each command."""
         if block.kind == "file":
             (self.folder / block.note).write_text(block.content)
         elif block.language != "sh" or block.kind == "not run":
@@ -94,12 +94,12 @@ class Reader:
                 assert self.run(line) == (block.exit_code if last else 0), line
 
     def run(self, line: str) -> int:
-        """Run one command; returns its exit code."""
+        """Run one command; return the exit code."""
         command = COMMAND.match(line)
         if command and not FULL:
             return run_command(*shlex.split(command["arguments"]))
         environment = {**os.environ, "PYTHONPATH": f"{self.folder}:{ROOT}"}
-        # The reader is in the clone, where the packages are; here they are on the path.
+        # A reader's current folder is the clone, which has the packages; here it is on the path.
         line = line.removeprefix("PYTHONPATH=. ")
         done = subprocess.run(["bash", "-c", line], cwd=self.folder, env=environment, check=False)
         return done.returncode
@@ -125,13 +125,13 @@ def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: Workers) ->
     monkeypatch.chdir(folder)
     monkeypatch.syspath_prepend(str(folder))
     monkeypatch.setenv("PYTHONPATH", f"{folder}:{ROOT}")
-    # Compiled code is for all: each command that starts a process would compile anew.
+    # All readers share compiled code; otherwise every new process would compile again.
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(compiled_files.cache_folder().parents[1]))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     if not FULL:
         monkeypatch.setitem(run.__kwdefaults__, "open_worker", workers.open)
         monkeypatch.setattr("harness.commands.run.QUICK", BRIEF_TIMING)
-        # Drawn by every run and tested in tests/report; here they only take time.
+        # tests/report tests the plots, which would take time in each run here.
         monkeypatch.setattr("harness.report.plots.plot_run", lambda run: [])
     yield Reader(folder)
     shutil.rmtree(folder, ignore_errors=True)

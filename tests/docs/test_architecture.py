@@ -1,4 +1,4 @@
-"""Imports go one way, as the picture in docs/architecture.md shows it."""
+"""Modules import only from their own box of the picture in docs/architecture.md and from below."""
 
 import ast
 import re
@@ -25,8 +25,8 @@ def read_boxes() -> list[tuple[str, set[str]]]:
     return [(layer, set(group.get("data-modules", "").split())) for layer, group in found]
 
 
-def room_of(name: str) -> tuple[str, str]:
-    """Return the package, and the part of it that a box names, of a dotted name of ours."""
+def find_box(name: str) -> tuple[str, str]:
+    """Return the package and the folder or module, as boxes name it, of a dotted name."""
     package, *rest = name.split(".")
     part = rest[0] if rest else ""
     place = ROOT / package / part
@@ -34,13 +34,13 @@ def room_of(name: str) -> tuple[str, str]:
     return package, part if known else "__init__"
 
 
-def module_of(file: Path) -> tuple[str, str]:
-    """Return the package, and the part of it that a box names, of a source file."""
-    return room_of(".".join(file.relative_to(ROOT).with_suffix("").parts))
+def find_box_of_file(file: Path) -> tuple[str, str]:
+    """Return the package and the folder or module, as boxes name it, of a source file."""
+    return find_box(".".join(file.relative_to(ROOT).with_suffix("").parts))
 
 
-def named(file: Path) -> Iterator[str]:
-    """Yield everything of ours that a file imports, wherever it does."""
+def read_imports(file: Path) -> Iterator[str]:
+    """Yield the dotted names of our packages that a file imports, also in functions."""
     for node in ast.walk(ast.parse(file.read_text())):
         names: list[str] = []
         if isinstance(node, ast.Import):
@@ -50,34 +50,34 @@ def named(file: Path) -> Iterator[str]:
         yield from (name for name in names if name.partition(".")[0] in PACKAGES)
 
 
-def imports(file: Path) -> Iterator[tuple[str, str]]:
-    """Yield package and part of everything of ours that a file imports."""
-    yield from (room_of(name) for name in named(file))
+def read_box_imports(file: Path) -> Iterator[tuple[str, str]]:
+    """Yield package and folder or module, as boxes name it, of each import of our packages."""
+    yield from (find_box(name) for name in read_imports(file))
 
 
-def room_graph() -> dict[tuple[str, str], set[tuple[str, str]]]:
-    """Return, for each room, the others that its modules import from."""
+def make_box_graph() -> dict[tuple[str, str], set[tuple[str, str]]]:
+    """Return, for each folder or single module, those from which its modules import."""
     graph: dict[tuple[str, str], set[tuple[str, str]]] = {}
-    for file in sources():
-        source = module_of(file)
-        graph.setdefault(source, set()).update(set(imports(file)) - {source})
+    for file in list_sources():
+        source = find_box_of_file(file)
+        graph.setdefault(source, set()).update(set(read_box_imports(file)) - {source})
     return graph
 
 
-def import_graph() -> dict[str, set[str]]:
-    """Return, for each module, those that it imports; a name stands for its module."""
+def make_import_graph() -> dict[str, set[str]]:
+    """Return the modules that each module imports; an imported name stands for its module."""
     files = {}
-    for file in sources():
+    for file in list_sources():
         name = ".".join(file.relative_to(ROOT).with_suffix("").parts)
         files[name.removesuffix(".__init__")] = file
     return {
-        module: {name if name in files else name.rpartition(".")[0] for name in named(file)}
+        module: {name if name in files else name.rpartition(".")[0] for name in read_imports(file)}
         for module, file in files.items()
     }
 
 
-def import_cycle(graph: dict[Any, set[Any]]) -> list[Any]:
-    """Return modules or rooms that import each other around, or [] if there is none."""
+def find_import_cycle(graph: dict[Any, set[Any]]) -> list[Any]:
+    """Return a cycle of imports between modules or folders, or [] if there is none."""
     try:
         TopologicalSorter(graph).prepare()
     except CycleError as error:
@@ -85,14 +85,16 @@ def import_cycle(graph: dict[Any, set[Any]]) -> list[Any]:
     return []
 
 
-def sources() -> list[Path]:
+def list_sources() -> list[Path]:
     return [file for package in PACKAGES for file in sorted((ROOT / package).rglob("*.py"))]
 
 
 def test_every_module_is_in_one_box():
     drawn = [(layer, module) for layer, modules in read_boxes() for module in modules]
     assert len(drawn) == len(set(drawn))
-    there = {module_of(file) for file in sources()} - {(name, "__init__") for name in PACKAGES}
+    there = {find_box_of_file(file) for file in list_sources()} - {
+        (name, "__init__") for name in PACKAGES
+    }
     assert there == set(drawn)
 
 
@@ -104,53 +106,55 @@ def test_modules_import_from_their_own_box_and_below_only():
     }
     upward = [
         f"{file.relative_to(ROOT)} imports {'.'.join(target)}"
-        for file in sources()
-        if (source := module_of(file)) in level
-        for target in imports(file)
+        for file in list_sources()
+        if (source := find_box_of_file(file)) in level
+        for target in read_box_imports(file)
         if target in level and level[target] < level[source]
     ]
     assert upward == []
 
 
 def test_modules_have_no_import_cycle():
-    graph = import_graph()
+    graph = make_import_graph()
     assert "harness.measuring.run" in graph["harness.commands.run"]
     assert set().union(*graph.values()) <= set(graph)
-    assert import_cycle(graph) == []
+    assert find_import_cycle(graph) == []
 
 
 def test_an_import_cycle_is_detected():
-    graph = import_graph()
+    graph = make_import_graph()
     graph["harness.results.run_folder"].add("harness.measuring.run")
-    assert {"harness.results.run_folder", "harness.measuring.run"} <= set(import_cycle(graph))
+    assert {"harness.results.run_folder", "harness.measuring.run"} <= set(find_import_cycle(graph))
 
 
 def test_folders_have_no_import_cycle():
-    graph = room_graph()
+    graph = make_box_graph()
     assert ("triangulators", "geometry") in graph["triangulators", "methods"]
-    assert import_cycle(graph) == []
+    assert find_import_cycle(graph) == []
     graph["triangulators", "geometry"].add(("triangulators", "methods"))
-    assert ("triangulators", "methods") in import_cycle(graph)
+    assert ("triangulators", "methods") in find_import_cycle(graph)
 
 
 def test_scenes_and_triangulators_import_only_themselves():
-    for file in sources():
-        package, _ = module_of(file)
+    for file in list_sources():
+        package, _ = find_box_of_file(file)
         if package != "harness":
-            assert {target for target, _ in imports(file)} <= {package}, file
+            assert {target for target, _ in read_box_imports(file)} <= {package}, file
 
 
 def test_checker_and_search_share_only_definitions():
-    """Only `certify` imports the checker; `starting` uses its edges for an initial solution."""
+    """Only `certify` imports the checker; `initial` imports its visible edges."""
     shared = {"evidence", "units", "claims"}
     more = {"certify": {"checker"}, "initial": {"edges"}}
-    for file in sources():
+    for file in list_sources():
         if "checking" in file.parts:
             continue
-        parts = [name.split(".") for name in named(file)]
+        parts = [name.split(".") for name in read_imports(file)]
         known = {part[2] for part in parts if part[:2] == ["triangulators", "checking"]}
         assert known <= shared | more.get(file.stem, set()), file
-    of_checking = (name for file in sources() if "checking" in file.parts for name in named(file))
+    of_checking = (
+        name for file in list_sources() if "checking" in file.parts for name in read_imports(file)
+    )
     assert not any(name.startswith("triangulators.certificate") for name in of_checking)
 
 
@@ -163,7 +167,7 @@ def test_the_picture_shows_the_modules_that_it_declares():
 
 
 def test_files_named_in_pages_exist():
-    """Files at a named commit are excluded."""
+    """Every file named in a page exists, except files at a named commit."""
     texts = {page: " ".join(page.read_text(encoding="utf-8").split()) for page in pages()}
     named = {(page.name, name) for page, text in texts.items() for name in NAMED.findall(text)}
     assert len(named) > 50

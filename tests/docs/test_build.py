@@ -1,4 +1,4 @@
-"""The documents build without a warning, and hold what is made from the code."""
+"""The site builds without warnings, with every page and the reference pages made from the code."""
 
 import json
 import re
@@ -119,7 +119,7 @@ def test_citation_and_issue_templates_are_valid():
 
 
 def test_the_try_page_links_to_the_site(site):
-    """Alone it is one file without links."""
+    """Outside the site, the page is a single file without links."""
     links = re.findall(r'<a href="([^"#]+)"', (site / "try.html").read_text())
     assert {"index.html", "how-to/put-it-in-your-program.html"} < set(links)
     assert all((site / link).exists() for link in links)
@@ -130,7 +130,7 @@ TABLE = ("table", "thead", "tbody", "tr", "th", "td", "code")
 
 
 def test_contributed_names_are_shown_as_text(tmp_path, monkeypatch, browser):
-    """A profile's fields are anybody's; the pages of the documents show them as they are."""
+    """Fields of contributed profiles are untrusted: pages must show markup in them as text."""
     source = ROOT / "results" / "reference" / "profiles" / "opengl-llvmpipe.json"
     profile = json.loads(source.read_text())
     markup = 'x\n\n# y <img src=x onerror="1"> [here](javascript:1) {: onmouseover="1" }'

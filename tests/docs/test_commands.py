@@ -1,4 +1,4 @@
-"""Every command in README and docs works, in the order in which a reader meets it."""
+"""The commands in README and docs succeed, run in the order of each page."""
 
 import json
 import subprocess
@@ -51,7 +51,7 @@ def test_commands_are_only_in_sh_blocks():
 
 
 def test_a_readers_triangulator_is_ranked(reader: Reader):
-    """The README's own code, on fewer polygons than there."""
+    """The code in README, on fewer polygons."""
     readme = {block.note: block for block in blocks(ROOT / "README.md") if block.kind == "file"}
     reader.follow(readme["mine.py"])
     assert len(readme["mine.py"].content.splitlines()) <= 20
@@ -80,7 +80,7 @@ def test_the_examples_of_the_help_work(reader: Reader):
         assert reader.run(f".venv/bin/python -m harness {prepare}") == 0
         told = reader.folder / folder / "run.json"
         facts = json.loads(told.read_text())
-        facts["state"] |= {"state": "quiet", "why": []}  # whatever else the machine does
+        facts["state"] |= {"state": "quiet", "why": []}  # also if other programs disturb the run
         told.write_text(json.dumps(facts))
     result = make_result(read_run(reader.folder / RUN))
     write_saved(result, reader.folder / "saved-by-the-page.json")
@@ -104,7 +104,7 @@ STARTED = "import sys; sys.argv[0] = 'raster-harness'; from harness.cli import m
 
 
 def complete(words: str) -> list[str]:
-    """Return what bash would offer after `words`."""
+    """Return the completions that bash offers after `words`."""
     environment = {
         "_RASTER_HARNESS_COMPLETE": "complete_bash",
         "COMP_WORDS": words,
@@ -130,7 +130,9 @@ def test_completion_is_printed_and_refused_for_an_unknown_shell():
     shown = run_python("-c", STARTED, "--show-completion", "bash", env=named)
     assert (shown.returncode, shown.stderr) == (GOOD, "")
     assert "complete -o default" in shown.stdout
-    command = '"$0" -c "$1" --show-completion; exit $?'  # sh stays the parent
+    command = (
+        '"$0" -c "$1" --show-completion; exit $?'  # without exec, so that sh is the parent process
+    )
     refused = subprocess.run(
         ["sh", "-c", command, sys.executable, STARTED], cwd=ROOT, capture_output=True, text=True
     )

@@ -1,4 +1,4 @@
-"""docs/try.html in Chromium: it is current, and it answers to text, files, clicks and keys."""
+"""docs/try.html in Chromium: up to date, and controlled by text, files, clicks and keys."""
 
 import base64
 import gzip
@@ -27,7 +27,7 @@ def test_the_page_is_current_and_small():
 
 
 def parts(text: str) -> tuple[str, str, Any]:
-    """Return the page, the page that measures a device, and the latter's data, decompressed."""
+    """Return three decompressed texts: the page, the measuring page in it, and the data of that."""
     match = re.search(r'const PROFILE = "(.*?)";', text)
     assert match is not None
     profile = gzip.decompress(base64.b64decode(match[1])).decode()
@@ -47,7 +47,7 @@ def text_of(browser: Chromium, part: str) -> str:
 
 
 def after(browser: Chromium, action: str) -> None:
-    """Do something in the page, and wait until it shows the result."""
+    """Execute JavaScript in the page, and wait until the page shows the result."""
     before = browser.evaluate("Number(document.documentElement.dataset.ready)")
     browser.evaluate(f"{action}; null")
     browser.wait(f"Number(document.documentElement.dataset.ready) > {before}")
@@ -125,7 +125,7 @@ def test_hostile_links_are_reported_as_invalid(browser):
 
 
 def test_the_page_opens_with_a_typical_polygon(browser):
-    """Half of the city's footprints save at least as much; other polygons have no such sentence."""
+    """The sentence on the share of footprints that save as much is shown for this polygon only."""
     table = pd.read_csv(build.SAVINGS)
     saved = 1 - table[build.OPTIMUM] / table[build.BASE]
     number, size, sentence = build.choose_typical()
@@ -148,7 +148,7 @@ def test_the_page_opens_with_a_typical_polygon(browser):
 
 
 def test_a_picture_is_saved(browser):
-    """All triangulations, with the answer."""
+    """The picture has all triangulations and the answer."""
     open_page(browser)
     wrapped = "wrapText(document.createElement('canvas').getContext('2d'), 'a b c', 14, '9px mono')"
     assert len(browser.evaluate(wrapped)) > 1
@@ -283,7 +283,7 @@ def test_invalid_polygons_and_texts_are_reported(browser):
 
 
 def test_small_differences_are_reported_as_none(browser):
-    """Unless a method takes more than ear clipping: the answer names that method."""
+    """A difference below 1 % is none; a method that takes more than ear clipping is named."""
     open_page(browser)
     sentence = """
         (savings, isDifferent) => {

@@ -1,4 +1,4 @@
-"""The scripts of docs/try.html in Node.js: geometry equal to Python's, and the reading of texts."""
+"""The scripts of docs/try.html in Node.js: geometry as in Python, and reading of polygons."""
 
 import importlib.util
 import json
@@ -176,7 +176,7 @@ def test_validity_is_that_of_shapely():
 
 
 def test_links_restore_the_polygon():
-    """With size and rotation; truncated and hostile links are invalid."""
+    """A link also has size and rotation; truncated and hostile links are invalid."""
     given, results = cases()
     links = [result["link"] for result in results]
     read = "return given.map((link) => fromLink(link));"
@@ -222,7 +222,7 @@ def l_shape() -> Polygon:
     ],
 )
 def test_texts_are_read(text, expected):
-    """Up to position and scale, which the page normalises."""
+    """Polygons equal those of shapely up to position and scale, which the page normalises."""
     rings = in_node("return readPolygon(given).rings;", text)
     found = Polygon(rings[0], rings[1:])
     assert found.exterior.is_ccw
@@ -267,7 +267,7 @@ def test_degrees_are_recognised_in_every_format():
     ],
 )
 def test_a_polygon_is_copied_in_its_original_coordinates(text):
-    """To the last decimal, for degrees and for plain coordinates."""
+    """Coordinates of the text are restored to the last decimal, in degrees and in other units."""
     code = """
         const read = (degrees) => readPolygon(given, degrees);
         const write = ({rings, toSource}) => toWkt(rings.map((ring) => ring.map(toSource)));
@@ -309,7 +309,7 @@ SHAPES = """
 
 
 def test_svg_shapes_are_those_of_the_program(tmp_path):
-    """Shape by shape the same area: transforms, basic shapes, fill rules and invisible elements."""
+    """Each shape has the area that the SVG reader finds: transforms, fill rules, invisible ones."""
     file = tmp_path / "shapes.svg"
     file.write_text(SHAPES)
     scene = read(file)

@@ -1,6 +1,6 @@
 """The optimum of a small polygon over all its triangulations, in integers.
 
-It shares neither code nor ideas with the product: separating lines decide whether triangles
+No code or method is shared with the product: separating lines decide whether triangles
 overlap, and the boundary is tested only by vertices, crossings and centroids.
 """
 

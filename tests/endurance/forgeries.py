@@ -195,9 +195,9 @@ def make_genuine_claims(polygon: shapely.Polygon, name: str) -> list[Claim]:
 
 
 def find_lie(rng: np.random.Generator, claims: list[Claim]) -> Claim | None:
-    """Return a false claim with valid evidence except for the triangles at one or two edges.
+    """Return a false claim whose evidence is valid except for the triangles at one or two edges.
 
-    It claims that the best triangulation without these edges is optimal. None if that is true.
+    The claim: the best triangulation without these edges is optimal. Return None if it is true.
     """
     best = claims[0]
     small, name = _small(json.dumps(best["rings"])), best["criterion"]

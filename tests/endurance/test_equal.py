@@ -23,7 +23,7 @@ from triangulators.optimum.full_table import solve_ring
 from triangulators.verify import verify
 
 CRITERIA = ("half-perimeter", "overdraw")
-TOLERANCE = 1e-9  # relative; exceeds the rounding of sums in another order
+TOLERANCE = 1e-9  # relative difference of costs that are summed in another order
 SCENES = (
     *("city", "helsinki", "counties", "counties:level=state", "glyphs", "cad", "paper"),
     *("stress", "meshes"),

@@ -184,7 +184,7 @@ def write_footprints(folder: Path, count: int) -> None:
 
 
 class Cluster:
-    """A scheduler and two workers, restarted like a supervisor would when they exit."""
+    """A scheduler and two workers; `restart_dead` restarts those that exited."""
 
     def __init__(self, log: Any) -> None:
         with socket.socket() as listener:

@@ -75,7 +75,7 @@ def test_validator_reports_no_error(glb):
 
 
 def draw_city(bounds):
-    """Return the pixels that Delaunay triangulations of the city cover, bottom row first."""
+    """Return a mask of the pixels that the city covers, bottom row first, by our rasteriser."""
     image = np.zeros((SIDE, SIDE), np.uint32)
     left, bottom, right, _ = bounds
     for polygon in load(CITY).polygons:

@@ -78,7 +78,7 @@ def read_primitives(path):
 
 
 def require_valid(points, rings, triangles):
-    """Check what the draft says about the loops and the triangles of a polygon."""
+    """Require the rules of the draft for the loops and triangles of a polygon."""
     used = set(triangles.ravel().tolist())
     for number, ring in enumerate(rings):
         assert len(set(ring.tolist())) == len(ring)

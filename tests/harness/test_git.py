@@ -69,7 +69,7 @@ def test_git_starts_no_program_of_the_repository(project, tmp_path):
 
 
 def test_git_applies_the_users_filters(project, tmp_path, monkeypatch):
-    """Such as Git LFS, without which each of its files would count as changed."""
+    """Without the filter of Git LFS, for example, each of its files would count as changed."""
     settings = tmp_path / "settings"
     settings.write_text('[filter "upper"]\n clean = tr a-z A-Z\n')
     monkeypatch.setenv("GIT_CONFIG_GLOBAL", str(settings))

@@ -134,7 +134,7 @@ def test_verbose_shows_cases_and_tracebacks_of_plugins(harness, block, no_plots,
 def test_the_rate_excludes_work_before_the_first_step():
     reporter = ScriptedReporter()
     with reporter.reporter.stage("triangulating", 1_000_000, "footprints") as stage:
-        reporter.now += 30.0  # compiling
+        reporter.now += 30.0  # time before the first step, such as compilation
         for part in range(1, 41):
             reporter.now += 2.0
             stage.complete(25_000 * part)

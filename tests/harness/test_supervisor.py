@@ -49,7 +49,7 @@ STARTED: list[subprocess.Popen[str]] = []
 
 @pytest.fixture
 def shared():
-    """A folder for temporary files, of a short name, as paths of sockets are limited."""
+    """Return a folder for temporary files with a short path, as sockets require."""
     folder = Path(tempfile.mkdtemp(prefix="rh-"))
     yield folder
     while STARTED:
@@ -80,7 +80,9 @@ def start_stuck(shared: Path, folder: Path) -> tuple[subprocess.Popen[str], list
     assert process.stdout is not None
     child, other, name = process.stdout.readline().split()
     before = psutil.Process(int(child)).cpu_times().user
-    while psutil.Process(int(child)).cpu_times().user < before + 0.1:  # it is in C code then
+    while (
+        psutil.Process(int(child)).cpu_times().user < before + 0.1
+    ):  # the program is in C code then
         time.sleep(0.01)
     return process, [int(child), int(other)], Path(name)
 
@@ -116,7 +118,9 @@ def test_next_start_removes_what_a_killed_program_left(shared, tmp_path):
     wait_for_end([child])  # the kernel ends it with its parent
     os.kill(other, signal.SIGKILL)
     assert file.exists()
-    without_lock = shared / f"{system.TEMPORARY_PREFIX}new"  # of a parent killed in between
+    without_lock = (
+        shared / f"{system.TEMPORARY_PREFIX}new"
+    )  # left by a parent that was killed before its child
     without_lock.mkdir()
     assert (
         subprocess.run(
@@ -127,8 +131,8 @@ def test_next_start_removes_what_a_killed_program_left(shared, tmp_path):
         == 0
     )
     assert not file.exists()
-    assert len(list(shared.iterdir())) == 1  # that of the program that still runs
-    without_lock.mkdir()  # as if its child had still been ending
+    assert len(list(shared.iterdir())) == 1  # the folder of the program that still runs
+    without_lock.mkdir()  # as if its child were still exiting
     os.killpg(second.pid, signal.SIGTERM)
     second.communicate(timeout=60)
     wait_for_end(others)

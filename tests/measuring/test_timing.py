@@ -51,7 +51,7 @@ def test_every_round_times_every_drawing_once_in_changing_order():
 
 
 def test_the_reference_draw_is_warmed_up_before_timing():
-    """A drawing after a large drawing in a round finds cold caches."""
+    """A drawing that follows a large drawing in a round has cold caches."""
 
     asked: list[int] = []
 
@@ -230,7 +230,7 @@ def test_the_gpu_timer_is_used_only_if_the_wall_clock_agrees(gpu, timer):
 
 
 class Computed:
-    """A draw of 1 ms with shares of computing and, every other time, of waiting."""
+    """A draw of 1 ms: shares of computing and, in every other draw, of waiting."""
 
     def __init__(self, cpu: float | None, waited: float | None) -> None:
         self.told = cycle([(cpu, waited), (cpu, waited and 0.0)])
@@ -453,7 +453,7 @@ class ScriptedSeconds:
     [(0.02, [1]), (0.009, [1, 2, 4]), (0.0, [2**power for power in range(17)])],
 )
 def test_the_self_test_draws_for_a_fiftieth_of_a_second(seconds, tried):
-    """Or on 65,536 draws, if these take no time; five times."""
+    """The test ends after 65,536 draws if these take no time; it is repeated five times."""
     draw = ScriptedSeconds(lambda _: seconds)
     assert select_timer(draw).timer == "wall"
     assert draw.repeats == tried + [tried[-1]] * 5

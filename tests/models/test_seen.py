@@ -41,7 +41,7 @@ def built(builder: Builder, path) -> str:
 
 
 def test_loose_triangles_have_the_counters_that_check_reports(tmp_path):
-    """Both programs count the same images by different code."""
+    """`run` and `triangulate --check` count the same images by different code."""
     path = tmp_path / "ball.glb"
     trimesh.creation.icosphere(2).export(path)
     _, groups = open_model(path)

@@ -21,10 +21,10 @@ def test_nothing_but_index_data_changes(tmp_path, name):
     source = MODELS[name](tmp_path / name)
     target = tmp_path / f"better-{name}"
     done = retriangulate(source, target)
-    assert lost(source, target) == []
+    assert list_changes(source, target) == []
     assert (done.changed > 0) is (name != "no-indices.glb")  # no two triangles share vertices
     assert (source.read_bytes() != target.read_bytes()) is (done.changed > 0)
-    assert closed(source) is closed(target) is (name != "fan.glb")
+    assert is_closed(source) is is_closed(target) is (name != "fan.glb")
     if name in ("plain.glb", "textured.glb", "quantized.glb"):  # overwritten, not appended
         assert source.stat().st_size == target.stat().st_size
     repeated = retriangulate(target, tmp_path / f"again-{name}")
@@ -49,12 +49,12 @@ def test_nothing_but_index_data_changes(tmp_path, name):
 )
 def test_lost_bytes_are_detected(tmp_path, name, spoil, message):
     source = MODELS[name](tmp_path / name)
-    changed, buffers = parsed(source)
+    changed, buffers = read_gltf(source)
     data = bytearray(buffers[0])
     spoil(changed, data)
     other = tmp_path / "other.glb"
     other.write_bytes(glb(changed, bytes(data)))
-    assert lost(source, other) == [message]
+    assert list_changes(source, other) == [message]
 
 
 def test_a_changed_position_is_detected(tmp_path):
@@ -64,20 +64,20 @@ def test_a_changed_position_is_detected(tmp_path):
     data[position] = data[position] + 1 if data[position] != ord("9") else ord("1")
     other = tmp_path / "other.obj"
     other.write_bytes(bytes(data))
-    assert lost(source, other) != []
+    assert list_changes(source, other) != []
 
 
 WIDTHS = {5121: "<u1", 5123: "<u2", 5125: "<u4"}
 
 
-def lost(before: Path, after: Path) -> list[str]:
-    """List bytes that changed, except indices of triangles; [] if none did."""
+def list_changes(before: Path, after: Path) -> list[str]:
+    """Return descriptions of changes outside the indices of triangles."""
     if before.suffix in (".glb", ".gltf"):
         return list(_gltf(before, after))
     return _lines(before.read_bytes(), after.read_bytes(), rb"f ")
 
 
-def closed(path: Path) -> bool:
+def is_closed(path: Path) -> bool:
     """Return whether each edge has two triangles, except degenerate triangles that join strips."""
     mesh = trimesh.load(path, force="mesh", process=False)
     mesh.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=6)
@@ -86,7 +86,7 @@ def closed(path: Path) -> bool:
     return bool(mesh.is_watertight)
 
 
-def parsed(path: Path) -> tuple[dict[str, Any], list[bytes]]:
+def read_gltf(path: Path) -> tuple[dict[str, Any], list[bytes]]:
     """Return the JSON of a glTF file and the bytes of its buffers."""
     data, binary = path.read_bytes(), b""
     if data[:4] == b"glTF":
@@ -106,7 +106,7 @@ def parsed(path: Path) -> tuple[dict[str, Any], list[bytes]]:
 
 
 def _gltf(before: Path, after: Path) -> Any:
-    (one, old), (two, new) = parsed(before), parsed(after)
+    (one, old), (two, new) = read_gltf(before), read_gltf(after)
     used = {
         primitive["indices"]
         for document in (one,)

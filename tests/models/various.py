@@ -1,6 +1,6 @@
-"""Models with all kinds of content, made by small code.
+"""Generated models with textures, nodes, strips, quantised positions and other content.
 
-Each has flat faces that ear clipping cut into slivers. All are closed unless a comment says so.
+Each has flat faces that ear clipping cut into slivers, and is closed unless a comment denies it.
 """
 
 import base64
@@ -19,7 +19,7 @@ from tests.models.build import Builder, parts_of
 
 
 class Shape(NamedTuple):
-    """points (n, 3) float32, normals (n, 3), uv (n, 2), triangles (m, 3), facet of each vertex."""
+    """A mesh: points (n, 3), normals (n, 3), uv (n, 2), triangles (m, 3), facet of each vertex."""
 
     points: np.ndarray
     normals: np.ndarray
@@ -55,7 +55,7 @@ def shape_of(mesh: trimesh.Trimesh, *, hard: bool = True) -> Shape:
 
 
 def moved(shape: Shape, *by: float) -> Shape:
-    """Return a shape elsewhere, as the order of intersecting shapes would decide pixels."""
+    """Return a shape moved apart: if shapes intersected, their order would decide pixels."""
     return shape._replace(points=shape.points + np.float32(by))
 
 
@@ -168,7 +168,7 @@ def fan(model: Model) -> None:
 
 
 def small_and_large_indices(model: Model) -> None:
-    """Indices of one byte, and of four bytes although two would do."""
+    """Indices of one byte, and of four bytes although two would suffice."""
     small = shape_of(solid(0.2, 3.0), hard=False)
     primitive = model.add(small, "u1")
     del primitive["attributes"]["NORMAL"]

@@ -52,7 +52,7 @@ def small_run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 
 def make_result(run: Run) -> dict[str, Any]:
-    """Return the result of a page with the counters of the run and times in 12 rounds, 6 epochs."""
+    """Return the result of a measuring page: counters of the run, times in 12 rounds, 6 epochs."""
     rng = np.random.default_rng(0)
     views: dict[tuple[int, float], dict[str, Any]] = {}
     for typed, record in zip(run.records, lines_of(run), strict=True):

@@ -136,7 +136,7 @@ def test_measurements_of_a_lost_device_are_retained(gpu_browser, page):
     assert "lost the GPU" in result["problem"]
     assert len(result["views"][0]["cases"]) == 3
     assert sum(result["views"][0]["epochs"]) > 1
-    assert "start again for the others" in gpu_browser.evaluate("$('notice').textContent")
+    assert "start again to measure everything" in gpu_browser.evaluate("$('notice').textContent")
     assert not gpu_browser.evaluate("$('start').disabled")
 
 
@@ -194,9 +194,9 @@ def test_timer_with_steps_of_100_us_gives_the_same_ratio(browser, page, ratio):
 
 def test_step_of_a_timer_is_detected(browser, page):
     browser.open(page, MEASUREMENT_ENDED)
-    assert browser.evaluate("stepOf([300000, 500000, 12300000])") == pytest.approx(1e-4)
-    assert browser.evaluate("stepOf([65536 * 3, 65536 * 8])") == pytest.approx(65.536e-6)
-    assert browser.evaluate("stepOf([1001, 2003])") == pytest.approx(1e-9)
+    assert browser.evaluate("findTimerStep([300000, 500000, 12300000])") == pytest.approx(1e-4)
+    assert browser.evaluate("findTimerStep([65536 * 3, 65536 * 8])") == pytest.approx(65.536e-6)
+    assert browser.evaluate("findTimerStep([1001, 2003])") == pytest.approx(1e-9)
 
 
 def test_statistics_of_the_page_equal_python(browser, page):

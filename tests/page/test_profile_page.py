@@ -36,7 +36,7 @@ def test_page_is_small_and_its_draws_equal_python(loaded, profile_page):
     assert profile_page.stat().st_size < 500_000
     loaded.evaluate(f"{WORLD}; null")
     for seed in (0, 5_000_000_003):
-        loaded.evaluate(f"globalThis.made = designOf({seed}); null")
+        loaded.evaluate(f"globalThis.made = makeDesign({seed}); null")
         draws = design.make_draws(seed)
         for step in (1, 16):
             sums = loaded.evaluate(f"sumsOf(made, {step})")
@@ -105,8 +105,8 @@ def test_law_of_the_page_equals_python(loaded, design_rows, costs, form):
 
 
 ASPECTS = """(() => {
-    const given = %s, page = state.page;
-    return aspectsOf(page, designRows(page, page.grids[1].counters, page.draws.length), given);
+    const given = %s, page = state.page, { counters } = page.grids[1];
+    return compareAspects(page, makeDesignRows(page, counters, page.draws.length), given);
 })()"""
 
 
@@ -124,7 +124,7 @@ def test_times_of_thin_triangles_equal_python(loaded, design_rows):
 
 
 def test_evaluation_of_rounds_equals_python(loaded):
-    """Use a machine whose speed changes, noisy draws, and a slightly deviating control."""
+    """On a machine whose speed changes, with noisy draws and a slightly deviating control."""
     random = np.random.default_rng(1)
     epochs, size = [2, 3, 2, 2], 6
     speed = np.exp(0.1 * random.standard_normal(sum(epochs)))
@@ -139,7 +139,7 @@ def test_evaluation_of_rounds_equals_python(loaded):
     )
     read_text = {name: {"samples_s": values} for name, values in samples.items()}
     argument = json.dumps({"times": read_text, "epochs": [2, 0, 3, 2, 2]})
-    actual = loaded.evaluate(f"measuredOf({argument}, {size})")
+    actual = loaded.evaluate(f"normaliseTimes({argument}, {size})")
     assert np.array(actual["epochs"]) == pytest.approx(expected.epochs, rel=1e-9)
     assert actual["drift"] == pytest.approx(expected.drift)
     assert actual["empty_s"] == pytest.approx(expected.empty)
@@ -155,13 +155,13 @@ def test_evaluation_of_rounds_equals_python(loaded):
         (0.99, 1.01, 1.4, ""),
         (0.99, 1.01, 1.6, "speed changed by a factor of 1.60"),
         (1.01, 1.09, 1.0, ""),
-        (1.04, 1.09, 1.0, "One draw under two names took 1.065 times"),
-        (0.9, 0.96, 1.0, "One draw under two names"),
+        (1.04, 1.09, 1.0, "The same draw, timed under two names, differs by a factor of 1.065"),
+        (0.9, 0.96, 1.0, "The same draw, timed under two names"),
     ],
 )
 def test_untrustworthy_times_are_reported(loaded, low, high, drift, trouble):
     control = json.dumps({"value": (low + high) / 2, "low": low, "high": high})
-    problem = loaded.evaluate(f"troubleOf({{ drift: {drift}, control: {control} }})")
+    problem = loaded.evaluate(f"describeDisturbance({{ drift: {drift}, control: {control} }})")
     assert trouble in problem
     assert bool(problem) == bool(trouble)
 
@@ -179,7 +179,7 @@ def test_advice_is_the_criterion_with_the_lowest_cost(loaded):
     for index, term in enumerate(CRITERIA_TERMS[1:]):
         coefficients = [0.0] * len(CRITERIA_TERMS)
         coefficients[1 + index] = 1e-9
-        advice = loaded.evaluate(f"adviceOf(state.page, {coefficients}, {SAME_CHANCE})")
+        advice = loaded.evaluate(f"chooseTriangulator(state.page, {coefficients}, {SAME_CHANCE})")
         sums = {name: costs[:, index].sum() for name, costs in rows.items()}
         best = min(CRITERIA, key=lambda name: sums[name])
         assert advice["triangulator"] == best, term
@@ -194,12 +194,12 @@ def test_advice_is_the_criterion_with_the_lowest_cost(loaded):
             reach = ends[0] - ends[1]
             assert saved["low"] == pytest.approx(ends[1], abs=0.15 * reach)
             assert saved["high"] == pytest.approx(ends[0], abs=0.15 * reach)
-    assert loaded.evaluate("adviceOf(state.page, [1, 0, 0, 0, 0, 0, 0, 0, 0])") is None
+    assert loaded.evaluate("chooseTriangulator(state.page, [1, 0, 0, 0, 0, 0, 0, 0, 0])") is None
 
 
 @pytest.mark.parametrize("value", [0, 5.3e-8, 1.94e-9, 2e-13, 0.25, 3e-17, 12.0])
 def test_format_of_seconds_equals_python(loaded, value):
-    assert loaded.evaluate(f"secondsText({value})").replace("µ", "u") == format_seconds(value)
+    assert loaded.evaluate(f"formatSeconds({value})").replace("µ", "u") == format_seconds(value)
 
 
 def test_page_reports_the_known_costs_of_a_gpu(profiled):
@@ -272,7 +272,7 @@ def test_hidden_page_waits_and_repeats_the_round(browser, profile_page):
     assert result["complete"]
     assert result["hidden"]
     assert {len(draw["samples_s"]) for draw in result["times"].values()} == {sum(result["epochs"])}
-    assert "it waits until it is in front again" in browser.evaluate("hide.said")
+    assert "waits until this page is visible" in browser.evaluate("hide.said")
     assert "The page was hidden for a while" in read_text(browser, "traps")
     assert browser.evaluate("$('notice').hidden")
 
@@ -291,14 +291,14 @@ def test_slow_device_has_fewer_parts_and_a_note(browser, profile_page):
     assert result["limited"]
     assert 4 <= len(result["epochs"]) < 12
     assert result["law"]["seconds"]["triangles"] == pytest.approx(150 * 5e-8, rel=0.1)
-    assert "The time limit of 4 minutes ended it after" in read_text(browser, "traps")
+    assert "The time limit of 4 minutes ended the measurement after" in read_text(browser, "traps")
 
 
 def test_much_too_slow_device_is_reported(browser, profile_page):
     open_page(browser, profile_page, "scale: 20000")
     result = measure(browser)
     assert result["law"] is None
-    assert "ended it before a first round" in read_text(browser, "answer")
+    assert "ended the measurement before the first round" in read_text(browser, "answer")
 
 
 def test_differing_counters_are_reported(browser, profile_page):
@@ -306,7 +306,7 @@ def test_differing_counters_are_reported(browser, profile_page):
     assert measure(browser)["differing"] == 1
     message = "Counters differ from the exact ones in 1 of 183 draws."
     assert message in read_text(browser, "answer")
-    assert message in browser.evaluate("state.profile.refused = true; answerOf(state.result)")
+    assert message in browser.evaluate("state.profile.refused = true; describeAnswer(state.result)")
 
 
 def test_browser_with_other_draws_is_refused(browser, profile_page):

@@ -40,20 +40,20 @@ function hide() {
 /* Fit the law to given times. */
 async function fitAs({ epochs }) {
   const { places } = state.page.fitted, { page } = state;
-  const rows = designRows(state.page, state.page.grids[1].counters, state.page.draws.length);
+  const rows = makeDesignRows(state.page, state.page.grids[1].counters, state.page.draws.length);
   const pick = (values) => places.map((k) => values[k]);
-  return { ...lawOf(pick(rows), epochs.map(pick), page.fitted, membersOf(page)), rows };
+  return { ...fitLaw(pick(rows), epochs.map(pick), page.fitted, listMembers(page)), rows };
 }
 
-const sumsOf = (made, step) => made.map(({ points, rows }) => checksumOf({ points: snapped(points, step), rows }));
+const sumsOf = (made, step) => made.map(({ points, rows }) => computeChecksum({ points: snapPoints(points, step), rows }));
 
 /* Counters of some draws on the browser's GPU minus the expected ones: fragments, quads, fragments, ... */
 async function differencesOf(places) {
   const { device, info } = await openDevice(), painter = new Painter(device, info, state.page.shaders);
-  const step = await findStep(painter), { counters } = state.page.grids[step], made = designOf(state.page.seed);
+  const step = await findStep(painter), { counters } = state.page.grids[step], made = makeDesign(state.page.seed);
   const found = [];
   for (const k of places) {
-    const points = Int32Array.from(snapped(made[k].points, step));
+    const points = Int32Array.from(snapPoints(made[k].points, step));
     const frame = { size: SIDE, points, owner: new Uint32Array(points.length / 2), polygons: 1, work: 0 };
     const { fragments, quads } = await painter.count(frame, Uint32Array.from(made[k].rows));
     found.push(fragments[0] - counters.fragments[k], quads[0] - counters.quads[k]);

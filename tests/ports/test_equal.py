@@ -173,7 +173,7 @@ def test_proposed_change_of_earcut_gives_the_documented_results(flipped, cases, 
     cases.write(tmp_path)
     languages.flip_in_javascript(tmp_path, tmp_path / "b.mjs")
     theirs = read_flips(tmp_path, "javascript", "earcut-refine")[0]
-    # In a few random polygons rounding decides orientations; the port makes no flip there.
+    # The port makes no flip where rounding decides an orientation, in a few random polygons.
     random_end = cases.bounds[RANDOM, 1]
     assert np.array_equal(flipped["l1-native"][0][random_end:], theirs[random_end:])
     assert is_equivalent(cases, theirs)

@@ -31,7 +31,7 @@ class ChargedDrawing(Drawing):
 
 
 class Charger(MockRasteriser):
-    """Times follow `COSTS`; the device is named scripted."""
+    """A rasteriser whose draws take the seconds of `COSTS`; the device is named scripted."""
 
     name = "charging"
     shades_fragments = True

@@ -59,7 +59,7 @@ def test_arithmetic_is_a_stage_of_its_own():
 
 
 def test_stages_predict_scenes_that_were_not_fitted(rows):
-    """The bars that were set before the measurement."""
+    """The bounds on the errors were set before the measurement."""
     gpu = rows[rows["profile"] == "opengl-h200"].set_index("set")
     assert gpu.loc["first", "relative_rms"] < 0.05
     assert gpu.loc["extended", "relative_rms"] < 0.06

@@ -1,4 +1,4 @@
-"""The decisions of scripts/studies/gpu.py on measurements that obey the law, and on others."""
+"""Decisions of scripts/studies/gpu.py on simulated measurements that obey or violate the law."""
 
 from itertools import product
 from pathlib import Path

@@ -77,7 +77,7 @@ def require_covering_triangles(call: Call, *case: Any) -> None:
 
 
 def _count_covering(name: str, device: Device, *case: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Count covering triangles inside the worker, as such and as polygons of one triangle."""
+    """Count covering triangles in the worker: per polygon, and with each triangle as a polygon."""
     opened = tasks._get_rasteriser(name, device)
     counted = opened.count(*case)["covering_triangles"]
     frame, triangles, options = case

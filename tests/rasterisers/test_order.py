@@ -1,4 +1,4 @@
-"""The order of submission: a permutation, the same for every rasteriser."""
+"""Orders of triangles: permutations, equal for every rasteriser."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Roofs through pyrender, in a separate process."""
+"""The rasteriser pyrender, which draws roofs and walls, in a separate process."""
 
 import pickle
 from itertools import pairwise

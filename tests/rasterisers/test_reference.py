@@ -1,4 +1,4 @@
-"""The rasterisers on the CPU against second implementations: pixel by pixel, and by polygons."""
+"""The CPU rasterisers agree with second implementations: per pixel, and by clipped polygons."""
 
 import numpy as np
 import pytest
@@ -32,13 +32,13 @@ small = st.tuples(*[st.integers(0, 4 * 256)] * 2)
 @settings(deadline=None, max_examples=15)
 @given(st.lists(small, min_size=3, max_size=3))
 def test_expected_quads_are_the_mean_over_all_positions_in_a_quad(corners):
-    """The criterion's closed form against counts at all 512 x 512 places of the grid."""
+    """The closed form of the criterion equals the mean count over all 512 x 512 positions."""
     points = np.array(corners, np.int32)
     expected = criteria.predict(points / 256, np.array([[0, 1, 2]], np.int32))["expected_quads"]
     places = np.stack(np.meshgrid(np.arange(512), np.arange(512)), axis=-1).reshape(-1, 1, 2)
     moved = (points + places).reshape(-1, 2).astype(np.int32)
     counts = predict(moved, np.arange(len(moved), dtype=np.int32).reshape(-1, 3))
-    # Centres on an edge, which the fill rule gives to one side, are all that makes them differ.
+    # Only pixel centres on an edge, which the fill rule assigns to one side, cause a difference.
     assert counts["quads"].mean() == pytest.approx(expected, abs=0.01)
 
 

@@ -136,8 +136,8 @@ def test_heatmaps_equal_the_counters(page, folder):
         if record["resolution"] != 256 or record["triangulator"] == "fan":
             continue
         counted = page.evaluate(
-            "(() => { const drawing = drawingNow(); return drawing.sizes.map((_, k) => {"
-            f" const map = mapOf(k, {record['triangulator']!r});"
+            "(() => { const drawing = currentDrawing(); return drawing.sizes.map((_, k) => {"
+            f" const map = computeMap(k, {record['triangulator']!r});"
             " return [map.fragments, map.helpers, map.tests]; }); })()"
         )
         columns = read_arrays(run, record["key"])

@@ -44,21 +44,21 @@ def write_parquet(path: Path, polygons: np.ndarray, first: int, geo: object = GE
 
 @pytest.fixture(scope="session")
 def footprints() -> np.ndarray:
-    """(240,) footprints of a generated city, from west to east."""
+    """Return 240 footprints of a generated city, from west to east."""
     polygons = np.array(load(f"city:buildings={EVERY}", seed=3).polygons, dtype=object)
     return polygons[np.argsort(shapely.bounds(polygons)[:, 0], kind="stable")]
 
 
 @pytest.fixture
 def finely(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Make each row group of 40 a part."""
+    """Divide data sets into parts of one row group of 40 rows."""
     monkeypatch.setattr("scenes.slices.MIN_ROWS", ROW_GROUP // 2)
     monkeypatch.setattr("scenes.slices.MAX_ROWS", ROW_GROUP)
 
 
 @pytest.fixture
 def parts(tmp_path: Path, footprints: np.ndarray, finely: None) -> Path:
-    """A folder of two files of three row groups each."""
+    """Return a folder of two files of three row groups each."""
     folder = tmp_path / "parts"
     folder.mkdir()
     for number in range(FILES):

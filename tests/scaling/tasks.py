@@ -1,4 +1,4 @@
-"""Tasks for executors: some fail, and some end the process."""
+"""Tasks for executors: they succeed, fail or end the process."""
 
 import os
 import time

@@ -35,9 +35,9 @@ def on_the_grid(xy):
 
 
 def count_footprints(footprints, name):
-    """(p, 3) `COUNTED` of footprints drawn where they are on the map.
+    """Return the counters `COUNTED` (p, 3) of footprints drawn at their position on the map.
 
-    But 4 km further, by a multiple of 4 px, since a viewport has no negative pixels.
+    The map is moved by 4 km, a multiple of 4 px, since a viewport has no negative pixels.
     """
     rows = []
     for footprint in footprints:

@@ -55,7 +55,7 @@ def test_tasks_of_a_killed_worker_are_repeated(two_workers, tmp_path):
         assert not answer.failed
         done[name] += 1
         if len(done) in (2, 5):
-            # The one killed before may not be known as dead yet.
+            # The scheduler may not have noticed the exit of the worker killed before.
             workers = two_workers._client.run(os.getpid, on_error="ignore")
             os.kill(min(workers.values()), signal.SIGKILL)
     assert done == Counter(NAMES)

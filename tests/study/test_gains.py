@@ -1,4 +1,4 @@
-"""Gains of triangulators: the gain of the order is separated from the gain of the diagonals."""
+"""Gains of triangulators, where those of the order and of the diagonals are separate."""
 
 import pandas as pd
 import pytest

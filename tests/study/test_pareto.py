@@ -105,7 +105,7 @@ def test_fronts_of_a_city_are_those_of_all_triangulations(study):
     steps = sweep.set_index("triangulator").loc[list(SWEEP)]
     assert (np.diff(steps["overdraw_over_area"]) >= -1e-9).all()
     assert (np.diff(steps["shape_a_triangle"]) <= 1e-9).all()
-    # Neither can cut polygons with holes, so their sums are of less.
+    # Both skip polygons with holes, so their sums are over fewer polygons.
     assert not set(complete["triangulator"]) & {"fan", "max-area"}
 
 
@@ -127,7 +127,7 @@ def test_rows_have_the_records_ratios_and_the_study_resumes(study, harness):
     ratio = add_run_scatter(ratio_of_run)
     values = tuple(row[["time_ratio", "ci_low", "ci_high"]])
     assert values == pytest.approx((ratio.value, ratio.low, ratio.high))
-    # The scripted rasteriser takes as long for as many triangles.
+    # The scripted rasteriser's time depends only on the number of triangles.
     timed = rows.xs("tests.mock:MockRasteriser", level="rasteriser")
     assert (timed.loc[list(SWEEP), "time_ratio"] == 1).all()
     assert (timed.loc[list(SWEEP), "verdict"] == "not significant").all()

@@ -154,7 +154,7 @@ def test_rounds_of_one_epoch_do_not_confirm_each_other():
     assert low < 0.004 < 0.006 < high
 
 
-def test_least_is_claimed_for_one_sample_a_pixel_alone():
+def test_minimum_is_known_only_for_one_sample_per_pixel():
     records = records_of("a")
     assert regret_table(records).query("measure == 'quads'")["least_known"].all()
     for record in records:
@@ -192,14 +192,14 @@ def test_quads_or_the_main_counter_and_all_times_are_printed(names, expected):
     assert select_printed(names) == expected + times
 
 
-def test_the_least_of_times_is_known_of_no_drawing():
+def test_minimum_of_times_is_never_known():
     seconds = np.ones((len(NAMES), 24))
     table = regret_table(records_of("one", seconds=seconds))
     assert not table[table["measure"] == "time_work_0"]["least_known"].any()
     assert table[table["measure"] == "quads"]["least_known"].all()
 
 
-def test_a_counter_that_a_drawing_lacks_is_not_judged():
+def test_counter_missing_from_one_drawing_has_no_regret():
     records = records_of("one")
     del records[2]["counters"]["quads"]
     del records[2]["counters"]["fragments"]
@@ -240,7 +240,7 @@ def test_times_are_relative_to_the_reference_of_their_rounds():
     assert (row["regret_low"], row["regret"], row["regret_high"]) == pytest.approx((1, 1, 1))
 
 
-def test_rounds_that_one_of_them_lacks_do_not_count():
+def test_rounds_missing_from_one_drawing_are_ignored():
     seconds = np.random.default_rng(8).lognormal(0.0, 0.05, (len(NAMES), 24))
     records, longer = (records_of("a", seconds=seconds) for _ in range(2))
     longer[0]["time"] = {
@@ -255,7 +255,7 @@ def test_rounds_that_one_of_them_lacks_do_not_count():
         assert ("time_work_0" in set(table["measure"])) is timed
 
 
-def test_one_in_twenty_polygons_loses_more_than_the_p95():
+def test_summary_has_median_95th_percentile_and_maximum():
     (row,) = regret_table(records_of("a")).query("name == 'overdraw'").to_dict("records")
     table = pd.DataFrame([{**row, "polygon": str(k), "regret": k / 100} for k in range(101)])
     summary = summarise_regret(table).iloc[0]

@@ -131,7 +131,7 @@ def study(tmp_path_factory):
     arguments = ["study", "validate", "--scene", "city:buildings=80", "--quick", "--quiet"]
     arguments += ["--rasterisers", "reference", "--resolution", "512", "--out", str(folder)]
     with pytest.MonkeyPatch.context() as patch:
-        shorten_runs(patch)  # counters are judged here
+        shorten_runs(patch)  # this test evaluates counters, not times
         patch.setattr("harness.commands.study_validate.QUICK_S", 1e-4)
         assert run_command(*arguments) == 0
     return folder

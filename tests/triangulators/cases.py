@@ -1,4 +1,4 @@
-"""Polygons for the tests of triangulators, and an independent brute force."""
+"""Polygons for tests of triangulators, and all triangulations and costs by brute force."""
 
 import json
 import math
@@ -24,14 +24,14 @@ def paper_polygon() -> shapely.Polygon:
 
 @cache
 def shared_rings(name: str) -> list[tuple[str, list[np.ndarray]]]:
-    """Rings of a file in the shared data; skip the test if the file is missing."""
+    """Return the rings of a file of third-party data; skip the test if the file is missing."""
     entries = json.loads(find_shared_data(name).read_text())
     return [(e["name"], [np.array(r, dtype=float) for r in e["rings"]]) for e in entries]
 
 
 @cache
 def shared(name: str) -> list[tuple[str, shapely.Polygon]]:
-    """Polygons of a file in the shared data, without rings that shapely does not support."""
+    """Return the polygons of a file of third-party data that shapely can represent."""
     shared_polygons = []
     for label, rings in shared_rings(name):
         rings = [ring for ring in rings if len(ring) >= 3]
@@ -41,9 +41,9 @@ def shared(name: str) -> list[tuple[str, shapely.Polygon]]:
 
 
 def random_simple(rng: np.random.Generator, n: int, size: int = 20) -> shapely.Polygon:
-    """A random simple polygon on a small grid, so that vertices are often collinear.
+    """Return a random simple polygon on a small grid, so that vertices are often collinear.
 
-    Random points in random order, uncrossed by reversing pieces (2-opt).
+    Edges between random points are uncrossed by reversing parts of the ring (2-opt).
     """
     while True:
         points = rng.integers(0, size, (n, 2))
@@ -55,7 +55,7 @@ def random_simple(rng: np.random.Generator, n: int, size: int = 20) -> shapely.P
 
 
 def uncrossed(points: np.ndarray) -> shapely.Polygon:
-    """A polygon through all points (n, 2), usually without self-intersections."""
+    """Return a polygon through all points (n, 2), usually without self-intersections."""
     distances = np.hypot(*(points[:, None] - points).transpose(2, 0, 1)).tolist()
     order = list(range(len(points)))
     for _ in range(60):
@@ -78,7 +78,7 @@ def _uncross(distances: list[list[float]], order: list[int]) -> bool:
 
 
 def star(n: int, seed: int = 0, spread: float = 0.15) -> shapely.Polygon:
-    """A noisy star on the 1/256 grid, about 800 px wide."""
+    """Return a noisy star on the 1/256 px grid, about 800 px wide."""
     return snapped(around(n, 1 + np.random.default_rng(seed).uniform(-spread, spread, n)))
 
 
@@ -87,13 +87,13 @@ def convex(n: int) -> shapely.Polygon:
 
 
 def smooth(n: int) -> shapely.Polygon:
-    """A smooth outline with bays."""
+    """Return a smooth outline with bays."""
     angle = np.arange(n) * 2 * np.pi / n
     return shapely.Polygon(around(n, 1 + 0.2 * np.sin(5 * angle) + 0.1 * np.cos(13 * angle)))
 
 
 def around(n: int, radius: np.ndarray) -> np.ndarray:
-    """Points at n even steps round (512, 512), `radius` in 400 px."""
+    """Return n points at equal angles about (512, 512); `radius` is in units of 400 px."""
     angle = np.arange(n) * 2 * np.pi / n
     return np.column_stack((radius * np.cos(angle), radius * np.sin(angle))) * 400 + 512
 
@@ -107,7 +107,7 @@ def twice_area(a, b, c) -> float:
 
 
 def diagonals(polygon: shapely.Polygon) -> set[tuple[int, int]]:
-    """Pairs of vertices (i < j) joined by a side or by a segment inside, through no vertex."""
+    """Return vertex pairs (i < j) that are sides, or whose segment is inside and hits no vertex."""
     points = shapely.get_coordinates(polygon)[:-1]
     n = len(points)
     pairs = {(min(i, j), max(i, j)) for i, j in pairwise([*range(n), 0])}
@@ -126,7 +126,7 @@ def diagonals(polygon: shapely.Polygon) -> set[tuple[int, int]]:
 
 
 def all_triangulations(polygon: shapely.Polygon) -> list[list[tuple[int, int, int]]]:
-    """Every triangulation of a simple polygon: Catalan's recursion over tested diagonals."""
+    """Return every triangulation of a simple polygon, by recursion over the apexes of sides."""
     points = shapely.get_coordinates(polygon)[:-1]
     allowed = diagonals(polygon)
 
@@ -147,7 +147,7 @@ def all_triangulations(polygon: shapely.Polygon) -> list[list[tuple[int, int, in
 
 
 def brute_cost(name: str, a, b, c) -> float:
-    """The criteria in plain Python."""
+    """Return the cost of a triangle by a criterion, in plain Python."""
     x, y = zip(a, b, c, strict=True)
     width, height = max(x) - min(x), max(y) - min(y)
     area = abs(twice_area(a, b, c)) / 2
@@ -175,7 +175,7 @@ def brute_cost(name: str, a, b, c) -> float:
 
 
 def union_of_copies(triangle, size: int) -> float:
-    """Mean number of size x size blocks with a covered centre, from a union by GEOS."""
+    """Return the mean number of size x size blocks with a covered centre, by a union in GEOS."""
     shape = shapely.Polygon(triangle)
     moves = range(size)
     copies = [shapely.affinity.translate(shape, -dx, -dy) for dx in moves for dy in moves]
@@ -194,9 +194,9 @@ def polygon_of(rings: Rings) -> shapely.Polygon:
 def rings(
     draw: st.DrawFn, max_vertices: int = 20, max_holes: int = 2, *, on_grid: bool | None = None
 ) -> Rings:
-    """Draw a valid polygon: collinear runs, repeated vertices, slivers, holes that touch.
+    """Draw a valid polygon with collinear vertices, repeated vertices, slivers or touching holes.
 
-    on_grid : on the 1/256 grid, or off it, or (None) either
+    on_grid : True for the 1/256 px grid, False for other coordinates, None for either
     """
     size = draw(st.sampled_from([5, 12, 60, 2000]))
     area = _simple(draw, draw(st.integers(3, max_vertices)), size)
@@ -238,7 +238,7 @@ def _open_rings(polygon: shapely.Polygon) -> list[Any]:
 
 
 def _subdivided(draw: st.DrawFn, ring: np.ndarray) -> np.ndarray:
-    """Repeat some vertices and halve some edges; on the grid if the ring is."""
+    """Repeat some vertices and halve some edges; a ring on the grid stays on it."""
     start = draw(st.integers(-3, len(ring) - 1))
     if start < 0:
         return ring
@@ -248,13 +248,13 @@ def _subdivided(draw: st.DrawFn, ring: np.ndarray) -> np.ndarray:
 
 
 def hard_polygons(max_vertices: int = 24) -> st.SearchStrategy[shapely.Polygon]:
-    """Valid polygons on the 1/256 grid, without holes."""
+    """Return a strategy of valid polygons on the 1/256 px grid, without holes."""
     return rings(max_vertices, 0, on_grid=True).map(polygon_of)
 
 
 @cache
 def glyphs(characters: str) -> list[tuple[str, shapely.Polygon]]:
-    """Outlines of DejaVu Sans at 256 px, even-odd, on the 1/256 grid."""
+    """Return letters of DejaVu Sans at 256 px, even-odd filled, on the 1/256 px grid."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextPath
 
@@ -271,7 +271,7 @@ def glyphs(characters: str) -> list[tuple[str, shapely.Polygon]]:
 
 
 def with_hole(rng: np.random.Generator, exterior: int, hole: int) -> shapely.Polygon:
-    """A random simple polygon with one random hole, on the integer grid."""
+    """Return a random simple polygon with one random hole, on the integer grid."""
     while True:
         outer = random_simple(rng, exterior, 40)
         inner = shapely.get_coordinates(random_simple(rng, hole, 12))[:-1]
@@ -282,7 +282,7 @@ def with_hole(rng: np.random.Generator, exterior: int, hole: int) -> shapely.Pol
 
 
 def with_holes(rng: np.random.Generator, exterior: int, holes: int) -> shapely.Polygon:
-    """A random simple polygon on a small grid with some triangles and quadrilaterals cut out."""
+    """Return a random simple polygon on a small grid, with triangular and quadrilateral holes."""
     while True:
         polygon = random_simple(rng, exterior, 14)
         for _ in range(60):
@@ -297,8 +297,8 @@ def with_holes(rng: np.random.Generator, exterior: int, holes: int) -> shapely.P
 def touching_polygons(seed: int, count: int) -> Iterator[shapely.Polygon]:
     """Yield `count` polygons with one to three holes that touch a ring up to rounding.
 
-    A vertex of a hole is a rounded point of another ring's edge: on it, within a rounding error on
-    either side, or at a vertex.
+    A vertex of each hole is a rounded point of another ring's edge: on the edge, a rounding error
+    to either side, or at a vertex.
     """
     rng = np.random.default_rng(seed)
     yielded = 0

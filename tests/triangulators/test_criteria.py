@@ -70,7 +70,7 @@ def test_expected_blocks_are_exact_except_slivers_with_gaps(triangle):
     assume(area > 0.25)
     blocks = predict(np.array(triangle), ONE)["expected_blocks"]
     exact = union_of_copies(triangle, 4)
-    # Each covered centre for itself is the most that gaps can make of it.
+    # Gaps cannot make the number of blocks larger than the number of covered centres.
     assert exact * (1 - 1e-9) - 1e-9 <= blocks <= area + 1e-9
     sides = [np.subtract(triangle[k - 1], triangle[k]) for k in range(3)]
     longest = max(np.hypot(*side) for side in sides)

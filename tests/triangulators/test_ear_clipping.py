@@ -13,7 +13,7 @@ from triangulators.geometry.earcut import clip_ears
 
 
 def test_triangles_equal_those_of_earcut():
-    """Also of clockwise rings, and beyond 80 vertices, where earcut has an index."""
+    """Also for clockwise rings, and above 80 vertices, where earcut uses a spatial index."""
     rings = [(points, ends) for points, ends in random_polygons(8, 3000) if len(ends) == 1]
     rings += [earcut_rings(polygon) for polygon in load("city").polygons if not polygon.interiors]
     rings += [earcut_rings(shape) for shape in (smooth(300), star(400, spread=0.4), star(250))]

@@ -17,13 +17,13 @@ from triangulators.registry import BUILTIN, Entry, find
 from triangulators.verify import verify_boundary
 
 LISTING = {"exhaustive": 9, "listed": 9, "pareto": 14}
-"""Vertices up to which those are tried here that keep all triangulations, or a front of them."""
+"""Maximum number of vertices for triangulators that list all triangulations or a Pareto front."""
 
 NOT_ALWAYS = ("fan", "strip")
-"""Those that skip some polygons without holes."""
+"""Triangulators that skip some polygons without holes."""
 
 AS_THEY_COME = ("ear-clipping", "delaunay", "sweep", "manifold", "listed", "earcut-refine", "flips")
-"""Those whose triangulations may have T-junctions: a library's result is passed on as it is."""
+"""Triangulators of libraries, whose unchanged results may have T-junctions."""
 
 CODES = [*range(33, 127), *range(0xA1, 0x180), *range(0x391, 0x3CA), *range(0x400, 0x460)]
 LETTERS = "".join(letter for letter in map(chr, CODES) if letter.isprintable())
@@ -35,7 +35,7 @@ def usable(_registered: tuple[str, ...]) -> list[str]:
 
 
 def names_for(polygon) -> list[str]:
-    """Names of the triangulators to try, each with two criteria if it takes one."""
+    """Return the triangulators to try, with two criteria for each that accepts a criterion."""
     count = len(vertices(polygon))
     candidates = [n for n in usable(tuple(BUILTIN)) if count <= LISTING.get(n, count)]
     steered = [f"{n}:{c}" for n in candidates for c in STEERED if find(n).criteria]

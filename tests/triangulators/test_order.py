@@ -25,11 +25,11 @@ from triangulators import (
 from triangulators.geometry.order import CACHE_SIZE, ORDERS, vertex_cache_order, walk
 
 BATCH = 120
-"""Indices after which a drawing program may start anew, and meets its vertices again."""
+"""Number of indices in a batch of the simulated GPU, which shades a vertex once per batch."""
 
 
 def invocations(triangles: np.ndarray) -> int:
-    """The number of shaded vertices if each is shaded once in every batch of indices."""
+    """Return the number of shaded vertices if each is shaded once in every batch of indices."""
     indices = triangles.ravel()
     return sum(len(np.unique(indices[i : i + BATCH])) for i in range(0, len(indices), BATCH))
 

@@ -25,7 +25,7 @@ def test_front_ends_are_the_optima():
 
 
 def brute_front(polygon):
-    """The front by comparing all pairs of triangulations, (f, 2) ascending in A."""
+    """Return the front (f, 2), ascending in A, by comparing all pairs of triangulations."""
     points = vertices(polygon)
     costs = np.array(
         [

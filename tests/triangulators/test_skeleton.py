@@ -35,7 +35,7 @@ def proven(polygon, name="half-perimeter"):
     """Return the cost of the proven optimum, and the proof."""
     outline, cost = posed(polygon, name)
     solution = prove(outline, find_best_initial(outline, cost), cost)
-    solution = prove(outline, solution.triangles, cost)  # evidence about what was found
+    solution = prove(outline, solution.triangles, cost)  # evidence for the triangulation found
     certificate = make_certificate(outline, solution.triangles, cost, solution.evidence())
     assert certificate.proven, polygon.wkt
     return certificate.cost, solution

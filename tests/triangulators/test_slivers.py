@@ -81,7 +81,7 @@ def test_slivers_of_earcuts_fixtures():
 
 @pytest.mark.parametrize("scene", ["city", "glyphs"])
 def test_flips_by_beauty_end_in_delaunay(scene):
-    """Equal sums; no triangulation has a larger one if ear clipping dropped no vertex."""
+    """Both have the same sum of beauty, the largest possible if ear clipping dropped no vertex."""
     polygons = make_frame(load(scene).polygons, View(1024)).polygons[:150]
     sums = {}
     for name in ("flips:beauty", "flips:delaunay", "optimal:beauty"):

@@ -4,7 +4,7 @@
 
 const SIDE = 1024, GAP = 512, MARGIN = 256;
 const LEVEL = [1, 0, 1], STEEP = [0, 1, 1], SLANTED = [12, 5, 13], DIAGONAL = [21, 20, 29];
-const MOST = 3000;
+const MAX_TRIANGLES = 3000;
 
 const over = (value, by) => Math.floor(value / by);
 
@@ -27,7 +27,7 @@ function turned([x, y], [dx, dy, length]) {
   return [over(x * dx - y * dy + half, length), over(x * dy + y * dx + half, length)];
 }
 
-/* Lower left corners of at most `wanted` boxes, spread evenly over all boxes that, rotated, fit the viewport. */
+/* Lower left corners of at most `wanted` cells, spread evenly over all cells that fit into the viewport after rotation. */
 function cells(width, height, [dx, dy, length], wanted) {
   const wide = width + GAP, high = height + GAP, half = SIDE * 128 - MARGIN, most = half - UNIT;
   const reach = (size) => over(3 * half, 2 * size) + 2;
@@ -48,7 +48,7 @@ function cells(width, height, [dx, dy, length], wanted) {
   return range(some).map((k) => inside[over(k * inside.length, some)]);
 }
 
-/* Points of a copy of a shape in each cell of width x height; shape(number) returns the copy's points in a cell. */
+/* Points of one copy of a shape in each cell; shape(number) returns the points of a copy relative to the cell. */
 function placed(shape, [width, height], direction, numbers) {
   const middle = SIDE * 128;
   return cells(width, height, direction, numbers.length).flatMap(([left, low], k) => {
@@ -57,14 +57,14 @@ function placed(shape, [width, height], direction, numbers) {
   });
 }
 
-/* A triangle with a horizontal base; the apex's position above the base, and whether it points down, vary. */
+/* A function number -> triangle with a horizontal base; the number decides the apex's x and whether the apex points down. */
 const triangleOf = (base, height) => (number) => {
   const apex = over(((number >>> 16) & 255) * base, 255);
   const corners = [[0, 0], [base, 0], [apex, height]];
   return (number >>> 24) & 1 ? corners.map(([x, y]) => [base - x, height - y]) : corners;
 };
 
-/* Points on an ellipse in a box, counter-clockwise from the right. */
+/* Integer points on an ellipse that touches a box, counter-clockwise from the right. */
 function ringOf(corners, width, height) {
   const m = corners / 4;
   return [[1, 0], [0, 1], [-1, 0], [0, -1]].flatMap(([dx, dy]) => range(m).map((i) => {
@@ -95,7 +95,7 @@ function halved(corners) {
 
 const inOrder = (points) => ({ points, rows: range(points.length / 2) });
 
-/* The same triangles with three separate vertices each. */
+/* The same triangles without shared vertices: each gets three of its own. */
 const apart = ({ points, rows }) => inOrder(rows.flatMap((corner) => [points[2 * corner], points[2 * corner + 1]]));
 
 const scattered = (base, height, direction, size, numbers) =>
@@ -112,14 +112,14 @@ const RINGS = [[12, 16, 1], [48, 16, 1], [48, 64, 1], [192, 16, 1], [192, 64, 1]
 function rings(seed, place, cut) {
   const [width, corners, flat] = RINGS[place];
   const size = [width * UNIT, over(width * UNIT, flat)], outline = ringOf(corners, ...size);
-  const points = placed(() => outline, size, SLANTED, mixed(seed, 400 + place, Math.max(1, over(MOST, corners - 2))));
+  const points = placed(() => outline, size, SLANTED, mixed(seed, 400 + place, Math.max(1, over(MAX_TRIANGLES, corners - 2))));
   const once = cut(corners);
   return { points, rows: range(points.length / 2 / corners).flatMap((copy) => once.map((corner) => corner + copy * corners)) };
 }
 
 function strip(seed, number, step, height) {
   const steps = over((SIDE - 8) * UNIT, step), line = steps + 1;
-  const bands = Math.min(over(SIDE - 8, height + 2), Math.max(1, over(MOST, 2 * steps)));
+  const bands = Math.min(over(SIDE - 8, height + 2), Math.max(1, over(MAX_TRIANGLES, 2 * steps)));
   const points = mixed(seed, 500 + number, bands * 2 * line).flatMap((stray, k) => {
     const band = over(k, 2 * line), top = over(k, line) % 2;
     return [3 * UNIT + (k % line) * step + stray % (step >> 1),
@@ -152,7 +152,7 @@ function mesh(seed, side) {
 const alternate = ({ points, rows }) => ({ points, rows: rows.filter((_, k) => over(k, 3) % 2 === 0) });
 
 /* All draws, in order: {points, rows}, flat arrays. */
-function designOf(seed) {
+function makeDesign(seed) {
   const found = [1, 16].map((size, k) => scattered(2048, 2048, SLANTED, size, [seed, k]));
   let number = 100;
   for (const [area, size] of [[8, 1500], [64, 800]]) {
@@ -160,7 +160,7 @@ function designOf(seed) {
       for (const aspect of [1, 2, 4, 8, 16, 32, 64]) found.push(scattered(...sidesOf(area, aspect), direction, size, [seed, ++number]));
     }
   }
-  range(10).forEach((k) => found.push(scattered(64 << k, 64 << k, SLANTED, MOST, [seed, 200 + k])));
+  range(10).forEach((k) => found.push(scattered(64 << k, 64 << k, SLANTED, MAX_TRIANGLES, [seed, 200 + k])));
   [2880, 1440, 720, 360, 180].forEach((size, k) => found.push(scattered(1024 << k, 1024 << k, SLANTED, size, [seed, 300 + k])));
   const small = mixed(seed, 320, 52 * 52).map(triangleOf(1024, 1024));
   for (let start = 0; start < 4; start++) {
@@ -185,11 +185,11 @@ function designOf(seed) {
     found.push(once, { points: once.points, rows: [...once.rows, ...once.rows] });
   });
   [2560, 3072, 3584].forEach((side, k) => found.push(scattered(side, side, SLANTED, 1000, [seed, 210 + k])));
-  return [...found, ...stageDraws(seed), ...[2, 4].flatMap((side) => [mesh(seed, side), mesh(seed, side)])];
+  return [...found, ...makeStageDraws(seed), ...[2, 4].flatMap((side) => [mesh(seed, side), mesh(seed, side)])];
 }
 
 /* CRC-32 of the points, then the rows, as 32-bit integers, the low byte first. */
-function checksumOf({ points, rows }) {
+function computeChecksum({ points, rows }) {
   let sum = -1;
   for (const words of [points, rows]) {
     for (const word of words) {

@@ -5,13 +5,13 @@ const FORMAT = "rgba8unorm";
 const KEEP_ALPHA = 7, WRITE_ALL = 15;
 const IMMEDIATE = ["nvidia", "amd", "intel"];
 const LIMITS = ["maxTextureDimension2D", "maxBufferSize", "maxStorageBufferBindingSize"];
-const MOST_LANES = 2 ** 30;
+const MAX_BATCH_LANES = 2 ** 30;
 const SELF_TEST_PX = 1024;
 
 const BROWSERS = "WebGPU is in Chrome and Edge from 113 (Android: 121), in Safari from 26, and in Firefox from 141 on "
   + "Windows and 145 on Macs with Apple's chips. On Linux, Chrome may need chrome://flags/#enable-unsafe-webgpu.";
 
-/* Returns {adapter, device, info}; throws an Error with a message for the user. */
+/* Return { device, info }; throw an Error with a message for the user if WebGPU is unavailable. */
 async function openDevice() {
   if (!navigator.gpu) throw new Error(`This browser has no WebGPU. ${BROWSERS}`);
   const adapter = await navigator.gpu.requestAdapter({ powerPreference: "high-performance" });
@@ -27,7 +27,8 @@ async function openDevice() {
     limits: Object.fromEntries(LIMITS.map((name) => [name, adapter.limits[name]])) } };
 }
 
-/* A frame: points in 1/256 px, (n, 2); the polygon of each; rows, (m, 3), of a triangulation. */
+/* Draws and counts triangulations. A frame has points (n, 2) in 1/256 px and the polygon of each point (owner); rows (m, 3)
+   are the vertex indices of triangles. */
 class Painter {
   constructor(device, info, shaders) {
     this.device = device;
@@ -95,7 +96,7 @@ class Painter {
   async count(frame, rows) {
     const [fragments, quads, full, covering_triangles] = [0, 1, 2, 3].map(() => new Array(frame.polygons).fill(0));
     for (const [first, last] of batches(frame, rows)) {
-      const counts = await this.tallyOnce(frame, rows, first, last);
+      const counts = await this.countRange(frame, rows, first, last);
       for (let k = 0; k < frame.polygons; k++) {
         fragments[k] += counts[4 * k];
         quads[k] += counts[4 * k + 1] / 12;
@@ -107,7 +108,7 @@ class Painter {
     return { fragments, quads: quads.map(Math.round), partial_quads, covering_triangles };
   }
 
-  async tallyOnce(frame, rows, first, last) {
+  async countRange(frame, rows, first, last) {
     const triangles = new Int32Array(7 * (last - first));
     for (let t = first; t < last; t++) {
       for (let corner = 0; corner < 3; corner++) {
@@ -140,7 +141,7 @@ class Painter {
   }
 }
 
-/* Ranges of triangles so small that their lane counts fit into 32 bits. */
+/* Ranges [first, last + 1] of triangles whose lane counts fit into 32 bits. */
 function batches(frame, rows) {
   const ranges = [];
   let first = 0, lanes = 0;
@@ -150,7 +151,7 @@ function batches(frame, rows) {
       return Math.floor((Math.max(...at) - Math.min(...at)) / 256) + 4;
     };
     const more = side(0) * side(1);
-    if (lanes + more >= MOST_LANES) {
+    if (lanes + more >= MAX_BATCH_LANES) {
       ranges.push([first, t]);
       [first, lanes] = [t, 0];
     }
@@ -223,7 +224,7 @@ class Drawing {
   }
 }
 
-/* A drawing of full layers of a square viewport, for the self-test. */
+/* A drawing that fills a square viewport `number` times, for the timer test. */
 function layers(painter, size, number) {
   const far = 256 * size;
   const points = new Int32Array([0, 0, far, 0, far, far, 0, far]);

@@ -1,5 +1,5 @@
 "use strict";
-/* Medians, and the ratio of two drawings with interval, as in harness/stats/intervals.py. */
+/* Statistics as in harness/stats/intervals.py: medians, confidence intervals, paired ratios of two drawings, rank correlation. */
 
 function median(values) {
   const sorted = [...values].sort((a, b) => a - b);
@@ -15,7 +15,7 @@ const range = (size) => Array.from({ length: size }, (_, k) => k);
 const RUN_SCATTER = 0.003;
 const NORMAL = 1.959963985;
 
-/* Student's 97.5 % quantile, by expansion in 1 / freedom (Abramowitz and Stegun, 26.7.5): to 1 % from 3 on. */
+/* Student's 97.5 % quantile by expansion in 1 / freedom (Abramowitz and Stegun, 26.7.5); error below 1 % from freedom 3 on. */
 function student(freedom) {
   const z = NORMAL;
   return z + (z ** 3 + z) / (4 * freedom) + (5 * z ** 5 + 16 * z ** 3 + 3 * z) / (96 * freedom ** 2)
@@ -29,9 +29,10 @@ function studentInterval(values) {
   return [middle, middle - reach, middle + reach];
 }
 
-/* Bounds of the studentised bootstrap's 95 % interval of the mean of values, see harness/stats/intervals.py. */
-const TAIL = 0.01, STUDENTISED = 1999;
+const TAIL = 0.01, RESAMPLES = 1999;
 
+/* Bounds of the 95 % interval of a mean by the studentised bootstrap with RESAMPLES resamples; quantiles at TAIL instead of
+   0.025 correct the coverage for few values, see harness/stats/intervals.py. */
 function meanInterval(values, random = Math.random) {
   const meanAndError = (some) => {
     const middle = mean(some);
@@ -39,15 +40,15 @@ function meanInterval(values, random = Math.random) {
   };
   const [middle, error] = meanAndError(values);
   if (values.length < 6 || !error) return [NaN, NaN];
-  const distances = range(STUDENTISED).map(() => {
+  const distances = range(RESAMPLES).map(() => {
     const [own, apart] = meanAndError(values.map(() => values[Math.floor(random() * values.length)]));
     return (own - middle) / apart || 0;
   }).sort((p, q) => p - q);
-  const [low, high] = [TAIL, 1 - TAIL].map((share) => distances[Math.ceil(share * STUDENTISED) - 1]);
+  const [low, high] = [TAIL, 1 - TAIL].map((share) => distances[Math.ceil(share * RESAMPLES) - 1]);
   return [middle - high * error, middle - low * error];
 }
 
-/* Ratio of `samples` to `base`, round by round: the mean over epochs of their medians of logarithms, with
+/* Ratio of `samples` to `base`, paired by round: the mean over epochs of the median log ratio of each epoch, with
    Student's interval, one independent value per epoch. `scatter` widens the interval by the variation between runs;
    0 gives the interval of this run alone. */
 function pairedRatio(samples, base, epochs, scatter = RUN_SCATTER) {

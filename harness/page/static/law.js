@@ -1,16 +1,16 @@
 "use strict";
-/* A device's law, as harness/profile/law.py and fitting.py fit it: a sum of costs or a maximum of stages, costs that are
-   not negative, relative errors, intervals under errors that the draws of a group share. Rows are arrays of numbers, one
-   for each draw; `members` has a row for each stage: 1 for the terms that count in it, else 0. */
+/* A device's law, as harness/profile/law.py and fitting.py fit it: a sum of costs or a maximum of stages, non-negative
+   costs, relative errors, and intervals for errors that the draws of a group share. Rows are arrays of numbers, one
+   for each draw; `members` has a row for each stage: 1 for the terms that count in the stage, else 0. */
 
-const BETWEEN = 0.3, LARGE_ERROR = 0.05, FAR_OFF = 2, CLOSE = 1e-4, MOST_TURNS = 100;
+const BETWEEN_WEIGHT = 0.3, LARGE_ERROR = 0.05, MAX_FIT_RATIO = 2, FIT_TOLERANCE = 1e-4, MAX_ITERATIONS = 100;
 const MIN_TIME_SHARE = 0.002, START_FACTORS = [1, 0.5, 2], MAX_REASSIGNMENTS = 40;
 
 const dot = (p, q) => p.reduce((total, value, k) => total + value * q[k], 0);
-const between = (value, low, high) => Math.min(Math.max(value, low), high);
+const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
 
-/* Solve gram x = right for the columns `kept` by Cholesky factors; columns that depend on earlier columns get 0. */
-function solved(gram, right, kept) {
+/* Solve gram x = right for the columns `kept` by Cholesky factorisation; other and linearly dependent columns get 0. */
+function solveColumns(gram, right, kept) {
   const factor = [], found = new Array(right.length).fill(0), y = [];
   for (const [i, row] of kept.entries()) {
     const line = (factor[i] = []);
@@ -31,8 +31,8 @@ function solved(gram, right, kept) {
   return found;
 }
 
-/* `solved` with non-negative coefficients: C. Lawson and R. Hanson, "Solving Least Squares Problems", 1974, chapter 23. */
-function solvedAbove(gram, right) {
+/* `solveColumns` with non-negative coefficients: C. Lawson and R. Hanson, "Solving Least Squares Problems", 1974, chapter 23. */
+function solveNonNegative(gram, right) {
   const size = right.length, kept = [], barred = new Set();
   const tolerance = 1e-13 * Math.max(...right.map(Math.abs));
   let found = new Array(size).fill(0);
@@ -41,8 +41,8 @@ function solvedAbove(gram, right) {
     const best = slopes.indexOf(Math.max(...slopes));
     if (!(slopes[best] > tolerance)) return found;
     kept.push(best);
-    let next = solved(gram, right, kept);
-    // A column that only rounding errors admitted is barred: it would be added and removed for ever.
+    let next = solveColumns(gram, right, kept);
+    // A column added only because of rounding errors is barred, as it would be added and removed for ever.
     if (next[best] <= 0) {
       barred.add(kept.pop());
       continue;
@@ -55,14 +55,14 @@ function solvedAbove(gram, right) {
         kept.splice(kept.indexOf(j), 1);
         found[j] = 0;
       }
-      next = solved(gram, right, kept);
+      next = solveColumns(gram, right, kept);
     }
     found = next;
   }
 }
 
-/* Sums of products of the columns of flat rows, each weighted; the last column is the right-hand side. */
-function gramOf(rows, width, trust) {
+/* Gram matrix of the columns of flat rows, which are weighted by `trust`; the last column is the right-hand side. */
+function computeGram(rows, width, trust) {
   const gram = range(width).map(() => new Array(width).fill(0));
   for (let start = 0, k = 0; start < rows.length; start += width, k++) {
     const weight = trust[k] * trust[k];
@@ -75,14 +75,15 @@ function gramOf(rows, width, trust) {
   return gram;
 }
 
-/* Coefficients of the columns of `design`; labels: a number for each draw, equal in a group. See fitting.solve. */
-function coefficientsOf(design, seconds, labels, signed = false) {
+/* Costs that fit the seconds of draws, by iteratively reweighted least squares of relative errors, non-negative unless `signed`;
+   labels: each draw's group number. See harness/profile/fitting.py, solve. */
+function fitCoefficients(design, seconds, labels, signed = false) {
   const size = design[0].length, width = size + 1, groups = Math.max(...labels) + 1;
   const members = new Array(groups).fill(0);
   for (const label of labels) members[label]++;
   const rows = new Float64Array((design.length + groups) * width), trust = new Float64Array(design.length + groups).fill(1);
   let fitted = seconds, found = null;
-  for (let turn = 0; turn < MOST_TURNS; turn++) {
+  for (let turn = 0; turn < MAX_ITERATIONS; turn++) {
     rows.fill(0);
     design.forEach((row, k) => {
       const group = (design.length + labels[k]) * width, members_ = members[labels[k]];
@@ -96,7 +97,7 @@ function coefficientsOf(design, seconds, labels, signed = false) {
       for (let j = 0; j < width; j++) rows[k * width + j] -= rows[(design.length + labels[k]) * width + j];
     });
     members.forEach((number, label) => {
-      for (let j = 0; j < width; j++) rows[(design.length + label) * width + j] *= BETWEEN * Math.sqrt(number);
+      for (let j = 0; j < width; j++) rows[(design.length + label) * width + j] *= BETWEEN_WEIGHT * Math.sqrt(number);
     });
     if (found?.some((value) => value !== 0)) {
       for (let k = 0; k < trust.length; k++) {
@@ -105,15 +106,15 @@ function coefficientsOf(design, seconds, labels, signed = false) {
         trust[k] = (1 + (error / LARGE_ERROR) ** 2) ** -0.25;
       }
     }
-    const whole = gramOf(rows, width, trust);
+    const whole = computeGram(rows, width, trust);
     const scale = range(size).map((j) => Math.sqrt(whole[j][j]) || 1);
     const gram = scale.map((own, i) => scale.map((other, j) => whole[i][j] / own / other));
     const right = scale.map((own, j) => whole[j][size] / own);
-    const least = signed ? solved(gram, right, range(size)) : solvedAbove(gram, right);
+    const least = signed ? solveColumns(gram, right, range(size)) : solveNonNegative(gram, right);
     found = least.map((value, j) => value / scale[j]);
     const before = fitted;
-    fitted = design.map((row, k) => between(dot(row, found), seconds[k] / FAR_OFF, seconds[k] * FAR_OFF));
-    if (fitted.every((value, k) => Math.abs(value / before[k] - 1) <= CLOSE)) break;
+    fitted = design.map((row, k) => clamp(dot(row, found), seconds[k] / MAX_FIT_RATIO, seconds[k] * MAX_FIT_RATIO));
+    if (fitted.every((value, k) => Math.abs(value / before[k] - 1) <= FIT_TOLERANCE)) break;
   }
   return found;
 }
@@ -123,29 +124,30 @@ const predictTime = (row, costs, members) => Math.max(...stageTimes(row, costs, 
 const indexOfMaximum = (values) => values.indexOf(Math.max(...values));
 const keepBinding = (design, members, binding) => design.map((row, k) => row.map((value, j) => value * members[binding[k]][j]));
 
-/* Sum of the soft L1 losses of relative errors, with the weights of the fit. */
+/* Sum of the soft L1 losses of relative errors, stacked as in the fit. */
 function computeLoss(seconds, predicted, labels) {
-  const errors = stacked(seconds.map((value, k) => [value / predicted[k] - 1]), labels);
+  const errors = stackDeviations(seconds.map((value, k) => [value / predicted[k] - 1]), labels);
   return sum(errors.map(([error]) => Math.sqrt(1 + (error / LARGE_ERROR) ** 2) - 1));
 }
 
-/* Initial binding stages of the draws for a fit, several sets; see law.make_starts. */
+/* Several initial assignments of draws to binding (slowest) stages; see harness/profile/law.py, make_starts. */
 function makeStarts(design, seconds, members) {
   const shares = design.map((row, k) => row.map((value) => value / seconds[k]));
-  const bounds = transposed(shares).map((column) => Math.max(...column) || 1);
+  const bounds = transpose(shares).map((column) => Math.max(...column) || 1);
   const nearness = shares.map((row) => members.map((member) => row.reduce((total, share, j) => total + (j ? (share / bounds[j]) * member[j] : 0), 0)));
   return members.flatMap((_, stage) => START_FACTORS.map((factor) =>
     nearness.map((row) => indexOfMaximum(row.map((value, s) => value * (s === stage ? factor : 1))))));
 }
 
-/* {costs, binding} of a form: costs and binding stages are computed alternately. */
+/* Fit a form: { costs, binding, loss }. Costs and each draw's binding stage are computed alternately until an assignment repeats; the
+   assignment with the smallest loss is returned. */
 function fitForm(design, seconds, labels, members, starts = makeStarts(design, seconds, members)) {
   const tried = new Set();
   let best = null;
   for (let binding of starts) {
     for (let turn = 0; turn < MAX_REASSIGNMENTS && !tried.has(binding.join()); turn++) {
       tried.add(binding.join());
-      const costs = coefficientsOf(keepBinding(design, members, binding), seconds, labels);
+      const costs = fitCoefficients(keepBinding(design, members, binding), seconds, labels);
       const loss = computeLoss(seconds, design.map((row) => predictTime(row, costs, members)), labels);
       binding = design.map((row) => indexOfMaximum(stageTimes(row, costs, members)));
       if (!best || loss < best.loss) best = { loss, costs, binding };
@@ -154,23 +156,23 @@ function fitForm(design, seconds, labels, members, starts = makeStarts(design, s
   return best;
 }
 
-/* Seconds of each draw, predicted by a fit to the draws of the other folds; draws of fold -1 are always fitted. */
-function heldOut(design, seconds, labels, folds, members, binding) {
+/* Seconds of each draw, predicted by a fit to the other folds (cross-validation); draws of fold -1 are in every fit. */
+function predictHeldOut(design, seconds, labels, folds, members, binding) {
   const predicted = new Array(seconds.length);
   for (const fold of new Set(folds)) {
     const fitted = range(seconds.length).filter((k) => fold < 0 || folds[k] !== fold);
     const pick = (values) => fitted.map((k) => values[k]);
-    const { costs } = fitForm(pick(design), pick(seconds), numbered(pick(labels)), members, [pick(binding)]);
+    const { costs } = fitForm(pick(design), pick(seconds), rankDistinct(pick(labels)), members, [pick(binding)]);
     folds.forEach((own, k) => { if (own === fold) predicted[k] = predictTime(design[k], costs, members); });
   }
   return predicted;
 }
 
-/* Mean absolute error of log time of each fold; draws of fold -1, which are always fitted, are excluded. */
-const foldErrors = (seconds, predicted, folds) => range(Math.max(...folds) + 1).map((fold) =>
+/* Mean absolute error of log time in each fold, except fold -1, whose draws are in every fit. */
+const computeFoldErrors = (seconds, predicted, folds) => range(Math.max(...folds) + 1).map((fold) =>
   mean(range(folds.length).filter((k) => folds[k] === fold).map((k) => Math.abs(Math.log(predicted[k] / seconds[k])))));
 
-/* The form to use: one with more stages if its errors are smaller by more than one standard error, or by `least`. */
+/* The form to use: a form with more stages only if its errors are smaller by more than `least` standard errors (default 1). */
 function chooseForm(errors, least) {
   const [first, ...others] = Object.keys(errors);
   return others.reduce((chosen, name) => {
@@ -181,85 +183,85 @@ function chooseForm(errors, least) {
 }
 
 /* The rank, from 0, of each value among the distinct sorted values. */
-function numbered(values) {
+function rankDistinct(values) {
   const places = new Map([...new Set(values)].sort((p, q) => (p < q ? -1 : 1)).map((value, k) => [value, k]));
   return values.map((value) => places.get(value));
 }
 
-function centred(values, labels) {
+function subtractGroupMeans(values, labels) {
   const means = range(Math.max(...labels) + 1).map((label) => mean(values.filter((_, k) => labels[k] === label)));
   return values.map((value, k) => value - means[labels[k]]);
 }
 
 /* [over all, within groups]: the share of the variance of log time that a prediction explains. */
-function explained(seconds, predicted, labels) {
+function explainedVariance(seconds, predicted, labels) {
   const logs = [seconds, predicted].map((values) => values.map(Math.log));
   const squares = (values) => dot(values, values);
   const share = ([p, q]) => 1 - squares(p.map((value, k) => value - q[k])) / squares(p);
   const middle = mean(logs[0]);
-  return [share(logs.map((values) => values.map((value) => value - middle))), share(logs.map((values) => centred(values, labels)))];
+  return [share(logs.map((values) => values.map((value) => value - middle))), share(logs.map((values) => subtractGroupMeans(values, labels)))];
 }
 
 const product = (left, right) => left.map((row) => right[0].map((_, j) => row.reduce((total, value, k) => total + value * right[k][j], 0)));
-const transposed = (rows) => rows[0].map((_, j) => rows.map((row) => row[j]));
+const transpose = (rows) => rows[0].map((_, j) => rows.map((row) => row[j]));
 
-/* Rows less their group's mean, then a weighted row of each group's mean; see fitting.stacked. */
-function stacked(rows, labels) {
+/* Rows minus the mean of the row's group, then a weighted row of each group's mean; see fitting.py, stack_deviations. */
+function stackDeviations(rows, labels) {
   const groups = range(Math.max(...labels) + 1).map((label) => rows.filter((_, k) => labels[k] === label));
   const means = groups.map((own) => own[0].map((_, j) => mean(own.map((row) => row[j]))));
   return [...rows.map((row, k) => row.map((value, j) => value - means[labels[k]][j])),
-    ...means.map((row, label) => row.map((value) => BETWEEN * Math.sqrt(groups[label].length) * value))];
+    ...means.map((row, label) => row.map((value) => BETWEEN_WEIGHT * Math.sqrt(groups[label].length) * value))];
 }
 
-/* Signed coefficients, the covariance with errors that a group's draws share, and which coefficients the draws determine;
-   see law._covariance. */
-function covarianceOf(design, seconds, labels) {
-  const size = design[0].length, free = coefficientsOf(design, seconds, labels, true);
-  const fitted = design.map((row, k) => between(dot(row, free), seconds[k] / FAR_OFF, seconds[k] * FAR_OFF));
+/* Signed costs (`free`), which of them the draws determine (`known`), and their covariance under errors of single draws and
+   errors that a group's draws share; see harness/profile/law.py, _estimate_covariance. */
+function estimateCovariance(design, seconds, labels) {
+  const size = design[0].length, free = fitCoefficients(design, seconds, labels, true);
+  const fitted = design.map((row, k) => clamp(dot(row, free), seconds[k] / MAX_FIT_RATIO, seconds[k] * MAX_FIT_RATIO));
   const shares = design.map((row, k) => row.map((value) => value / fitted[k]));
-  const rows = stacked(shares.map((row, k) => [...row, seconds[k] / fitted[k]]), labels);
+  const rows = stackDeviations(shares.map((row, k) => [...row, seconds[k] / fitted[k]]), labels);
   const trust = rows.map((row) => (1 + ((dot(row.slice(0, size), free) - row[size]) / LARGE_ERROR) ** 2) ** -0.25);
   const scale = range(size).map((j) => Math.sqrt(sum(rows.map((row, k) => (row[j] * trust[k]) ** 2))) || 1);
   const even = rows.map((row, k) => range(size).map((j) => (trust[k] * row[j]) / scale[j]));
-  const gram = product(transposed(even), even), unit = stacked(design.map((_, k) => design.map((__, j) => Number(j === k))), labels);
-  const right = product(transposed(even), unit.map((row, k) => row.map((value) => trust[k] * value)));
-  const moved = transposed(transposed(right).map((column) => solved(gram, column, range(size)).map((value, j) => value / scale[j])));
+  const gram = product(transpose(even), even), unit = stackDeviations(design.map((_, k) => design.map((__, j) => Number(j === k))), labels);
+  const right = product(transpose(even), unit.map((row, k) => row.map((value) => trust[k] * value)));
+  const moved = transpose(transpose(right).map((column) => solveColumns(gram, column, range(size)).map((value, j) => value / scale[j])));
   const errors = seconds.map((value, k) => value / fitted[k] - dot(shares[k], free));
   const followed = product(shares, moved), left = followed.map((row, i) => row.map((value, j) => Number(i === j) - value));
   // The effect of an error that a group's draws share is the sum of the group's columns.
   const grouped = (matrix) => matrix.map((row) => range(Math.max(...labels) + 1).map((label) => sum(row.filter((_, k) => labels[k] === label))));
   // Sums of squares within groups, and of the group means.
   const squares = (column) => {
-    const apart = centred(column, labels), within = dot(apart, apart);
+    const apart = subtractGroupMeans(column, labels), within = dot(apart, apart);
     return [within, dot(column, column) - within];
   };
-  const expected = [left, grouped(left)].map((matrix) => transposed(matrix).map(squares).reduce(([p, q], [r, s]) => [p + r, q + s], [0, 0]));
+  const expected = [left, grouped(left)].map((matrix) => transpose(matrix).map(squares).reduce(([p, q], [r, s]) => [p + r, q + s], [0, 0]));
   const estimate = squares(errors), [[a, c], [b, d]] = expected, whole = a * d - b * c;
   let own = (estimate[0] * d - estimate[1] * b) / whole, shared = (estimate[1] * a - estimate[0] * c) / whole;
   if (Math.min(own, shared) < 0) [own, shared] = [(estimate[0] + estimate[1]) / (a + c), 0];
-  const square = (matrix) => product(matrix, transposed(matrix)), [one, other] = [moved, grouped(moved)].map(square);
+  const square = (matrix) => product(matrix, transpose(matrix)), [one, other] = [moved, grouped(moved)].map(square);
   // A coefficient is determined unless the other columns reproduce its column.
-  const known = gram.map((column, j) => gram[j][j] - dot(column, solved(gram, column, range(size).filter((k) => k !== j))) > 1e-9);
+  const known = gram.map((column, j) => gram[j][j] - dot(column, solveColumns(gram, column, range(size).filter((k) => k !== j))) > 1e-9);
   return { free, known, covariance: one.map((row, i) => row.map((value, j) => own * value + shared * other[i][j])) };
 }
 
-/* The law of (draws, terms) rows and seconds of each epoch; forms: the members of each form, the simplest first. */
-function lawOf(design, epochs, { labels, folds, reach, standard_errors: least }, forms) {
+/* The law fitted to counters (draws, terms) and seconds (epochs, draws); forms: the members of each form, simplest first. */
+function fitLaw(design, epochs, { labels, folds, reach, standard_errors: least }, forms) {
   const logs = epochs.map((row) => row.map(Math.log));
   const seconds = design.map((_, k) => Math.exp(mean(logs.map((row) => row[k]))));
   const fits = mapValues(forms, (members) => fitForm(design, seconds, labels, members));
-  const predicted = mapValues(forms, (members, name) => heldOut(design, seconds, labels, folds, members, fits[name].binding));
-  const errors = mapValues(predicted, (times) => foldErrors(seconds, times, folds));
+  const predicted = mapValues(forms, (members, name) => predictHeldOut(design, seconds, labels, folds, members, fits[name].binding));
+  const errors = mapValues(predicted, (times) => computeFoldErrors(seconds, times, folds));
   const form = chooseForm(errors, least), members = forms[form], { costs, binding } = fits[form];
-  const masked = keepBinding(design, members, binding), { free, known, covariance } = covarianceOf(masked, seconds, labels);
-  const largest = (rows) => transposed(rows.map((row, k) => row.map((value) => value / seconds[k]))).map((column) => Math.max(...column));
+  const masked = keepBinding(design, members, binding), { free, known, covariance } = estimateCovariance(masked, seconds, labels);
+  const largest = (rows) => transpose(rows.map((row, k) => row.map((value) => value / seconds[k]))).map((column) => Math.max(...column));
   const bounds = largest(design).map((share) => 1 / Math.max(share, 1e-12)), shares = largest(masked);
   const isKnown = known.map((value, j) => value || !members.some((member) => member[j]));
   const ends = (quantile) => costs.map((cost, j) => {
     const width = quantile * Math.sqrt(covariance[j][j]);
     return isKnown[j] ? [Math.max(0, Math.min(cost, free[j] - width)), Math.max(cost, free[j] + width)] : [0, bounds[j]];
   });
-  const [low, high] = transposed(ends(reach[0])), [r2_over, r2_within] = explained(seconds, predicted[form], labels);
+  const [low, high] = transpose(ends(reach[0])), [r2_over, r2_within] = explainedVariance(seconds, predicted[form], labels);
   return { form, seconds: costs, low, high, shown: ends(reach[1]).map(([end], j) => end * shares[j] > MIN_TIME_SHARE), known: isKnown,
     binding, errors: mapValues(errors, mean), r2_over, r2_within };
 }

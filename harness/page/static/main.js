@@ -1,18 +1,18 @@
 "use strict";
-/* Counts, then times, view by view; retains completed measurements, and offers the result as a file. */
+/* The measurement of a run's triangulations: each view is counted, then timed. */
 
 const PACE = { quick: 0.6, usual: 4, long: 10 };
 const RESULT = "raster-harness device result";
 const VERSION = 1;
 
-const pageOf = () => ({ harness: state.page.harness, scene: state.page.scene, created: state.page.created });
-const nothingYet = () => ({ views: [] });
-const hasAny = (result) => result.views.some((view) => Object.keys(view.cases).length);
+const describePage = () => ({ harness: state.page.harness, scene: state.page.scene, created: state.page.created });
+const makeEmptyResult = () => ({ views: [] });
+const hasMeasurements = (result) => result.views.some((view) => Object.keys(view.cases).length);
 const conclude = async () => {};
-const wordsOf = () => state.page.scene;
+const nameSubject = () => state.page.scene;
 
-function frameOf(view, step) {
-  const points = snapped(decode(view.points, Int32Array), step);
+function makeFrame(view, step) {
+  const points = snapPoints(decode(view.points, Int32Array), step);
   const owner = new Uint32Array(points.length / 2);
   let at = 0;
   view.sizes.forEach((size, polygon) => { owner.fill(polygon, at, at + size); at += size; });
@@ -31,7 +31,7 @@ async function measureAll(result, painter, budget) {
     `${what}; ${left(Math.max(0, total - (timing.clock() - begun)))}`);
   for (const [number, view] of fitting.entries()) {
     const { points, sizes, cases, ...about } = view;
-    const frame = frameOf(view, step);
+    const frame = makeFrame(view, step);
     const found = { ...about, cases: {}, times: null, epochs: [] };
     result.views.push(found);
     const rows = new Map();
@@ -41,7 +41,7 @@ async function measureAll(result, painter, budget) {
       const counters = await painter.count(frame, rows.get(name));
       const expected = step === 1 ? Object.fromEntries(COUNTERS.map((counter) => [counter, decode(each[counter], Uint32Array)]))
         : countExactly(frame, rows.get(name));
-      found.cases[name] = { record: each.record, counters, differing: differingOf(counters, expected) };
+      found.cases[name] = { record: each.record, counters, differing: countDifferences(counters, expected) };
       show();
       await pause();
       if (state.stop) return;
@@ -63,7 +63,7 @@ async function time(found, frame, rows, painter, budget, test, reportShare) {
   const again = rows.has(state.page.base) ? [[AGAIN, [frame, rows.get(state.page.base)]]] : [];
   const drawn = new Map([[EMPTY, [frame, new Uint32Array(0)]], [REFERENCE, [corner, new Uint32Array([0, 1, 2])]],
     ...[...rows].map(([name, each]) => [name, [frame, each]]), ...again]);
-  const prepare = preparing(painter, drawn);
+  const prepare = makePrepare(painter, drawn);
   const settings = { budget_s: budget, min_batch_s: 1e-3, warm_up_s: Math.min(0.3, budget / 4) };
   let shown = timing.clock();
   const report = (share) => {

@@ -1,6 +1,6 @@
 "use strict";
 /* A measurement from its start to the saved file, also after errors. The script of each page defines PACE, RESULT,
-   VERSION, pageOf, nothingYet, measureAll, hasAny, conclude, answerOf, show, drawCharts and wordsOf. */
+   VERSION, describePage, makeEmptyResult, measureAll, hasMeasurements, conclude, describeAnswer, show, drawCharts and nameSubject. */
 
 const state = { page: null, result: null, running: false, stop: false, dark: false };
 
@@ -22,8 +22,8 @@ async function measure() {
   const budget = PACE[$("pace").value];
   const { device, info } = await openDevice();
   device.addEventListener("uncapturederror", (event) => { state.problem ??= event.error.message; });
-  const result = { format: RESULT, version: VERSION, page: pageOf(), started: new Date().toISOString(), browser: navigator.userAgent,
-    device: info, timer: null, budget_s: budget, complete: false, problem: null, hidden: document.hidden, ...nothingYet() };
+  const result = { format: RESULT, version: VERSION, page: describePage(), started: new Date().toISOString(), browser: navigator.userAgent,
+    device: info, timer: null, budget_s: budget, complete: false, problem: null, hidden: document.hidden, ...makeEmptyResult() };
   state.result = result;
   const painter = new Painter(device, info, state.page.shaders);
   const lost = device.lost.then((why) => `The browser lost the GPU (${why.message || why.reason}).`);
@@ -42,13 +42,13 @@ async function measure() {
 }
 
 async function testTimers(result, painter) {
-  const [big, nothing] = [layers(painter, SELF_TEST_PX, 32), layers(painter, SELF_TEST_PX, 0)];
-  result.timer = await selfTest(big, nothing);
-  for (const drawing of [big, nothing]) drawing.close();
+  const [big, empty] = [layers(painter, SELF_TEST_PX, 32), layers(painter, SELF_TEST_PX, 0)];
+  result.timer = await selectTimer(big, empty);
+  for (const drawing of [big, empty]) drawing.close();
 }
 
-/* Returns `prepare` for `timeTogether`; drawn: Map of name -> [frame, rows]. */
-function preparing(painter, drawn) {
+/* Return the function `prepare` for timeTogether. drawn: Map of name -> [frame, rows]. */
+function makePrepare(painter, drawn) {
   let open = new Map();
   return async (order) => {
     for (const drawing of open.values()) drawing.close();
@@ -78,12 +78,12 @@ async function start() {
     result.problem = state.problem;
     result.hidden ||= state.hidden;
   }
-  const any = Boolean(result && hasAny(result));
+  const any = Boolean(result && hasMeasurements(result));
   if (any) await conclude(result);
   const end = state.problem ?? (result?.complete ? "" : "Stopped. Completed measurements are kept.");
-  $("notice").textContent = state.problem && any ? `${end} Completed measurements are kept; start again for the others.` : end;
+  $("notice").textContent = state.problem && any ? `${end} Completed measurements are kept; start again to measure everything.` : end;
   $("notice").hidden = !end;
-  $("answer").textContent = any ? answerOf(result) : "Nothing was measured.";
+  $("answer").textContent = any ? describeAnswer(result) : "Nothing was measured.";
   progress(result?.complete ? 1 : $("progress").value, result?.complete ? "done" : "not finished");
   $("stop").disabled = true;
   for (const id of ["start", "pace"]) $(id).disabled = false;
@@ -105,7 +105,7 @@ function showDevice(result) {
 
 function fileName() {
   const gpuInfo = state.result.device;
-  const words = `${wordsOf()} ${gpuInfo.description || `${gpuInfo.vendor} ${gpuInfo.architecture}`}`;
+  const words = `${nameSubject()} ${gpuInfo.description || `${gpuInfo.vendor} ${gpuInfo.architecture}`}`;
   return `${words.toLowerCase().replaceAll(/[^a-z0-9]+/g, "-").replaceAll(/^-|-$/g, "")}.json`;
 }
 

@@ -4,17 +4,17 @@
 const conditionOf = (view) => `${view.resolution} px${view.rotation ? `, turned ${view.rotation}°` : ""}`;
 const colourOf = (name) => state.page.looks[name][state.dark ? "dark" : "colour"];
 const AGAIN = "(the base again)";
-const FEWEST_EPOCHS = 4;
+const MIN_RATIO_EPOCHS = 4;
 
 /* Helper lanes of a case: 4 lanes per quad minus fragments. */
 const helpersOf = (counters) => 4 * sum(counters.quads) - sum(counters.fragments);
 
 /* Rows of a view's ranking: counters, and the time relative to the base if timed. */
-function rankedOf(view) {
+function rankTriangulators(view) {
   const base = view.times?.[state.page.base];
   const rows = Object.entries(view.cases).map(([name, each]) => {
     const own = view.times?.[name];
-    const enough = base && own && view.epochs.length >= FEWEST_EPOCHS;
+    const enough = base && own && view.epochs.length >= MIN_RATIO_EPOCHS;
     return { name, ...each, time: own, complete: each.record.polygons === Math.max(...Object.values(view.cases).map((c) => c.record.polygons)),
       ratio: enough && name !== state.page.base ? pairedRatio(own.samples_s, base.samples_s, view.epochs) : null };
   });
@@ -26,7 +26,7 @@ const verdictOf = (ratio) => (ratio.high < 1 ? "faster" : ratio.low > 1 ? "slowe
 
 function rankingOf(view) {
   const hasRatio = (row) => row.ratio && row.complete;
-  const rows = rankedOf(view).map((row) => ({ ...row, colour: colourOf(row.name), isBase: row.name === state.page.base,
+  const rows = rankTriangulators(view).map((row) => ({ ...row, colour: colourOf(row.name), isBase: row.name === state.page.base,
     verdict: hasRatio(row) ? verdictOf(row.ratio) : "" }));
   const columns = [
     ["triangulator", "name", (row) => `\u2060${row.name}`],
@@ -39,21 +39,21 @@ function rankingOf(view) {
     ["counters", null, (row) => (row.differing ? `differ in ${count(row.differing)} polygons` : "as expected")],
   ];
   const again = view.times?.[AGAIN], base = view.times?.[state.page.base];
-  const note = again && view.epochs.length >= FEWEST_EPOCHS ? pairedRatio(again.samples_s, base.samples_s, view.epochs) : null;
+  const note = again && view.epochs.length >= MIN_RATIO_EPOCHS ? pairedRatio(again.samples_s, base.samples_s, view.epochs) : null;
   return element("div", {}, rankingTable(`Ranking at ${conditionOf(view)}`, conditionOf(view), columns, rows),
     note ? element("p", { class: "quiet" }, `${state.page.base} drawn a second time, under another name: ${note.value.toFixed(3)} `
       + `(${note.low.toFixed(3)}–${note.high.toFixed(3)}). An interval that excludes 1 here shows the error of times on this device.`) : null);
 }
 
 /* Marks of one criterion: predicted and measured, relative to the base. */
-function marksOf(view, criterion) {
-  const rows = rankedOf(view).filter((row) => row.ratio && row.complete);
+function listMarks(view, criterion) {
+  const rows = rankTriangulators(view).filter((row) => row.ratio && row.complete);
   const base = view.cases[state.page.base]?.record.predicted[criterion];
   return rows.map((row) => ({ name: row.name, x: row.record.predicted[criterion] / base, y: row.ratio.value }));
 }
 
 function drawCharts() {
-  const view = state.result?.views.find((each) => each.times && marksOf(each, "overdraw").length > 1);
+  const view = state.result?.views.find((each) => each.times && listMarks(each, "overdraw").length > 1);
   $("chart-section").hidden = !view;
   if (!view) return;
   const host = $("chart");
@@ -66,7 +66,7 @@ function drawCharts() {
   const panels = names.map((name, k) => (stacked
     ? { left: 54, right: 14, top: `${3 + (k * 88) / names.length}%`, height: `${60 / names.length}%` }
     : { left: `${6 + (k * 94) / names.length}%`, width: `${78 / names.length}%`, top: 40, bottom: 84 }));
-  const all = names.map((name) => marksOf(view, name));
+  const all = names.map((name) => listMarks(view, name));
   const axis = (title, k, y) => ({ type: "value", scale: true, gridIndex: k, name: title, nameLocation: "middle", nameGap: y ? 40 : 26,
     nameTextStyle: { color: ink, fontSize: 12 }, axisLabel: { color: soft, hideOverlap: true, formatter: (value) => String(+value.toPrecision(3)) },
     axisLine: { show: true, lineStyle: { color: soft } }, splitLine: { lineStyle: { color: line } } });
@@ -90,13 +90,13 @@ function drawCharts() {
 }
 
 /* The sentence with the result. */
-function answerOf(result) {
+function describeAnswer(result) {
   const name = deviceName(result, "this device");
-  const view = result.views.find((each) => each.times && rankedOf(each).some((row) => row.ratio && row.complete));
+  const view = result.views.find((each) => each.times && rankTriangulators(each).some((row) => row.ratio && row.complete));
   const differing = sum(result.views.flatMap((each) => Object.values(each.cases)).map((each) => each.differing));
   const counted = differing ? `Counters differ from the expected ones in ${count(differing)} polygons.` : "All counters are the expected ones.";
   if (!view) return `On ${name}: ${counted}`;
-  const best = rankedOf(view).find((row) => row.complete);
+  const best = rankTriangulators(view).find((row) => row.complete);
   if (best.name === state.page.base) return `On ${name}, nothing is faster than ${best.name} at ${conditionOf(view)}. ${counted}`;
   const { value, low, high } = best.ratio;
   return `On ${name}, the same polygons at ${conditionOf(view)} take ${value.toFixed(2)} (${low.toFixed(2)} to ${high.toFixed(2)}) of the time `

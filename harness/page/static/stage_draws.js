@@ -6,11 +6,11 @@ const SMALL_SIDE = 128, ON_SAMPLE = 80, OFF_SAMPLE = 144, SAMPLE_JITTER = 32;
 
 const triplesOf = (rows, order) => order.flatMap((k) => rows.slice(3 * k, 3 * k + 3));
 
-/* Indices of a mesh's triangles, patch by patch. */
+/* Indices of a mesh's triangles, ordered by patches of PATCH x PATCH squares. */
 const patchOrder = () => range(MESH_ALONG / PATCH).flatMap((high) => range(MESH_ACROSS / PATCH).flatMap((wide) =>
   range(PATCH).flatMap((row) => range(2 * PATCH).map((k) => 2 * ((high * PATCH + row) * MESH_ACROSS + wide * PATCH) + k))));
 
-/* Indices of a mesh's triangles in distant runs, whose lengths repeat a pattern. */
+/* Indices of a mesh's triangles in runs whose lengths repeat a pattern; consecutive runs are far apart in the mesh. */
 function runOrder(pattern) {
   const starts = [0], size = 2 * MESH_ACROSS * MESH_ALONG;
   while (starts.at(-1) < size) starts.push(starts.at(-1) + pattern[(starts.length - 1) % pattern.length]);
@@ -25,11 +25,11 @@ function runOrder(pattern) {
 const gridCells = (size, columns, [wide, high], [left, low]) =>
   range(size).map((k) => [((k % columns) * wide + left) * UNIT, (over(k, columns) * high + low) * UNIT]);
 
-const jitterOf = (number) => [number % SAMPLE_JITTER, over(number, UNIT) % SAMPLE_JITTER];
+const computeJitter = (number) => [number % SAMPLE_JITTER, over(number, UNIT) % SAMPLE_JITTER];
 
 /* An isolated triangle in each cell; `quarters` of every four triangles cover one sample, the others none. */
 const smallTriangles = (cells, numbers, quarters) => inOrder(cells.flatMap((cell, k) => {
-  const offset = k % 4 < quarters ? ON_SAMPLE : OFF_SAMPLE, jitter = jitterOf(numbers[k]);
+  const offset = k % 4 < quarters ? ON_SAMPLE : OFF_SAMPLE, jitter = computeJitter(numbers[k]);
   const [x, y] = cell.map((start, axis) => start + offset + jitter[axis]);
   return [x, y, x + SMALL_SIDE, y, x, y + SMALL_SIDE];
 }));
@@ -39,7 +39,7 @@ function patches(cells, numbers, quarters) {
   const line = PATCH + 1, small = SMALL_SIDE / PATCH;
   const points = cells.flatMap((cell, k) => {
     const [[wide, high], offset] = k % 4 < quarters ? [[UNIT, 2 * UNIT], 0] : [[small, small], OFF_SAMPLE];
-    const jitter = jitterOf(numbers[k]), [x, y] = cell.map((start, axis) => start + offset + jitter[axis]);
+    const jitter = computeJitter(numbers[k]), [x, y] = cell.map((start, axis) => start + offset + jitter[axis]);
     return range(line * line).flatMap((vertex) => [x + (vertex % line) * wide, y + over(vertex, line) * high]);
   });
   const once = meshRows(PATCH, PATCH);
@@ -49,7 +49,7 @@ function patches(cells, numbers, quarters) {
 const largeTriangles = (side, cells, numbers) => inOrder(cells.flatMap(([left, low], k) =>
   triangleOf(side * UNIT, side * UNIT)(numbers[k]).flatMap(([x, y]) => [x + left, y + low])));
 
-/* Two populations of triangles in one index buffer: one after the other, or evenly interleaved in blocks. */
+/* Two draws in one index buffer: one after the other, or evenly interleaved in blocks of `block` and `otherBlock` triangles. */
 function joined([one, block], [other, otherBlock], interleaved) {
   const shift = one.points.length / 2, triangles = [one, other].map(({ rows }) => rows.length / 3);
   const points = [...one.points, ...other.points], rows = [...one.rows, ...other.rows.map((vertex) => vertex + shift)];
@@ -60,7 +60,7 @@ function joined([one, block], [other, otherBlock], interleaved) {
   return { points, rows: triplesOf(rows, range(keys.length).sort((p, q) => keys[p] - keys[q])) };
 }
 
-function stageDraws(seed) {
+function makeStageDraws(seed) {
   const draws = [];
   [128, 256, 512].forEach((side, k) => {
     const { points, rows } = jitteredMesh(MESH_ACROSS, MESH_ALONG, side, mixed(seed, 901 + k, (MESH_ACROSS + 1) * (MESH_ALONG + 1)));

@@ -3,12 +3,12 @@
    are prepared again. A drawing has `sample(repeats)`, a promise of {wall, gpu} seconds. */
 
 const EMPTY = "(empty)", REFERENCE = "(reference)";
-const AGREEMENT = 0.3, MIN_ROUNDS = 12, EPOCH_ROUNDS = 2, EPOCHS = 12, LONGEST_BATCH = 10;
-const MOST_REPEATS = 512;
+const AGREEMENT = 0.3, MIN_ROUNDS = 12, EPOCH_ROUNDS = 2, EPOCHS = 12, MAX_BATCH_FACTOR = 10;
+const MAX_REPEATS = 512;
 
 const timing = { clock: () => performance.now() / 1000 };
 
-const secondsOf = (sample, timer) => (timer === "gpu" ? sample.gpu : sample.wall);
+const selectSeconds = (sample, timer) => (timer === "gpu" ? sample.gpu : sample.wall);
 
 function shuffle(values, random) {
   for (let k = values.length - 1; k > 0; k--) {
@@ -29,8 +29,8 @@ function clockResolution() {
   return smallest;
 }
 
-/* The step of the GPU's timer in seconds: browsers round times to about 0.1 ms. */
-function stepOf(nanoseconds) {
+/* Resolution of the GPU's timer in seconds, the common divisor of its times: browsers round times to about 0.1 ms. */
+function findTimerStep(nanoseconds) {
   let step = 0;
   for (let value of nanoseconds) {
     value = Math.round(value);
@@ -39,14 +39,14 @@ function stepOf(nanoseconds) {
   return Math.max(step, 1) * 1e-9;
 }
 
-/* Select the timer by a large draw; the GPU's timer is used only if the wall clock agrees.
-   nothing : an empty drawing, whose wall time is the cost of a request */
-async function selfTest(big, nothing) {
+/* Select the timer with a large drawing; the GPU's timer is used only if the wall clock agrees to within AGREEMENT.
+   empty : a drawing without triangles, whose wall time is the cost of a request */
+async function selectTimer(big, empty) {
   const asking = [];
-  for (let k = 0; k < 5; k++) asking.push((await nothing.sample(1)).wall);
+  for (let k = 0; k < 5; k++) asking.push((await empty.sample(1)).wall);
   const cost = median(asking);
   let repeats = 1;
-  while ((await big.sample(repeats)).wall < Math.max(0.03, 10 * cost) && repeats < MOST_REPEATS) repeats *= 2;
+  while ((await big.sample(repeats)).wall < Math.max(0.03, 10 * cost) && repeats < MAX_REPEATS) repeats *= 2;
   const samples = [];
   for (let k = 0; k < 5; k++) samples.push(await big.sample(repeats));
   const wall = Math.max(median(samples.map((each) => each.wall)) - cost, 1e-9) / repeats;
@@ -58,25 +58,25 @@ async function selfTest(big, nothing) {
   if (!(Math.abs(test.gpu_s - wall) <= AGREEMENT * wall)) {
     return { ...test, reason: `the driver's GPU timer disagrees: ${figures}` };
   }
-  const step = stepOf(seen.map((each) => each.gpu * 1e9));
+  const step = findTimerStep(seen.map((each) => each.gpu * 1e9));
   return { ...test, timer: "gpu", resolution_s: step, reason: `the GPU timer saw ${figures}` };
 }
 
-/* Draws until times are stable; returns the draws per batch of `batch` seconds, and the seconds per draw. */
+/* Draw until times are stable; return the number of draws that take `batch` seconds, and the seconds per draw. */
 async function warmUp(drawing, batch, limit, timer) {
   const deadline = timing.clock() + limit;
   // The first draw is discarded: its additional time might exceed a batch.
   await drawing.sample(1);
   let repeats = 1;
-  let seconds = secondsOf(await drawing.sample(repeats), timer);
-  while (seconds < batch && repeats < MOST_REPEATS) {
+  let seconds = selectSeconds(await drawing.sample(repeats), timer);
+  while (seconds < batch && repeats < MAX_REPEATS) {
     const wanted = seconds > 0 ? (1.2 * batch) / seconds : 8;
-    repeats = Math.min(MOST_REPEATS, Math.max(repeats + 1, Math.floor(repeats * Math.min(wanted, 8))));
-    seconds = secondsOf(await drawing.sample(repeats), timer);
+    repeats = Math.min(MAX_REPEATS, Math.max(repeats + 1, Math.floor(repeats * Math.min(wanted, 8))));
+    seconds = selectSeconds(await drawing.sample(repeats), timer);
   }
   const three = async () => {
     const taken = [];
-    for (let k = 0; k < 3; k++) taken.push(secondsOf(await drawing.sample(repeats), timer));
+    for (let k = 0; k < 3; k++) taken.push(selectSeconds(await drawing.sample(repeats), timer));
     return median(taken);
   };
   let recent = await three();
@@ -91,7 +91,7 @@ async function warmUp(drawing, batch, limit, timer) {
 /* Time all drawings together.
 
    prepare(order) destroys the drawings and returns a Map of new ones, made in this order;
-   settings : {budget_s, min_batch_s, warm_up_s}, optionally {paired}: whether a batch has equally many draws of each;
+   settings : {budget_s, min_batch_s, warm_up_s}, optionally {paired}: whether the batches of all drawings have equally many draws;
    {limit_s}: time limit, whatever the number of rounds; {away}: called after each round, promises the seconds for which
    the page was hidden; such a round is discarded. reportShare(share) is called with the completed share, 0 to 1;
    stopped() returns true to end after the current round. Fills found.times, {name: {repeats, samples_s}}, and
@@ -118,7 +118,7 @@ async function timeTogether(names, prepare, settings, test, reportShare, stopped
   const compared = names.filter((name) => name !== EMPTY && name !== REFERENCE);
   const most = Math.max(...compared.map((name) => times[name].repeats));
   for (const name of paired ? compared : []) {
-    const fits = Math.floor((LONGEST_BATCH * batch) / Math.max(drawn[name], 1e-12));
+    const fits = Math.floor((MAX_BATCH_FACTOR * batch) / Math.max(drawn[name], 1e-12));
     times[name].repeats = Math.min(most, Math.max(times[name].repeats, fits));
   }
   const begun = now();
@@ -141,7 +141,7 @@ async function timeTogether(names, prepare, settings, test, reportShare, stopped
     const seconds = {};
     for (const name of order) {
       const { repeats } = times[name];
-      seconds[name] = secondsOf(await drawings.get(name).sample(repeats), test.timer) / repeats;
+      seconds[name] = selectSeconds(await drawings.get(name).sample(repeats), test.timer) / repeats;
     }
     const unseen = await away();
     gone += unseen;

@@ -1,4 +1,4 @@
-/* All cases: searchable, sortable, fifty at a time. */
+/* The table of all cases: searchable, sortable, PAGE rows at a time. */
 
 const PAGE = 50;
 const list = { from: 0, sort: null, descending: false };
@@ -6,7 +6,7 @@ const list = { from: 0, sort: null, descending: false };
 /* [heading, name of the metric]; columns without values are removed when the page starts. */
 let fields = [];
 
-function allFields() {
+function listFields() {
   const { figures } = state.report;
   const shown = Object.keys(figures).filter((name) => figures[name].kind !== "prediction" && figures[name].better !== "none");
   const withUnit = (name) => (figures[name].kind === "time" && figures[name].unit !== "x" ? `${words(name)} [${figures[name].unit}]` : words(name));
@@ -21,7 +21,7 @@ function fieldOf(each, name) {
   return each.row[name];
 }
 
-function foundCases() {
+function filterCases() {
   const wanted = $("find").value.trim().toLowerCase().split(/\s+/).filter(Boolean);
   const status = $("state").value;
   const found = state.report.cases.filter((each) => {
@@ -42,7 +42,7 @@ function foundCases() {
 }
 
 function drawCases() {
-  const found = foundCases();
+  const found = filterCases();
   list.from = Math.max(0, Math.min(list.from, Math.floor((found.length - 1) / PAGE) * PAGE));
   const rows = found.slice(list.from, list.from + PAGE);
   const head = element("tr", {}, ...fields.map(([title, name], column) => {
@@ -70,13 +70,13 @@ function drawCases() {
 }
 
 function setUpCases() {
-  fields = allFields().filter(([, name]) => state.report.cases.some((each) => ![null, undefined, ""].includes(fieldOf(each, name))));
+  fields = listFields().filter(([, name]) => state.report.cases.some((each) => ![null, undefined, ""].includes(fieldOf(each, name))));
   const again = () => { list.from = 0; drawCases(); };
   $("find").addEventListener("input", again);
   $("state").addEventListener("change", again);
   $("before").addEventListener("click", () => { list.from -= PAGE; drawCases(); });
   $("after").addEventListener("click", () => { list.from += PAGE; drawCases(); });
   $("show-failed")?.addEventListener("click", () => { $("state").value = "failed"; again(); });
-  tables.cases = () => csvOfObjects(foundCases().map((each) => each.row));
+  tables.cases = () => csvOfObjects(filterCases().map((each) => each.row));
   drawCases();
 }

@@ -2,12 +2,12 @@
 
 const chart = { plot: null, marks: [], at: -1 };
 
-const unitOf = (name) => state.report.figures[name]?.unit ?? "";
+const metricUnit = (name) => state.report.figures[name]?.unit ?? "";
 
 const chosen = (id) => $(id).value;
 const isRatio = () => chosen("scale") === "ratio";
 
-/* Marks: {x: [left, right], y, case, polygon}; x and y are null without a value. */
+/* One mark per polygon and triangulator: {x: [left, right panel], y, case, polygon, index}. */
 function marksOfPolygons() {
   const { cases, views } = state.report;
   const view = views[group().view];
@@ -69,7 +69,7 @@ function drawChart() {
   chart.at = -1;
   const host = $("chart");
   host.hidden = !marks.length;
-  $("chart-note").textContent = marks.length ? noteOn(marks) : "No polygon or case matches these conditions: "
+  $("chart-note").textContent = marks.length ? describeMarks(marks) : "No polygon or case matches these conditions: "
     + "the rasteriser has no counters, or the run has only one triangulator.";
   if (!marks.length) return;
   const stacked = host.clientWidth < 640;
@@ -80,7 +80,7 @@ function drawChart() {
   host.setAttribute("aria-label", `Predicted against measured ${words(chosen("measure"))}: ${marks.length} marks`);
 }
 
-function noteOn(marks) {
+function describeMarks(marks) {
   const view = state.report.views[group().view];
   const base = isRatio() ? `, relative to ${group().base} on the same ${chosen("level") === "cases" ? "scene" : "polygon"}` : "";
   const unit = [chosen("criterion-a"), chosen("criterion-b")].some(isInUnit);
@@ -112,7 +112,7 @@ function chartOption(marks, stacked) {
     min: every ? Math.min(1, sampleEnds(every)[0]) * 0.94 : (v) => v.min * 0.94,
     max: every ? Math.max(1, sampleEnds(every)[1]) * 1.06 : (v) => v.max * 1.06,
   });
-  const measured = axisTitle(words(chosen("measure")), unitOf(chosen("measure")));
+  const measured = axisTitle(words(chosen("measure")), metricUnit(chosen("measure")));
   const series = [];
   for (const i of [0, 1]) {
     for (const name of namesOfAll()) {
@@ -131,7 +131,7 @@ function chartOption(marks, stacked) {
     title: criteria.map((criterion, i) => ({ text: correlationText(criterion), textStyle: { fontSize: stacked ? 12 : 13, fontWeight: 600, color: ink, width: room, overflow: "break", lineHeight: 17 },
       left: stacked ? 4 : i ? "55%" : 62, top: stacked && i ? "51%" : 4 })),
     grid: [panel(0), panel(1)],
-    xAxis: criteria.map((criterion, i) => axis(axisTitle(`predicted by ${words(criterion)}`, unitOf(criterion)), i, false)),
+    xAxis: criteria.map((criterion, i) => axis(axisTitle(`predicted by ${words(criterion)}`, metricUnit(criterion)), i, false)),
     yAxis: [0, 1].map((i) => axis(i && !stacked ? "" : measured, i, true)),
     tooltip: { trigger: "item", confine: true, backgroundColor: styled("--panel"), borderColor: line, textStyle: { color: ink, fontSize: 13 },
       formatter: (point) => (point.data && point.data.length === 4 ? tooltip(chart.marks[point.data[2]]) : "") },
@@ -158,7 +158,7 @@ function diagonal(marks, i, colour) {
     tooltip: { show: false }, lineStyle: { type: "dashed", width: 1.5, color: colour } };
 }
 
-/* Minimum and maximum, without spreading ten thousand arguments. */
+/* Minimum and maximum; Math.min(...values) would exceed the limit of arguments of a call. */
 function sampleEnds(values) {
   return values.reduce(([low, high], v) => [Math.min(low, v), Math.max(high, v)], [Infinity, -Infinity]);
 }
@@ -168,7 +168,7 @@ function spread(values) {
   return high / low;
 }
 
-function linesOn(mark) {
+function describeMark(mark) {
   const { row } = mark.case;
   const at = state.report.groups[mark.case.group];
   const [a, b] = [chosen("criterion-a"), chosen("criterion-b")];
@@ -184,7 +184,7 @@ function linesOn(mark) {
 }
 
 function tooltip(mark) {
-  const [name, ...lines] = linesOn(mark);
+  const [name, ...lines] = describeMark(mark);
   return element("div", {}, element("strong", {}, name), ...lines.map((line) => element("div", {}, line)));
 }
 
@@ -192,7 +192,7 @@ function openMark(mark) {
   if (mark.case.group !== state.group) choose(mark.case.group);
   const other = mark.case.row.triangulator;
   const view = state.report.views[group().view];
-  openHeatmap(mark.polygon ?? (view ? mostDifferent(group().base, other)[0] : 0), group().base, other);
+  openHeatmap(mark.polygon ?? (view ? sortByDifference(group().base, other)[0] : 0), group().base, other);
 }
 
 function stepThroughMarks(event) {
@@ -204,7 +204,7 @@ function stepThroughMarks(event) {
   const count = chart.ordered.length;
   chart.at = (chart.at + steps[event.key] + count) % count;
   const mark = chart.ordered[chart.at];
-  $("mark").textContent = linesOn(mark).join("; ");
+  $("mark").textContent = describeMark(mark).join("; ");
   const position = chart.marks.indexOf(mark);
   const series = chart.plot.getOption().series;
   const seriesIndex = series.findIndex((s) => s.type === "scatter" && s.name === mark.case.row.triangulator);
@@ -252,18 +252,18 @@ function bestOther() {
   return others.reduce((best, name) => ((ranks[name] ?? -1) > (ranks[best] ?? -1) ? name : best), others[0]);
 }
 
-/* Predictions of the selected polygons or cases in the unit of a counter. */
-function estimatesHere() {
+/* Names of the predictions, in the unit of a counter, that the selected polygons or cases have. */
+function listEstimates() {
   const kept = Object.values(state.report.views[group().view]?.predicted ?? {})[0];
   return Object.keys(state.report.estimates).filter((name) => (kept ? name in kept : casesOf(state.group).some((each) => positive(each.row[`predicted_${name}`]))));
 }
 
-/* Called when another group is selected. */
+/* Update the choices and the chart when another group is selected. */
 function fillChart() {
   const view = state.report.views[group().view];
   $("level").options[0].disabled = !view || !group().measures.length;
   if ($("level").options[0].disabled) $("level").value = "cases";
-  const inUnit = estimatesHere();
+  const inUnit = listEstimates();
   const entries = [...inUnit, ...state.report.criteria].map((name) => [name, words(name)]);
   const defaults = [...inUnit.filter((name) => state.report.estimates[name] === group().main), PAPER, bestOther()];
   options($("criterion-a"), entries, chosen("criterion-a") || defaults[0]);

@@ -1,15 +1,15 @@
-/* All numbers of the page as CSV: each part adds a function to `tables` that makes its table. */
+/* Download of the page's numbers as CSV: each section of the page adds a function to `tables` that returns its CSV text. */
 
 const tables = {};
 
-function quoted(value) {
+function quoteCsv(value) {
   if (value === null || value === undefined) return "";
   const text = String(value);
   return /[",\r\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
 }
 
 function csv(columns, rows) {
-  return [columns, ...rows].map((row) => row.map(quoted).join(",")).join("\r\n") + "\r\n";
+  return [columns, ...rows].map((row) => row.map(quoteCsv).join(",")).join("\r\n") + "\r\n";
 }
 
 function csvOfObjects(objects) {
@@ -17,7 +17,7 @@ function csvOfObjects(objects) {
   return csv(columns, objects.map((each) => columns.map((name) => each[name])));
 }
 
-function offerTables() {
+function addCsvButtons() {
   for (const button of document.querySelectorAll("[data-csv]")) {
     button.addEventListener("click", () => {
       const blob = new Blob([tables[button.dataset.csv]()], { type: "text/csv" });

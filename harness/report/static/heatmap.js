@@ -1,19 +1,19 @@
-/* Heatmaps: a polygon with two triangulators, a slider between these, and a gallery. */
+/* Heatmaps of a polygon with two triangulators, divided by a slider, and a gallery of polygons. */
 
 const heat = { k: 0, maps: {} };
 const THUMBNAILS = 12;
 const RAMP = ["#ffeda0", "#fed976", "#feb24c", "#fd8d3c", "#fc4e2a", "#e31a1c", "#bd0026", "#800026", "#4a0014"];
-const RAMP_IN_THE_DARK = ["#33115c", "#5b1a73", "#872a7c", "#b53679", "#dd5167", "#f47d57", "#fdae5f", "#fbdb82", "#fcffd6"];
+const DARK_RAMP = ["#33115c", "#5b1a73", "#872a7c", "#b53679", "#dd5167", "#f47d57", "#fdae5f", "#fbdb82", "#fcffd6"];
 const MAPS = { lanes: "lanes shaded", helpers: "helper lanes", tests: "bounding-box tests" };
 
-function drawingNow() {
+function currentDrawing() {
   const view = state.report.views[group().view];
   return view ? unpackDrawing(view) : null;
 }
 
-/* The counts and the window of a polygon triangulated by `name`; null if the triangulator failed. */
-function mapOf(k, name) {
-  const { points, triangles } = polygonOf(drawingNow(), k, name);
+/* Counts per pixel of polygon k triangulated by `name`, in the window `at`; null if the triangulator failed. */
+function computeMap(k, name) {
+  const { points, triangles } = polygonOf(currentDrawing(), k, name);
   if (!triangles) return null;
   const at = windowOf(points);
   const { covered, helpers, tests } = shade(points, triangles, at);
@@ -23,8 +23,8 @@ function mapOf(k, name) {
   return { at, values, points, triangles, fragments: total(covered), helpers: total(helpers), tests: total(tests) };
 }
 
-function levelOf(value, most) {
-  const ramp = state.dark ? RAMP_IN_THE_DARK : RAMP;
+function rampColour(value, most) {
+  const ramp = state.dark ? DARK_RAMP : RAMP;
   const level = Math.min(value, ramp.length);
   return ramp[most <= 1 ? 4 : Math.round(((level - 1) * (ramp.length - 1)) / (Math.min(most, ramp.length) - 1))];
 }
@@ -38,7 +38,7 @@ function paint(canvas, map, most, scale, edges) {
     for (let x = 0; x < width; x++) {
       const value = map.values[y * width + x];
       if (!value) continue;
-      pen.fillStyle = levelOf(value, most);
+      pen.fillStyle = rampColour(value, most);
       const from = [Math.floor(x * scale), Math.floor((height - 1 - y) * scale)];
       pen.fillRect(...from, Math.ceil((x + 1) * scale) - from[0], Math.ceil((height - y) * scale) - from[1]);
     }
@@ -64,7 +64,7 @@ const largest = (values) => values.reduce((most, v) => Math.max(most, v), 1);
 
 function drawHeatmap() {
   const names = [$("left").value, $("right").value];
-  const maps = names.map((name) => mapOf(heat.k, name));
+  const maps = names.map((name) => computeMap(heat.k, name));
   const shown = maps.filter(Boolean);
   const most = Math.max(1, ...shown.map((map) => largest(map.values)));
   heat.maps = Object.fromEntries(names.map((name, i) => [name, maps[i]]));
@@ -78,9 +78,9 @@ function drawHeatmap() {
   });
   const descriptions = names.map((name, i) => (maps[i]
     ? `${name}: ${number(maps[i].fragments)} fragments, ${number(maps[i].helpers)} helper lanes, ${number(maps[i].tests)} bounding-box tests`
-    : `${name} does not do this polygon`));
+    : `${name} failed on this polygon`));
   const { width, height } = shown[0]?.at ?? { width: 0, height: 0 };
-  const cut = Math.max(width, height) === LARGEST ? ` Only its first ${LARGEST} px are shown and counted.` : "";
+  const cut = Math.max(width, height) === MAX_WINDOW_PX ? ` Only its first ${MAX_WINDOW_PX} px are shown and counted.` : "";
   $("heatmap-caption").replaceChildren(element("strong", {}, `Polygon ${polygonName(heat.k)}`), ` in ${width} × ${height} px, one sample per pixel.${cut}`,
     element("br"), `Left, ${descriptions[0]}.`, element("br"), `Right, ${descriptions[1]}.`);
   drawLegend(most);
@@ -90,7 +90,7 @@ function drawHeatmap() {
 function drawLegend(most) {
   const levels = Math.min(most, RAMP.length);
   const entries = Array.from({ length: levels }, (_, i) => element("span", {},
-    element("i", { style: `background:${levelOf(i + 1, most)}` }), `${i + 1}${i + 1 === levels && most > levels ? " or more" : ""}`));
+    element("i", { style: `background:${rampColour(i + 1, most)}` }), `${i + 1}${i + 1 === levels && most > levels ? " or more" : ""}`));
   $("legend").replaceChildren(`${MAPS[$("map").value]} per pixel:`, ...entries);
 }
 
@@ -101,15 +101,15 @@ function polygonName(k) {
   return own === source ? `${own}` : `${own} (of the scene: ${source})`;
 }
 
-function costsOf(name) {
+function polygonCosts(name) {
   const each = casesOf(state.group).find((c) => c.row.triangulator === name);
   return each?.counted?.[$("measure").value] ?? each?.counted?.[group().main];
 }
 
 /* Positions of polygons, in descending order of the cost difference between two triangulators. */
-function mostDifferent(a, b) {
+function sortByDifference(a, b) {
   const view = state.report.views[group().view];
-  const [p, q] = [costsOf(a), costsOf(b)];
+  const [p, q] = [polygonCosts(a), polygonCosts(b)];
   const order = view.sampled.map((_, k) => k);
   const gap = (k) => (p && q && view.predicted[a].triangles[k] && view.predicted[b].triangles[k] ? Math.abs(p[k] - q[k]) : -1);
   return order.sort((i, j) => gap(j) - gap(i));
@@ -117,9 +117,9 @@ function mostDifferent(a, b) {
 
 function drawGallery() {
   const [a, b] = [$("left").value, $("right").value];
-  const [p, q] = [costsOf(a), costsOf(b)];
-  const shown = mostDifferent(a, b).slice(0, THUMBNAILS);
-  const maps = shown.map((k) => mapOf(k, b) ?? mapOf(k, a));
+  const [p, q] = [polygonCosts(a), polygonCosts(b)];
+  const shown = sortByDifference(a, b).slice(0, THUMBNAILS);
+  const maps = shown.map((k) => computeMap(k, b) ?? computeMap(k, a));
   // All thumbnails have the same colour scale.
   const most = maps.reduce((value, map) => (map ? Math.max(value, largest(map.values)) : value), 1);
   $("gallery").replaceChildren(...shown.map((k, i) => {
@@ -139,9 +139,9 @@ function showPolygon(k) {
   drawHeatmap();
 }
 
-/* Opens the heatmap of polygon k for two triangulators, after a click on a mark. */
+/* Show the heatmap of polygon k for two triangulators, after a click on a mark. */
 function openHeatmap(k, a, b) {
-  const drawing = drawingNow();
+  const drawing = currentDrawing();
   if (drawing) {
     for (const [id, name] of [["left", a], ["right", b]]) if (drawing.triangles[name]) $(id).value = name;
     drawGallery();
@@ -152,7 +152,7 @@ function openHeatmap(k, a, b) {
 }
 
 function fillHeatmap() {
-  const drawing = drawingNow();
+  const drawing = currentDrawing();
   $("heatmap").hidden = !drawing;
   $("heatmap-section").querySelector(".empty")?.remove();
   if (!drawing) {
@@ -167,7 +167,7 @@ function fillHeatmap() {
   options($("polygon"), drawing.sizes.map((size, k) => [String(k), `${polygonName(k)}, ${size} vertices`]));
   $("map").value = group().main === "bbox_tests" ? "tests" : "lanes";
   drawGallery();
-  showPolygon(mostDifferent($("left").value, $("right").value)[0]);
+  showPolygon(sortByDifference($("left").value, $("right").value)[0]);
 }
 
 function setUpHeatmap() {

@@ -1,14 +1,14 @@
-/* Starts the page and updates its parts when the selection changes. */
+/* Start of the page, and updates when the selection changes. */
 
-const MOST_BOXES = 12;
+const MAX_OPEN_BOXES = 12;
 
-/* Select a group, and update all parts. */
+/* Select a group (scene, conditions, rasteriser, device), and update all sections of the page. */
 function choose(index) {
   state.group = index;
   const { groups } = state.report;
   const conditions = [...new Set(groups.map((each) => `${each.scene}, ${each.condition}`))];
   options($("condition"), conditions.map((text) => [text, text]), `${group().scene}, ${group().condition}`);
-  options($("target"), groupsAlike().map(([each, i]) => [String(i), `${each.rasteriser} on ${each.device}`]), String(index));
+  options($("target"), listSimilarGroups().map(([each, i]) => [String(i), `${each.rasteriser} on ${each.device}`]), String(index));
   $("answer").textContent = state.report.study || group().answer;
   $("judged").textContent = group().judged;
   fillChart();
@@ -25,7 +25,7 @@ function chooseCondition() {
 }
 
 /* A checkbox per family of triangulators; collapsed for the many families of a study. */
-function offerNames() {
+function addNameBoxes() {
   const families = [...new Set(namesOfAll().map(familyOf))];
   const boxes = families.map((family) => {
     const name = namesOfAll().find((each) => familyOf(each) === family);
@@ -38,7 +38,7 @@ function offerNames() {
     });
     return element("label", {}, box, element("span", { class: "key", "data-name": name, "aria-hidden": "true" }), family);
   });
-  if (boxes.length <= MOST_BOXES) $("names").append(...boxes);
+  if (boxes.length <= MAX_OPEN_BOXES) $("names").append(...boxes);
   else $("names").append(element("details", {}, element("summary", {}, `all ${boxes.length} shown; choose`), ...boxes));
 }
 
@@ -48,7 +48,7 @@ function redraw() {
   if (!state.report.groups.length) return;
   drawChart();
   drawRanking();
-  if (drawingNow()) { drawGallery(); drawHeatmap(); }
+  if (currentDrawing()) { drawGallery(); drawHeatmap(); }
 }
 
 function setTheme(theme) {
@@ -69,8 +69,8 @@ function setUpTheme() {
 async function start() {
   state.report = await unpack();
   state.dark = isDark();
-  offerTables();
-  offerNames();
+  addCsvButtons();
+  addNameBoxes();
   setUpTheme();
   setUpChart();
   setUpHeatmap();

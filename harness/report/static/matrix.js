@@ -1,6 +1,6 @@
-/* The matrix of criteria and measurements, shaded by how well each criterion predicts each measurement. */
+/* The table of criteria (rows) and measurements (columns), shaded by the absolute value of the statistic in a cell. */
 
-function shadeOf(matrix, value) {
+function cellStyle(matrix, value) {
   if (value === null) return null;
   const strength = Math.round(Math.min(1, Math.abs(value)) ** 2 * 55);
   return `background: color-mix(in srgb, var(${value < 0 ? "--bad" : "--accent"}) ${strength}%, var(--paper))`;
@@ -21,7 +21,7 @@ function drawMatrix() {
     if (value === null) return element("td", { title: "the same for every triangulation, or not measured" }, "–");
     const is = value === best[j];
     const interval = low !== null && high !== null ? element("small", {}, `${low.toFixed(3)} to ${high.toFixed(3)}`) : null;
-    return element("td", { style: shadeOf(matrix, value), class: is ? "best" : null }, value.toFixed(3), is ? element("span", { class: "unseen" }, " best") : null, interval);
+    return element("td", { style: cellStyle(matrix, value), class: is ? "best" : null }, value.toFixed(3), is ? element("span", { class: "unseen" }, " best") : null, interval);
   })));
   $("matrix").replaceChildren(element("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Matrix of criteria and measurements" },
     element("table", { class: "matrix" }, element("caption", {}, matrix.title), element("thead", {}, head), element("tbody", {}, ...body))));

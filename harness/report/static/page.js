@@ -1,5 +1,5 @@
 "use strict";
-/* Shared state, names and formats of the report. */
+/* State of the report, and the names, formats and colours that its scripts share. */
 
 const state = { report: null, group: 0, hidden: new Set(), dark: false };
 

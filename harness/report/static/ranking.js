@@ -2,7 +2,7 @@
 
 const WIDTH = 210;
 
-function groupsAlike() {
+function listSimilarGroups() {
   const { groups } = state.report;
   const { scene, condition } = group();
   return groups.map((each, index) => [each, index]).filter(([g]) => g.scene === scene && g.condition === condition);
@@ -15,7 +15,7 @@ function ranked(index) {
   return shown.map((each) => ({ ...each, most: good[0].row.polygons }));
 }
 
-/* Time relative to the base with its interval, or the main counter relative to the base. */
+/* Time relative to the base with the interval, or without times the main counter relative to the base. */
 function comparison(each, at, base) {
   const { row } = each;
   if (!each.complete) return null;
@@ -44,8 +44,8 @@ function intervalPicture(ratio, low, high, colour) {
   return picture;
 }
 
-/* [heading, meaning, row -> text]: the time, the main counter, what diagonals cost, and the time to triangulate.
-   All other figures are in the table of cases. */
+/* Columns [heading, meaning, row -> text]: draw time, main counter, regret (or overshading), time to triangulate. The table of
+   cases has all other metrics. */
 function rankingColumns(at, rows) {
   const { figures } = state.report;
   const interval = (row) => (row.draw_ms ? `${number(row.draw_ms)} (${number(row.draw_low_ms, 3)}–${number(row.draw_high_ms, 3)})` : "");
@@ -83,7 +83,7 @@ function rankingOf(at, index) {
 }
 
 function drawRanking() {
-  const made = groupsAlike().map(([at, index]) => rankingOf(at, index)).filter(Boolean);
-  $("ranking").replaceChildren(...(made.length ? made : [element("p", { class: "empty" }, "No triangulator of this choice was measured.")]));
-  tables.ranking = () => csvOfObjects(groupsAlike().flatMap(([, index]) => ranked(index).map((each) => ({ rank: each.complete ? each.rank : "", ...each.row }))));
+  const made = listSimilarGroups().map(([at, index]) => rankingOf(at, index)).filter(Boolean);
+  $("ranking").replaceChildren(...(made.length ? made : [element("p", { class: "empty" }, "No triangulator was measured for this selection.")]));
+  tables.ranking = () => csvOfObjects(listSimilarGroups().flatMap(([, index]) => ranked(index).map((each) => ({ rank: each.complete ? each.rank : "", ...each.row }))));
 }

@@ -1,24 +1,24 @@
 /* Costs of a polygon's triangles per pixel, exactly as the harness counts them. */
 
-const LARGEST = 1400;
+const MAX_WINDOW_PX = 1400;
 
-const startsOf = (counts) => { let sum = 0; return counts.map((count) => (sum += count) - count); };
+const runningStarts = (counts) => { let sum = 0; return counts.map((count) => (sum += count) - count); };
 
 /* The drawing of a view, unpacked on first use. */
 function unpackDrawing(view) {
   const { drawing } = view;
   if (!drawing || drawing.ready) return drawing;
   drawing.points = decode(drawing.points, Int32Array);
-  drawing.starts = startsOf(drawing.sizes);
+  drawing.starts = runningStarts(drawing.sizes);
   for (const each of Object.values(drawing.triangles)) {
     each.rows = decode(each.rows, Uint32Array);
-    each.starts = startsOf(each.counts);
+    each.starts = runningStarts(each.counts);
   }
   drawing.ready = true;
   return drawing;
 }
 
-/* {points, triangles}: flat arrays of x, y and of three indices; triangles is null if the triangulator failed. */
+/* Polygon k: { points, triangles }, flat arrays of x, y and of vertex indices; triangles is null if the triangulator failed. */
 function polygonOf(drawing, k, name) {
   const first = drawing.starts[k], size = drawing.sizes[k];
   const points = drawing.points.subarray(2 * first, 2 * (first + size));
@@ -27,7 +27,7 @@ function polygonOf(drawing, k, name) {
   return { points, triangles };
 }
 
-/* Pixels {left, bottom, width, height} around points, with a margin of 1; at most LARGEST per side. */
+/* Window of pixels {left, bottom, width, height} around points, with a margin; at most MAX_WINDOW_PX per side. */
 function windowOf(points) {
   let [left, bottom, right, top] = [Infinity, Infinity, -Infinity, -Infinity];
   for (let i = 0; i < points.length; i += 2) {
@@ -35,7 +35,7 @@ function windowOf(points) {
     bottom = Math.min(bottom, points[i + 1]); top = Math.max(top, points[i + 1]);
   }
   const low = [left, bottom].map((v) => 2 * Math.floor(v / UNIT / 2) - 2);
-  const size = [right, top].map((v, i) => Math.min(LARGEST, Math.ceil(v / UNIT) + 2 - low[i]));
+  const size = [right, top].map((v, i) => Math.min(MAX_WINDOW_PX, Math.ceil(v / UNIT) + 2 - low[i]));
   return { left: low[0], bottom: low[1], width: size[0], height: size[1] };
 }
 
@@ -49,7 +49,7 @@ function shade(points, triangles, { left, bottom, width, height }) {
   };
   for (let t = 0; t < triangles.length; t += 3) {
     const corners = [0, 1, 2].map((i) => [points[2 * triangles[t + i]], points[2 * triangles[t + i] + 1]]);
-    const [[x0, x1], [y0, y1]] = [0, 1].map((axis) => reachOf(corners, axis));
+    const [[x0, x1], [y0, y1]] = [0, 1].map((axis) => pixelRange(corners, axis));
     for (let y = y0; y <= y1; y++) add(tests, y, x0, x1);
     walkTriangle(...corners, (y, ...rows) => {
       const quads = new Set();

@@ -1,11 +1,11 @@
 "use strict";
 /* Which pixels a triangle covers, row by row in integers on the 1/256 px grid, as harness/rasterisers/spans.py has it:
-   top-left rule (y up), whole 2x2 quads. All products stay below 2^53, so they are exact. */
+   top-left rule (y up), complete 2x2 quads. All products stay below 2^53, so they are exact. */
 
 const UNIT = 256, HALF = 128;
 
 /* First and last pixel whose centre lies in the bounding box of corners, along x (0) or y (1). */
-function reachOf(corners, axis) {
+function pixelRange(corners, axis) {
   const values = corners.map((p) => p[axis]);
   return [Math.ceil((Math.min(...values) - HALF) / UNIT), Math.floor((Math.max(...values) - HALF) / UNIT)];
 }
@@ -21,8 +21,8 @@ function spanOf(edges, y, left, right) {
   return [left, right];
 }
 
-/* How many cells of two pixels two spans touch together. */
-function cellsOf(p, q) {
+/* Number of quads that two spans of neighbouring rows touch: cells of two pixels touched by one or both. */
+function countCells(p, q) {
   if (p[0] > q[0]) [p, q] = [q, p];
   let total = 0, reach = -1;
   for (const [first, last] of [p, q]) {
@@ -33,11 +33,11 @@ function cellsOf(p, q) {
   return total;
 }
 
-/* How many quads have both pixels of both spans. */
-const wholeQuads = (p, q) => Math.max(0, ((Math.min(p[1], q[1]) + 1) >> 1) - ((Math.max(p[0], q[0]) + 1) >> 1));
+/* Number of quads whose four pixels are covered by two spans of neighbouring rows. */
+const countFullQuads = (p, q) => Math.max(0, ((Math.min(p[1], q[1]) + 1) >> 1) - ((Math.max(p[0], q[0]) + 1) >> 1));
 
-/* Calls see(y, below, above) for each two rows y and y + 1, y even, of a triangle with corners [x, y] in 1/256 px: each
-   row's first and last covered pixel by the top-left rule, empty if first > last. */
+/* Call see(y, below, above) for each pair of rows y (even) and y + 1 of a triangle with corners [x, y] in 1/256 px; below and
+   above are [first, last] covered pixel of rows y and y + 1 by the top-left rule, empty if first > last. */
 function walkTriangle(a, b, c, see) {
   const doubled = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
   if (!doubled) return;
@@ -47,7 +47,7 @@ function walkTriangle(a, b, c, see) {
     const closed = dy < 0 || (dy === 0 && dx > 0);
     return [dx * (HALF - p[1]) - dy * (HALF - p[0]) - (closed ? 0 : 1), UNIT * dx, UNIT * dy];
   });
-  const [left, right] = reachOf(ring, 0), [first, last] = reachOf(ring, 1);
+  const [left, right] = pixelRange(ring, 0), [first, last] = pixelRange(ring, 1);
   if (left > right) return;
   const row = (y) => (y < first || y > last ? [0, -1] : spanOf(edges, y, left, right));
   for (let y = first - (first & 1); y <= last; y += 2) see(y, row(y), row(y + 1));
@@ -58,8 +58,8 @@ function countTriangle(a, b, c) {
   let fragments = 0, quads = 0, whole = 0;
   walkTriangle(a, b, c, (_, below, above) => {
     for (const [low, high] of [below, above]) fragments += Math.max(0, high - low + 1);
-    quads += cellsOf(below, above);
-    whole += wholeQuads(below, above);
+    quads += countCells(below, above);
+    whole += countFullQuads(below, above);
   });
   return [fragments, quads, quads - whole];
 }
