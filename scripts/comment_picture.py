@@ -28,7 +28,7 @@ details {{ margin: 12px 0; }}
 
 
 def main() -> None:
-    """Draw a file of Markdown."""
+    """Render the Markdown file of the first argument to the PNG file of the second."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("markdown", type=Path)
     parser.add_argument("picture", type=Path)

@@ -2,10 +2,10 @@
 
     PYTHONPATH=. python scripts/flips_lanes.py --scenes city,glyphs --pixels 64,512,1024
 
-Each polygon fills its own viewport except for two pixels along its larger side; its vertices are
-snapped to 1/256 px, and the exact reference counts. Print a line of CSV for each scene, size and
-triangulator: the geometric means of both ratios over the polygons where ear clipping has helper
-lanes.
+Each polygon is alone in a viewport, with the longer side two pixels shorter than the viewport and
+vertices snapped to 1/256 px, and is counted by the exact reference. Print a line of CSV for each
+scene, size and triangulator: the geometric means of both ratios over the polygons where ear
+clipping has helper lanes.
 """
 
 import argparse

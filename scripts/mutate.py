@@ -75,7 +75,7 @@ tokens in the piece) -> reason."""
 
 LIBRARIES = "highspy hypothesis jinja2 matplotlib.pyplot moderngl numba pandas pydantic pyogrio"
 LIBRARIES += " pyproj rich.console rich.progress scipy.sparse scipy.stats shapely trimesh typer"
-"""Imported once, before the first run of tests."""
+"""Modules that the parent process imports once, before it forks runs of tests."""
 
 Function = tuple[str, int]
 """A file and the first line of a function in it."""

@@ -1,4 +1,4 @@
-"""Measure what an installation takes: the base and each extra, each in a new environment, in MB.
+"""Measure the size of installations in MB: the base and each extra, each in a new environment.
 
     .venv/bin/python scripts/sizes.py [results/reference/install-sizes.csv]
 

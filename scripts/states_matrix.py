@@ -1,9 +1,9 @@
 """Measure the same scenes in seven states of the machine, and check reports of regressions.
 
 Each run is compared with a quiet run with the same options: there should be no false regression,
-and no recommendation by times that the quiet runs do not give. In each state two versions are also
-measured in the same rounds, where the second is worse on purpose: it draws 10 % of the triangles of
-a drawing twice, or shades 1 % more quads. This takes some hours on an otherwise idle machine. The
+and no recommendation by times that differs from the quiet runs. In each state two versions are also
+measured in the same rounds; the second is worse on purpose: it draws 10 % of the triangles of a
+drawing twice, or shades 1 % more quads. This takes some hours on an otherwise idle machine. The
 same command resumes an interrupted study.
 
     PYTHONPATH=. python scripts/states_matrix.py --scenes city,own.geojson --out states
@@ -154,7 +154,7 @@ def compare_planted(state: str, worsening: str, out: Path) -> int:
 def measure_versions(
     state: str, folder: Path, content: str, variables: Mapping[str, str], *options: str
 ) -> None:
-    """Measure a version of the plugin and its first version in the same rounds, as `measure` does.
+    """Measure two versions of the plugin, of which the first is the base, in the same rounds.
 
     content : source of the present version
     variables : environment variables of the run, which `tests/compare/heavy.py` reads

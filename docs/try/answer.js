@@ -1,7 +1,7 @@
 "use strict";
-/* The comparison of a polygon's triangulations, and the sentences that report it. Needs no page. */
+/* The comparison of a polygon's triangulations, and the sentences that report the result. Uses no elements of the page. */
 
-const MIN_DIFFERENCE = 0.01; // of ear clipping's lanes: a smaller difference does not matter
+const MIN_DIFFERENCE = 0.01; // share of ear clipping's lanes; a smaller difference is reported as none
 const METHODS = [
   // key, title, description
   ["ears", "Ear clipping", "earcut, the usual choice: the baseline"],
@@ -12,19 +12,19 @@ const METHODS = [
 ];
 const NAMES = { refined: "earcut’s refine", flipped: "flips", optimal: "the optimum for H", quads: "the optimum for Q" };
 
-const percent = (value) => `${(100 * value).toFixed(1)} %`;
+const formatPercent = (value) => `${(100 * value).toFixed(1)} %`;
 
 /* Compare the triangulations of a polygon at a size and a rotation.
 
    placed : the polygon in the viewport
-   fault : why the polygon is invalid, or null; isFaultOfSize: whether it is valid before its vertices are snapped
+   fault : why the polygon is invalid, or null; isFaultOfSize: whether only the snapping to 1/256 px makes it invalid
    methods : { triangles, shaded, counts, saving, isBest } of each method that applies
-   isDifferent : whether the methods differ by 1 % of ear clipping's lanes or more */
+   isDifferent : whether the lanes of two methods differ by MIN_DIFFERENCE or more */
 function comparePolygon({ rings, size, rotation }) {
-  const placed = place(rings, size, rotation), ownFault = faultOf(rings), fault = ownFault ?? faultOf(placed.rings);
+  const placed = fitToViewport(rings, size, rotation), ownFault = findFault(rings), fault = ownFault ?? findFault(placed.rings);
   const result = { placed, fault, isFaultOfSize: !ownFault && Boolean(fault), methods: {}, isDifferent: false };
   if (fault) return result;
-  const lists = triangulations(placed);
+  const lists = triangulateByMethods(placed);
   if (!lists.ears) return { ...result, fault: "is not covered exactly by earcut’s triangles", isFaultOfSize: true };
   for (const [name] of METHODS) {
     if (!lists[name]) continue;
@@ -43,14 +43,14 @@ function comparePolygon({ rings, size, rotation }) {
 
 const joinNames = (names) => (names.length > 1 ? `${names.slice(0, -1).join(", ")} and ${names.at(-1)}` : names[0]);
 
-/* The sentences of a result as [text, class] pieces. */
+/* The sentences that report a result of comparePolygon, as parts [text, CSS class]. */
 function describeResult({ fault, isFaultOfSize, methods, placed, isDifferent }, size) {
   if (fault && !isFaultOfSize) return [[`Invalid: this polygon ${fault}. Drag a vertex until the polygon is valid, and its triangulations are compared. raster-harness repairs such a polygon.`]];
   if (fault) return [[`At ${size} px this polygon ${fault}, after its vertices are rounded to 1/256 px. Choose a larger size to compare its triangulations.`]];
   if (placed.points.length === 6) return [["A triangle has one triangulation. Add a vertex to have a choice."]];
   const others = Object.keys(NAMES).filter((name) => methods[name]).sort((p, q) => methods[q].saving - methods[p].saving);
   if (!isDifferent) return [[`No difference for this polygon at ${size} px: all triangulations take the same number of lanes, to within 1 %.`]];
-  const difference = ({ saving }) => (percent(Math.abs(saving)) === percent(0) ? ["as many", ""] : saving >= 0 ? [`${percent(saving)} fewer`, "less"] : [`${percent(-saving)} more`, "more"]);
+  const difference = ({ saving }) => (formatPercent(Math.abs(saving)) === formatPercent(0) ? ["as many", ""] : saving >= 0 ? [`${formatPercent(saving)} fewer`, "less"] : [`${formatPercent(-saving)} more`, "more"]);
   const list = (names) => names.flatMap((name, i) => [[`${i ? "; " : ""}${NAMES[name]} `], difference(methods[name])]);
   const best = methods[others[0]];
   if (!best || best.saving < MIN_DIFFERENCE) {
@@ -62,15 +62,15 @@ function describeResult({ fault, isFaultOfSize, methods, placed, isDifferent }, 
   return pieces;
 }
 
-/* Why a method has no triangulation of a polygon. */
-function missingReason({ fault, isFaultOfSize, placed }) {
+/* The reason why a method has no triangulation of the polygon, as a phrase. */
+function explainMissing({ fault, isFaultOfSize, placed }) {
   if (fault) return isFaultOfSize ? "invalid at this size" : "the polygon is invalid";
   if (placed.ends.length > 1) return "this page computes it without holes only; raster-harness also with holes";
   return placed.points.length / 2 > MAX_OPTIMUM_VERTICES ? `this page computes it up to ${MAX_OPTIMUM_VERTICES} vertices` : "its triangles do not cover the polygon exactly";
 }
 
 /* Width and height of points in px. */
-function sizeOf(rings) {
-  const [left, bottom, right, top] = boundsOf(rings.flat());
+function measureSize(rings) {
+  const [left, bottom, right, top] = computeBounds(rings.flat());
   return [right - left, top - bottom].map((length) => Math.round(length / UNIT));
 }

@@ -1,7 +1,7 @@
 """Build docs/try.html, a single file that needs no network: `python docs/try/build.py`.
 
-The parts are npm's earcut, the flips of ports/javascript, the style, elements and exact rasteriser
-of reports, the page that measures a device (compressed), and the scripts in this folder.
+The page contains npm's earcut, the flips of ports/javascript, style, elements.js and spans.js of
+reports, the page that measures a device (compressed), and the scripts in this folder.
 """
 
 import base64
@@ -34,7 +34,7 @@ GEOMETRY = (
     ROOT / "harness/report/static/spans.js",
     *(HERE / f"{name}.js" for name in ("validity", "svg", "polygon", "triangles", "answer")),
 )
-"""Scripts that need no page, in this order."""
+"""Scripts that use no elements of the page, in the order of their dependencies."""
 
 VIEW = (HERE / "view.js", HERE / "main.js")
 ELEMENTS = ROOT / "harness/report/static/elements.js"
@@ -48,7 +48,7 @@ EXAMPLES = (
     ("A county", "counties", 5),
     ("Nine vertices", "paper", 0),
 )
-"""Name, scene and index of each example but the first."""
+"""Name, scene and index of each example except the first, the typical footprint."""
 
 EXAMPLE_PX = 64
 """Side of the viewport of these examples."""

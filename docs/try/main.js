@@ -1,20 +1,21 @@
 "use strict";
-/* The page's state and events. EXAMPLES: [name, WKT, side of the viewport in px] of each; PROFILE: the page that measures a device, compressed. */
+/* The page's state and events. EXAMPLES: list of [name, WKT, side of the viewport in px]; PROFILE: the page that measures a
+   device, compressed and in base64. */
 
 const SIZES = [16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512];
 const MAX_HISTORY = 200;
 
-/* drawing : vertices of the polygon that is being drawn, or null; cursor: the position of its next vertex
-   text : the text of the polygon until it is edited, or null; choices, choice: its polygons, and the one shown
-   toSource : function from a vertex to the coordinates of the text; degrees: whether these are degrees
-   result : of comparePolygon; history: earlier polygons for Undo */
+/* drawing : vertices of the polygon that is being drawn, or null; cursor: the position of the next vertex
+   text : the text from which the polygon was read, or null after an edit; choices: labels of the polygons in the text
+   choice : index of the polygon shown; toSource: function from a vertex to coordinates of the text
+   degrees : whether the text's coordinates are degrees; result: of comparePolygon; history: earlier polygons for Undo */
 const state = { rings: [], size: 64, rotation: 0, selected: 0, example: null, toSource: null, text: null, degrees: null, choices: [], choice: 0, drawing: null, cursor: null, result: null, history: [] };
-const indicesOf = (rings) => rings.flatMap((ring, r) => ring.map((_, i) => [r, i]));
+const listVertexIndices = (rings) => rings.flatMap((ring, r) => ring.map((_, i) => [r, i]));
 const currentLink = () => toLink(state.rings, state.size, state.rotation);
 
 let frameRequest = 0;
 
-/* Show the state in the next frame. */
+/* Show the state at the next repaint; several calls before it are one update. */
 function requestUpdate() {
   frameRequest ||= requestAnimationFrame(() => {
     frameRequest = 0;
@@ -51,7 +52,7 @@ function undo() {
   requestUpdate();
 }
 
-/* Replace the polygon. */
+/* Replace the polygon; the previous polygon is saved for Undo. */
 function loadPolygon(rings, { note = "", example = null, toSource = null, text = null, degrees = null, choices = [], choice = 0 } = {}) {
   saveForUndo();
   Object.assign(state, { rings, example, toSource, text, degrees, choices, choice, selected: 0, drawing: null });
@@ -80,7 +81,7 @@ function loadExample(name, text, size) {
   loadPolygon(readPolygon(text).rings, { example: name });
 }
 
-/* Set the viewport to the nearest of the possible sizes. */
+/* Set the viewport to the element of SIZES that is nearest to `size`. */
 function setSize(size) {
   state.size = SIZES.reduce((best, other) => (Math.abs(other - size) < Math.abs(best - size) ? other : best));
   $("size").value = SIZES.indexOf(state.size);
@@ -108,12 +109,12 @@ const clampToGrid = (value) => Math.min(GRID, Math.max(0, Math.round(value)));
 
 function selectedVertex() {
   const rings = state.drawing ? [state.drawing] : state.rings;
-  const [r, i] = indicesOf(rings)[state.selected] ?? [0, 0];
+  const [r, i] = listVertexIndices(rings)[state.selected] ?? [0, 0];
   return { ring: rings[r], r, i };
 }
 
 function selectVertex(number) {
-  const total = indicesOf(state.drawing ? [state.drawing] : state.rings).length;
+  const total = listVertexIndices(state.drawing ? [state.drawing] : state.rings).length;
   state.selected = (number + total) % (total || 1);
   const { ring, i } = selectedVertex();
   if (ring[i]) $("announcement").textContent = `Vertex ${state.selected + 1} of ${total} at ${toEditor(ring[i]).map(Math.round).join(", ")}`;
@@ -129,13 +130,13 @@ function moveVertex(point) {
 
 /* Insert a vertex after vertex i of ring r; return false if the polygon has the maximum number. */
 function insertVertex(r, i, point) {
-  if (verticesOf(state.rings) >= MAX_VERTICES) {
+  if (countVertices(state.rings) >= MAX_VERTICES) {
     showNotice(`This page draws up to ${format(MAX_VERTICES)} vertices.`);
     return false;
   }
   saveForUndo();
   state.rings[r].splice(i + 1, 0, point.map(clampToGrid));
-  state.selected = indicesOf(state.rings).findIndex(([s, k]) => s === r && k === i + 1);
+  state.selected = listVertexIndices(state.rings).findIndex(([s, k]) => s === r && k === i + 1);
   requestUpdate();
   return true;
 }
@@ -158,10 +159,10 @@ function removeVertex() {
 }
 
 function closeDrawing() {
-  const ring = withoutRepeats(state.drawing);
+  const ring = removeRepeats(state.drawing);
   $("editor").focus({ preventScroll: true });
   if (ring.length < 3 || isFlat(ring)) showNotice("A polygon has three vertices or more, not all on one line.");
-  else loadPolygon(oriented([ring]));
+  else loadPolygon(orientRings([ring]));
 }
 
 function cancelDrawing() {
@@ -170,7 +171,7 @@ function cancelDrawing() {
   requestUpdate();
 }
 
-function pointOf(event) {
+function pointerPosition(event) {
   const { x, y } = new DOMPoint(event.clientX, event.clientY).matrixTransform($("editor").getScreenCTM().inverse());
   return [x / 1000 * GRID, (1000 - y) / 1000 * GRID];
 }
@@ -198,11 +199,11 @@ function onPointerDown(event) {
   if (state.drawing) {
     if (event.pointerType === "touch") state.cursor = null; // a finger has no position between two touches
     if (vertex === "0") closeDrawing();
-    else placeVertex(pointOf(event));
+    else placeVertex(pointerPosition(event));
     return;
   }
   if (vertex !== undefined) selectVertex(Number(vertex));
-  else if (edge === undefined || !insertVertex(...edge.split(" ").map(Number), pointOf(event))) return;
+  else if (edge === undefined || !insertVertex(...edge.split(" ").map(Number), pointerPosition(event))) return;
   $("editor").setPointerCapture(event.pointerId);
   state.dragging = vertex === undefined ? "moving" : "pressed";
 }
@@ -211,9 +212,9 @@ function onPointerMove(event) {
   if (state.dragging) {
     if (state.dragging === "pressed") saveForUndo();
     state.dragging = "moving";
-    moveVertex(pointOf(event));
+    moveVertex(pointerPosition(event));
   } else if (state.drawing && event.pointerType !== "touch") {
-    state.cursor = pointOf(event).map(clampToGrid);
+    state.cursor = pointerPosition(event).map(clampToGrid);
     showEditor();
   }
 }
@@ -228,13 +229,13 @@ function onKeyDown(event) {
   event.preventDefault();
 }
 
-const movedByKey = (point, key, step) => point.map((value, axis) => clampToGrid(value + step * DIRECTIONS[key][axis]));
+const moveByKey = (point, key, step) => point.map((value, axis) => clampToGrid(value + step * DIRECTIONS[key][axis]));
 
-/* Apply a key to the polygon that is being drawn; return whether the key has a meaning. */
+/* Apply a key while a polygon is drawn; return false if the key has no function. */
 function drawByKey(key, step) {
   state.cursor ??= [GRID / 2, GRID / 2];
   if (DIRECTIONS[key]) {
-    state.cursor = movedByKey(state.cursor, key, step);
+    state.cursor = moveByKey(state.cursor, key, step);
     $("announcement").textContent = `Cross at ${toEditor(state.cursor).map(Math.round).join(", ")}`;
     showEditor();
   } else if (key === " ") placeVertex(state.cursor);
@@ -244,12 +245,12 @@ function drawByKey(key, step) {
   return true;
 }
 
-/* Apply a key to the polygon; return whether the key has a meaning. */
+/* Apply a key to the selected vertex; return false if the key has no function. */
 function editByKey(key, step) {
   const { ring, r, i } = selectedVertex();
   if (DIRECTIONS[key]) {
     saveForUndo();
-    moveVertex(movedByKey(ring[i], key, step));
+    moveVertex(moveByKey(ring[i], key, step));
     selectVertex(state.selected);
   } else if (key === "n") selectVertex(state.selected + 1);
   else if (key === "p") selectVertex(state.selected - 1);
@@ -283,7 +284,7 @@ async function savePicture() {
   $("copied").textContent = "Picture saved.";
 }
 
-/* Measure this device in a frame, by the page of `raster-harness page --profile`. */
+/* Open the page of `raster-harness page --profile` in a frame, which measures this device. */
 async function measureDevice() {
   $("profile").disabled = true;
   const stream = new Blob([decode(PROFILE, Uint8Array)]).stream().pipeThrough(new DecompressionStream("gzip"));

@@ -2,19 +2,19 @@
 /* Filled shapes of SVG drawings, each as a polygon or several, transformed as drawn. scenes/readers/svg.py reads more: clip
    paths, nested drawings and transform origins; here such elements are skipped with a reason. */
 
-const CHORDS = 8; // of a curve, as in scenes/readers/svg_shapes.py
+const CHORDS = 8; // number of chords that replace a curve, as in scenes/readers/svg_shapes.py
 const NUMBER = /[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?/giy;
 const SEPARATOR = /[\s,]*/y;
 
-const bezier = (points) => Array.from({ length: CHORDS }, (_, i) => {
+const flattenBezier = (points) => Array.from({ length: CHORDS }, (_, i) => {
   let level = points;
   const t = (i + 1) / CHORDS;
   while (level.length > 1) level = level.slice(1).map(([x, y], k) => [level[k][0] + t * (x - level[k][0]), level[k][1] + t * (y - level[k][1])]);
   return level[0];
 });
 
-/* An arc from its end points to its centre: SVG 2, appendix B.2.4. */
-function arc([x, y], [rx, ry, degrees, large, sweep, u, v]) {
+/* Chords of an elliptical arc after its first point; conversion from end points to the centre: SVG 2, appendix B.2.4. */
+function flattenArc([x, y], [rx, ry, degrees, large, sweep, u, v]) {
   if (!rx || !ry) return [[u, v]];
   if (x === u && y === v) return [];
   const tilt = degrees * Math.PI / 180, cos = Math.cos(tilt), sin = Math.sin(tilt);
@@ -70,11 +70,11 @@ function readPath(data) {
     else {
       if (kind === "M" || previous === "Z") rings.push(ring = kind === "M" ? [] : [at]);
       const flat = kind === "H" ? [values[0] + x, at[1]] : kind === "V" ? [at[0], values[0] + y] : values.slice(kind === "A" ? 5 : 0).map((value, k) => value + (k % 2 ? y : x));
-      const points = inPairs(flat);
+      const points = pairUp(flat);
       const reflected = control && { S: "SC", T: "TQ" }[kind]?.includes(previous) ? [2 * at[0] - control[0], 2 * at[1] - control[1]] : at;
-      if (kind === "C" || kind === "Q") ring.push(...bezier([at, ...points]));
-      else if (kind === "S" || kind === "T") ring.push(...bezier([at, reflected, ...points]));
-      else if (kind === "A") ring.push(...arc(at, [...values.slice(0, 5), ...points[0]]));
+      if (kind === "C" || kind === "Q") ring.push(...flattenBezier([at, ...points]));
+      else if (kind === "S" || kind === "T") ring.push(...flattenBezier([at, reflected, ...points]));
+      else if (kind === "A") ring.push(...flattenArc(at, [...values.slice(0, 5), ...points[0]]));
       else ring.push(points[0]);
       control = kind === "T" ? reflected : points.at(-2) ?? null;
       at = points.at(-1);
@@ -88,32 +88,32 @@ function readPath(data) {
 
 /* Affine matrices [a, b, c, d, e, f]: x' = a x + c y + e, y' = b x + d y + f. */
 const IDENTITY = [1, 0, 0, 1, 0, 0];
-const product = ([a, b, c, d, e, f], [g, h, i, j, k, l]) => [a * g + c * h, b * g + d * h, a * i + c * j, b * i + d * j, a * k + c * l + e, b * k + d * l + f];
-const transformed = ([a, b, c, d, e, f], ring) => ring.map(([x, y]) => [a * x + c * y + e, b * x + d * y + f]);
+const multiply = ([a, b, c, d, e, f], [g, h, i, j, k, l]) => [a * g + c * h, b * g + d * h, a * i + c * j, b * i + d * j, a * k + c * l + e, b * k + d * l + f];
+const transformRing = ([a, b, c, d, e, f], ring) => ring.map(([x, y]) => [a * x + c * y + e, b * x + d * y + f]);
 const radians = (degrees) => degrees * Math.PI / 180;
-const shifted = (x, y = 0) => [1, 0, 0, 1, x, y];
+const makeTranslation = (x, y = 0) => [1, 0, 0, 1, x, y];
 const TRANSFORMS = {
   // name: numbers of arguments, matrix
   matrix: [[6], (...values) => values],
-  translate: [[1, 2], shifted],
+  translate: [[1, 2], makeTranslation],
   scale: [[1, 2], (x, y = x) => [x, 0, 0, y, 0, 0]],
   rotate: [[1, 3], (degrees, x = 0, y = 0) => {
     const cos = Math.cos(radians(degrees)), sin = Math.sin(radians(degrees));
-    return product(product(shifted(x, y), [cos, sin, -sin, cos, 0, 0]), shifted(-x, -y));
+    return multiply(multiply(makeTranslation(x, y), [cos, sin, -sin, cos, 0, 0]), makeTranslation(-x, -y));
   }],
   skewX: [[1], (degrees) => [1, 0, Math.tan(radians(degrees)), 1, 0, 0]],
   skewY: [[1], (degrees) => [1, Math.tan(radians(degrees)), 0, 1, 0, 0]],
 };
 const CSS_TRANSFORMS = {
   ...TRANSFORMS,
-  translateX: [[1], shifted],
-  translateY: [[1], (y) => shifted(0, y)],
+  translateX: [[1], makeTranslation],
+  translateY: [[1], (y) => makeTranslation(0, y)],
   scaleX: [[1], (x) => [x, 0, 0, 1, 0, 0]],
   scaleY: [[1], (y) => [1, 0, 0, y, 0, 0]],
 };
 const DEGREES = { rad: 180 / Math.PI, grad: 0.9, turn: 360 };
 
-/* The matrix of a list of transform functions; an unknown function is an error. */
+/* The product of the matrices of a transform list; an unknown function throws an error. */
 function readTransform(text, functions) {
   if (text.trim() === "none") return IDENTITY;
   let matrix = IDENTITY;
@@ -124,7 +124,7 @@ function readTransform(text, functions) {
     });
     const [counts, matrixOf] = (Object.hasOwn(functions, name) && functions[name]) || [[]];
     if (left.trim() || !counts.includes(values.length)) throw new Error("has an unsupported transform");
-    matrix = product(matrix, matrixOf(...values));
+    matrix = multiply(matrix, matrixOf(...values));
     return "";
   });
   if (rest.trim()) throw new Error("has an unsupported transform");
@@ -142,8 +142,8 @@ function readLength(text) {
   return value;
 }
 
-/* The rings of a shape in its own coordinates. */
-function outlineOf(kind, properties) {
+/* The rings of a shape element, before its transform. */
+function readShape(kind, properties) {
   const length = (name) => readLength(properties[name]) ?? 0;
   if (kind === "path") return readPath(properties.d ?? "");
   if (kind === "polygon" || kind === "polyline") return readPath(/\S/.test(properties.points ?? "") ? `M${properties.points}Z` : "");
@@ -160,12 +160,13 @@ function outlineOf(kind, properties) {
   return readPath(`M${x + a} ${y}h${width - 2 * a}${corner(a, b)}v${height - 2 * b}${corner(-a, b)}h${2 * a - width}${corner(-a, -b)}v${2 * b - height}${corner(a, -b)}Z`);
 }
 
-/* The polygons that rings fill together, by winding numbers. Rings that cross are one invalid polygon, which is reported. */
+/* The polygons that the rings of a shape fill, by winding numbers. Rings that cross give one invalid polygon, which the page
+   reports. */
 function fillRings(rings, rule = "nonzero") {
-  const large = rings.map(withoutRepeats).filter((ring) => ring.length > 2 && !isFlat(ring));
-  if (large.length < 2 || verticesOf(large) > MAX_VERTICES) return large.length ? [large] : [];
-  const [left, bottom, right, top] = boundsOf(large.flat()), scale = GRID / Math.max(right - left, top - bottom);
-  const onIntegers = large.map((ring) => withoutRepeats(ring.map(([x, y]) => [Math.round((x - left) * scale), Math.round((y - bottom) * scale)])));
+  const large = rings.map(removeRepeats).filter((ring) => ring.length > 2 && !isFlat(ring));
+  if (large.length < 2 || countVertices(large) > MAX_VERTICES) return large.length ? [large] : [];
+  const [left, bottom, right, top] = computeBounds(large.flat()), scale = GRID / Math.max(right - left, top - bottom);
+  const onIntegers = large.map((ring) => removeRepeats(ring.map(([x, y]) => [Math.round((x - left) * scale), Math.round((y - bottom) * scale)])));
   if (findTouches(onIntegers).fault === "self-intersects") return [large];
   const bySize = [...large].sort((p, q) => Math.abs(doubledArea(p)) - Math.abs(doubledArea(q)));
   const isFilled = (winding) => (rule === "evenodd" ? winding % 2 !== 0 : winding !== 0);
@@ -181,8 +182,8 @@ function fillRings(rings, rule = "nonzero") {
 }
 
 const SHAPES = ["path", "rect", "circle", "ellipse", "polygon", "polyline"];
-const UNREAD = { use: "is a copy of another element", text: "is text", flowRoot: "is text", image: "is an image", switch: "is a switch", foreignObject: "is not SVG" };
-const decoded = (text) => text.replace(/&(?:#(\d+)|#x([\da-f]+)|(quot|apos|amp|lt|gt));/gi, (_, decimal, hex, name) => (name ? { quot: "\"", apos: "'", amp: "&", lt: "<", gt: ">" }[name.toLowerCase()]
+const SKIPPED_ELEMENTS = { use: "is a copy of another element", text: "is text", flowRoot: "is text", image: "is an image", switch: "is a switch", foreignObject: "is not SVG" };
+const decodeEntities = (text) => text.replace(/&(?:#(\d+)|#x([\da-f]+)|(quot|apos|amp|lt|gt));/gi, (_, decimal, hex, name) => (name ? { quot: "\"", apos: "'", amp: "&", lt: "<", gt: ">" }[name.toLowerCase()]
   : String.fromCodePoint(Math.min(0x10ffff, parseInt(decimal ?? hex, decimal ? 10 : 16)))));
 
 /* The tags of XML as { name, attributes, isEnd, isEmpty }, read once from the beginning to the end. */
@@ -210,16 +211,16 @@ function* readTags(text) {
     at = close + 1;
     if (!name) continue; // a document type
     const attributes = {};
-    for (const [, key, double, single] of tag.matchAll(/(?<![\w:.-])([\w:.-]+)\s*=\s*(?:"([^"]*)"|'([^']*)')/g)) attributes[key] = decoded(double ?? single);
+    for (const [, key, double, single] of tag.matchAll(/(?<![\w:.-])([\w:.-]+)\s*=\s*(?:"([^"]*)"|'([^']*)')/g)) attributes[key] = decodeEntities(double ?? single);
     yield { name, attributes, isEnd: Boolean(isEnd), isEmpty: tag.endsWith("/") };
   }
 }
 
 const isZero = (text) => text !== undefined && parseFloat(text) <= 0;
-const CLEAR = /^(?:none|transparent|#[\da-f]{3}0|#[\da-f]{6}00|(?:rgb|hsl)a?\((?:[^,/]+,[^,/]+,[^,/]+,|[^,/]+\/)\s*0*(?:\.0*)?%?\s*\))$/i;
+const INVISIBLE_FILL = /^(?:none|transparent|#[\da-f]{3}0|#[\da-f]{6}00|(?:rgb|hsl)a?\((?:[^,/]+,[^,/]+,[^,/]+,|[^,/]+\/)\s*0*(?:\.0*)?%?\s*\))$/i;
 
-/* The state in an element: its matrix, its inherited properties, and why nothing in it is read ("" if it is). */
-function enter(outer, { name, attributes }, isRoot) {
+/* The state inside an element: matrix, inherited properties, and the reason why its content is skipped, or "". */
+function enterElement(outer, { name, attributes }, isRoot) {
   const style = {};
   for (const item of (attributes.style ?? "").split(";")) {
     const colon = item.indexOf(":");
@@ -229,7 +230,7 @@ function enter(outer, { name, attributes }, isRoot) {
   for (const key of ["fill", "fill-rule", "fill-opacity", "visibility", "color"]) if (own[key] && own[key] !== "inherit") inherited[key] = own[key];
   let { matrix, reason } = outer;
   try {
-    if (own.transform) matrix = product(matrix, readTransform(own.transform, style.transform ? CSS_TRANSFORMS : TRANSFORMS));
+    if (own.transform) matrix = multiply(matrix, readTransform(own.transform, style.transform ? CSS_TRANSFORMS : TRANSFORMS));
   } catch (error) {
     reason ||= error.message;
   }
@@ -242,12 +243,12 @@ function enter(outer, { name, attributes }, isRoot) {
   return { name, matrix, inherited, own, reason };
 }
 
-/* Why a shape in a state has no filled area, or "". */
-function unfilledReason({ inherited, reason }) {
+/* The reason why a shape has no visible filled area, or "". */
+function explainUnfilled({ inherited, reason }) {
   const fill = (inherited.fill ?? "black").trim(), colour = /^currentcolor$/i.test(fill) ? inherited.color ?? "black" : fill;
   if (reason) return reason;
   if (["hidden", "collapse"].includes(inherited.visibility)) return "is not visible";
-  return CLEAR.test(colour.trim()) || isZero(inherited["fill-opacity"]) ? "has no visible fill" : "";
+  return INVISIBLE_FILL.test(colour.trim()) || isZero(inherited["fill-opacity"]) ? "has no visible fill" : "";
 }
 
 /* The polygons of a drawing or of bare path data, y down: { polygons: [{ rings, label }], skipped: reasons }. */
@@ -262,17 +263,17 @@ function readSvg(text) {
       stack.pop();
       continue;
     }
-    const state = enter(outer, tag, stack.length === 1), isShape = SHAPES.includes(tag.name);
+    const state = enterElement(outer, tag, stack.length === 1), isShape = SHAPES.includes(tag.name);
     if (outer.isIgnored || !(isShape || ["svg", "g", "a"].includes(tag.name))) state.isIgnored = true;
     if (!tag.isEmpty) stack.push(state);
-    if (UNREAD[tag.name] && !outer.isIgnored) skipped.push(UNREAD[tag.name]);
+    if (SKIPPED_ELEMENTS[tag.name] && !outer.isIgnored) skipped.push(SKIPPED_ELEMENTS[tag.name]);
     if (!isShape || state.isIgnored) continue;
     number++;
-    const reason = unfilledReason(state);
+    const reason = explainUnfilled(state);
     if (reason) skipped.push(reason);
     else {
       try {
-        const rings = outlineOf(tag.name, state.own).map((ring) => transformed(state.matrix, ring));
+        const rings = readShape(tag.name, state.own).map((ring) => transformRing(state.matrix, ring));
         const areas = fillRings(rings, state.inherited["fill-rule"]);
         if (!areas.length) skipped.push("has no area");
         areas.forEach((area) => polygons.push({ rings: area, label: `${tag.name} ${tag.attributes.id ?? number}` }));
@@ -285,7 +286,7 @@ function readSvg(text) {
   return { polygons, skipped };
 }
 
-/* The rings of path data that is not in a drawing. */
+/* The rings of path data given without an SVG document. */
 function readBarePath(data) {
   try {
     return readPath(data);

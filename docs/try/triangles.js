@@ -4,17 +4,17 @@
 const MARGIN_PX = 1;
 const MAX_OPTIMUM_VERTICES = 200;
 
-/* The number of vertices up to the end of each ring. */
-function endsOf(rings) {
+/* For each ring the number of vertices of that ring and the rings before it. */
+function listRingEnds(rings) {
   let end = 0;
   return rings.map((ring) => (end += ring.length));
 }
 
-/* The polygon in a viewport of `size` px that holds its enclosing circle, rotated by degrees, in 1/256 px: as harness/frame.py
-   places it with --fit circle. Returns { rings, points, ends, lost }: flat points, ring ends, and the number of vertices of the
+/* The polygon in 1/256 px, rotated by degrees, in a viewport of `size` px that contains the circle about the centre of its
+   bounding box, as by harness/frame.py with --fit circle. Returns { rings, points, ends, lost }: flat points, ring ends, and the number of vertices of the
    exterior that coincide with the next vertex. */
-function place(rings, size, degrees) {
-  const [left, bottom, right, top] = boundsOf(rings.flat()), middle = [(left + right) / 2, (bottom + top) / 2];
+function fitToViewport(rings, size, degrees) {
+  const [left, bottom, right, top] = computeBounds(rings.flat()), middle = [(left + right) / 2, (bottom + top) / 2];
   const angle = degrees * Math.PI / 180;
   let cos = Math.cos(angle), sin = Math.sin(angle);
   if (degrees % 90 === 0) [cos, sin] = [Math.round(cos), Math.round(sin)];
@@ -25,13 +25,13 @@ function place(rings, size, degrees) {
   const extent = 2 * rotated.flat().reduce((radius, [x, y]) => Math.max(radius, Math.sqrt(x * x + y * y)), 0);
   const scale = (size - 2 * MARGIN_PX) / extent;
   const snap = (value) => Math.round((value * scale + size / 2) * UNIT);
-  const snapped = rotated.map((ring) => withoutRepeats(ring.map(([x, y]) => [snap(x), snap(y)])));
+  const snapped = rotated.map((ring) => removeRepeats(ring.map(([x, y]) => [snap(x), snap(y)])));
   const placed = snapped.filter((ring, i) => ring.length > 2 || i === 0);
-  return { rings: placed, points: placed.flat(2), ends: endsOf(placed), lost: rings[0].length - placed[0].length };
+  return { rings: placed, points: placed.flat(2), ends: listRingEnds(placed), lost: rings[0].length - placed[0].length };
 }
 
 /* Half the perimeter of a triangle's bounding box. */
-function halfPerimeterOf(ax, ay, bx, by, cx, cy) {
+function computeHalfPerimeter(ax, ay, bx, by, cx, cy) {
   return Math.max(ax, bx, cx) - Math.min(ax, bx, cx) + Math.max(ay, by, cy) - Math.min(ay, by, cy);
 }
 
@@ -91,23 +91,24 @@ function optimalTriangles({ points, ends }, costOf) {
   return triangles;
 }
 
-/* Whether triangles have the area of the polygon, in exact arithmetic: overlaps and gaps change the sum. */
-function hasArea(triangles, points, rings) {
+/* Whether the areas of triangles add up to the area of the polygon, exactly: overlaps and gaps change the sum. */
+function coversArea(triangles, points, rings) {
   const vertex = (index) => [points[2 * index], points[2 * index + 1]];
   let total = 0;
-  for (let t = 0; t < triangles.length; t += 3) total += Math.abs(turn(...[0, 1, 2].map((k) => vertex(triangles[t + k]))));
+  for (let t = 0; t < triangles.length; t += 3) total += Math.abs(orientation(...[0, 1, 2].map((k) => vertex(triangles[t + k]))));
   return total === rings.reduce((sum, ring, i) => sum + Math.abs(doubledArea(ring)) * (i ? -1 : 1), 0);
 }
 
-/* Triangles of a valid polygon by method: null if a method does not apply or does not cover the polygon. */
-function triangulations(placed) {
+/* Triangulate a valid polygon by each method: name -> triangles, or null if the method is limited to other polygons or its
+   triangles do not cover the polygon exactly. */
+function triangulateByMethods(placed) {
   const { rings, points, ends } = placed;
   const ears = earcut.default(points, ends.slice(0, -1));
   const refined = [...ears], flipped = [...ears];
   earcut.refine(refined, points);
   flipTriangles(flipped, points);
-  const methods = { ears, refined, flipped, optimal: optimalTriangles(placed, halfPerimeterOf), quads: optimalTriangles(placed, expectedQuads) };
-  return Object.fromEntries(Object.entries(methods).map(([name, triangles]) => [name, triangles && hasArea(triangles, points, rings) ? triangles : null]));
+  const methods = { ears, refined, flipped, optimal: optimalTriangles(placed, computeHalfPerimeter), quads: optimalTriangles(placed, expectedQuads) };
+  return Object.fromEntries(Object.entries(methods).map(([name, triangles]) => [name, triangles && coversArea(triangles, points, rings) ? triangles : null]));
 }
 
 /* The number of batches in which a GPU transforms the vertices of triangles: a batch has up to 32 distinct vertices and 32
@@ -130,8 +131,8 @@ function countBatches(triangles, maxVertices = 32, maxTriangles = 32) {
   return batches;
 }
 
-/* The counters of triangles. shaded, if given, receives counts for each pixel of a viewport of `size` px, row 0 at the bottom:
-   covered (by triangles) and helpers (helper lanes). */
+/* Count the lanes, quads and vertex batches of triangles. `shaded`, if given, receives counts for each pixel of a viewport of
+   `size` px, row 0 at the bottom: `covered` by triangles, and `helpers` (helper lanes). */
 function countLanes(points, triangles, size = 0, shaded = null) {
   const totals = [0, 0, 0], vertex = (index) => [points[2 * index], points[2 * index + 1]];
   let covering_triangles = 0;
@@ -146,7 +147,7 @@ function countLanes(points, triangles, size = 0, shaded = null) {
   return { triangles: triangles.length / 3, fragments, quads, helper_lanes: 4 * quads - fragments, partial_quads, covering_triangles, vertex_batches: countBatches(triangles) };
 }
 
-/* Count the lanes of the quads of two rows of a triangle. */
+/* Add a triangle's covered lanes and helper lanes in a pair of rows (row, row + 1) to the counts of pixels. */
 function markLanes(row, below, above, size, { covered, helpers }) {
   const spans = [below, above].filter(([low, high]) => low <= high);
   if (!spans.length) return;

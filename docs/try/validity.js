@@ -2,59 +2,59 @@
 /* Rings of vertices [x, y] without a closing vertex, and the validity of polygons, which are lists of rings: the exterior first,
    then its holes. Rules and phrases are those of scenes/cleaning/repair.py (OGC Simple Features, as GEOS applies them). */
 
-/* Twice the signed area of the triangle a, b, c: positive for a left turn, and exact for integers up to 2^25. */
-const turn = ([ax, ay], [bx, by], [cx, cy]) => (bx - ax) * (cy - ay) - (by - ay) * (cx - ax);
+/* Twice the signed area of the triangle a, b, c, exact for integers up to 2^25: positive if a, b, c turn left. */
+const orientation = ([ax, ay], [bx, by], [cx, cy]) => (bx - ax) * (cy - ay) - (by - ay) * (cx - ax);
 
 const doubledArea = (ring) => ring.reduce((sum, [x, y], i) => {
   const [u, v] = ring[(i + 1) % ring.length];
   return sum + x * v - y * u;
 }, 0);
 
-/* Whether a point that is not on a ring is inside it: the ray to the right meets an odd number of edges. */
+/* Whether a point that is not on a ring is inside the ring: the ray to the right meets an odd number of edges. */
 const isInside = (point, ring) => ring.reduce((inside, a, i) => {
   const b = ring[(i + 1) % ring.length];
-  const meets = (a[1] > point[1]) !== (b[1] > point[1]) && (turn(a, b, point) > 0) === (b[1] > a[1]);
+  const meets = (a[1] > point[1]) !== (b[1] > point[1]) && (orientation(a, b, point) > 0) === (b[1] > a[1]);
   return meets ? !inside : inside;
 }, false);
 
 /* Whether all vertices are on one line. */
 function isFlat(ring) {
   const [a] = ring, b = ring.find(([x, y]) => x !== a[0] || y !== a[1]) ?? a;
-  return ring.every((point) => turn(a, b, point) === 0);
+  return ring.every((point) => orientation(a, b, point) === 0);
 }
 
-const withoutRepeats = (ring) => ring.filter(([x, y], i) => {
+const removeRepeats = (ring) => ring.filter(([x, y], i) => {
   const [u, v] = ring[(i + 1) % ring.length];
   return x !== u || y !== v;
 });
 
 /* The rings with a counter-clockwise exterior and clockwise holes. */
-const oriented = (rings) => rings.map((ring, i) => (doubledArea(ring) > 0 === (i === 0) ? ring : [...ring].reverse()));
+const orientRings = (rings) => rings.map((ring, i) => (doubledArea(ring) > 0 === (i === 0) ? ring : [...ring].reverse()));
 
 /* Minimum and maximum of x and y: [left, bottom, right, top]. */
-const boundsOf = (points) => points.reduce(([left, bottom, right, top], [x, y]) => [Math.min(left, x), Math.min(bottom, y), Math.max(right, x), Math.max(top, y)],
+const computeBounds = (points) => points.reduce(([left, bottom, right, top], [x, y]) => [Math.min(left, x), Math.min(bottom, y), Math.max(right, x), Math.max(top, y)],
   [Infinity, Infinity, -Infinity, -Infinity]);
 
 const vertexAt = (ring, index) => ring[(index + ring.length) % ring.length];
 const isSamePoint = ([x, y], [u, v]) => x === u && y === v;
 
 /* The edges of all rings, sorted by their left ends. */
-function edgesOf(rings) {
+function listEdges(rings) {
   const edges = rings.flatMap((ring, r) => ring.map((a, i) => {
     const b = vertexAt(ring, i + 1);
-    return { a, b, r, i, bounds: boundsOf([a, b]) };
+    return { a, b, r, i, bounds: computeBounds([a, b]) };
   }));
   return edges.sort((p, q) => p.bounds[0] - q.bounds[0]);
 }
 
-/* The points that two edges share, or null if they cross or overlap. The vertex of consecutive edges is not returned. */
+/* The points at which two edges touch, or null if they cross or overlap. The common vertex of consecutive edges is omitted. */
 function sharedPoints(p, q, rings) {
-  const turns = [turn(p.a, p.b, q.a), turn(p.a, p.b, q.b), turn(q.a, q.b, p.a), turn(q.a, q.b, p.b)].map(Math.sign);
+  const turns = [orientation(p.a, p.b, q.a), orientation(p.a, p.b, q.b), orientation(q.a, q.b, p.a), orientation(q.a, q.b, p.b)].map(Math.sign);
   const size = rings[p.r].length, isNext = p.r === q.r && q.i === (p.i + 1) % size;
   if (isNext || (p.r === q.r && p.i === (q.i + 1) % size)) {
     const [from, middle, to] = isNext ? [p.a, p.b, q.b] : [q.a, q.b, p.b];
     const dot = (from[0] - middle[0]) * (to[0] - middle[0]) + (from[1] - middle[1]) * (to[1] - middle[1]);
-    return turn(from, middle, to) === 0 && dot > 0 ? null : []; // a spike turns back on itself
+    return orientation(from, middle, to) === 0 && dot > 0 ? null : []; // a spike turns back on itself
   }
   if (turns[0] * turns[1] < 0 && turns[2] * turns[3] < 0) return null;
   const left = Math.max(p.bounds[0], q.bounds[0]), bottom = Math.max(p.bounds[1], q.bounds[1]);
@@ -71,18 +71,19 @@ function neighboursAt(point, { a, b, r, i }, rings) {
 
 /* Whether two rings that both pass through a point cross there: exactly one neighbour on the second is left of the first. */
 function crossesAt(point, [before, after], neighbours) {
-  const straight = turn(point, after, before);
+  const straight = orientation(point, after, before);
   const isLeft = (other) => {
-    const fromAfter = turn(point, after, other) > 0, toBefore = turn(point, other, before) > 0;
+    const fromAfter = orientation(point, after, other) > 0, toBefore = orientation(point, other, before) > 0;
     if (straight === 0) return fromAfter;
     return straight > 0 ? fromAfter && toBefore : fromAfter || toBefore;
   };
   return isLeft(neighbours[0]) !== isLeft(neighbours[1]);
 }
 
-/* Why the edges of rings make a polygon invalid, or null; and where rings touch, by point: ring -> neighbours there. */
+/* { fault, touches }: why the edges of rings make a polygon invalid, or null; and the points where rings touch, each with the
+   neighbouring vertices on each ring. */
 function findTouches(rings) {
-  const edges = edgesOf(rings), touches = new Map();
+  const edges = listEdges(rings), touches = new Map();
   let fault = null;
   for (const [k, p] of edges.entries()) {
     for (let j = k + 1; j < edges.length && edges[j].bounds[0] <= p.bounds[2]; j++) {
@@ -120,7 +121,7 @@ function hasCycle(touches) {
 }
 
 /* Why a polygon of integer coordinates is invalid, as a phrase such as "self-intersects", or null if it is valid. */
-function faultOf(rings) {
+function findFault(rings) {
   if (rings.some((ring) => ring.length < 3)) return "has a ring of too few distinct vertices";
   const { fault, touches } = findTouches(rings);
   if (fault) return fault;
@@ -129,7 +130,7 @@ function faultOf(rings) {
     if (passing.some((one, i) => passing.slice(i + 1).some((other) => crossesAt(point, one, other)))) return "self-intersects";
   }
   const [exterior, ...holes] = rings;
-  // Rings do not cross, so that one vertex decides. Without a vertex apart from the other ring there is a cycle.
+  // Rings do not cross, so one vertex decides, if it is not on the other ring. If there is none, hasCycle reports the rings.
   const isRingInside = (r, s) => {
     const vertex = rings[r].find((point) => !touches.get(point.join(" "))?.rings.has(s));
     return vertex === undefined ? null : isInside(vertex, rings[s]);

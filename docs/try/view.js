@@ -1,5 +1,5 @@
 "use strict";
-/* The page's panels, editor and texts, drawn from `state` of main.js. */
+/* Display of `state` (main.js): panels, editor and texts. */
 
 const SVG = "http://www.w3.org/2000/svg";
 const isCoarse = matchMedia("(pointer: coarse)").matches;
@@ -9,7 +9,7 @@ const DRAWING_HELP = `${isCoarse ? "Touch" : "Click"} to place vertices, and the
 const panels = {};
 
 /* An image of a viewport: covered pixels, and pixels with one, two or more helper lanes. */
-function imageOf({ covered, helpers }, size, colours) {
+function makeImage({ covered, helpers }, size, colours) {
   const canvas = new OffscreenCanvas(size, size), context = canvas.getContext("2d"), image = context.createImageData(size, size);
   for (let y = 0; y < size; y++) {
     for (let x = 0; x < size; x++) {
@@ -22,9 +22,9 @@ function imageOf({ covered, helpers }, size, colours) {
   return canvas;
 }
 
-const readColours = () => ["--covered", "--one", "--two", "--many"].map((name) => [...numbersOf(styled(name)).slice(0, 3), 255]);
+const readColours = () => ["--covered", "--one", "--two", "--many"].map((name) => [...parseNumbers(styled(name)).slice(0, 3), 255]);
 
-/* Draw lines between quads that are large enough to be visible. */
+/* Draw the grid of quads (side `quad` px of the canvas) if it is wide enough to be visible. */
 function drawQuads(context, side, quad) {
   if (quad < 6 * devicePixelRatio) return;
   context.strokeStyle = "#888";
@@ -45,7 +45,7 @@ function drawMethod(canvas, { triangles, shaded }, points, size, colours, edgeCo
   canvas.width = canvas.height = side;
   const context = canvas.getContext("2d"), scale = side / size / UNIT;
   context.imageSmoothingEnabled = side < size;
-  context.drawImage(imageOf(shaded, size, colours), 0, 0, side, side);
+  context.drawImage(makeImage(shaded, size, colours), 0, 0, side, side);
   drawQuads(context, side, 2 * side / size);
   context.strokeStyle = edgeColour;
   context.lineWidth = devicePixelRatio;
@@ -70,7 +70,7 @@ function showMethods(result) {
     panel.best.hidden = !method?.isBest || !result.isDifferent;
     [panel.saving.textContent, panel.saving.className] = ["", ""];
     if (!method) {
-      panel.missing.textContent = missingReason(result);
+      panel.missing.textContent = explainMissing(result);
       panel.caption.textContent = "";
       continue;
     }
@@ -85,7 +85,7 @@ function showMethods(result) {
   }
 }
 
-const formatSaving = (saving) => (saving === 0 ? "±0 %" : `${saving > 0 ? "−" : "+"}${percent(Math.abs(saving))}`);
+const formatSaving = (saving) => (saving === 0 ? "±0 %" : `${saving > 0 ? "−" : "+"}${formatPercent(Math.abs(saving))}`);
 
 const PICTURE = { cell: 400, gap: 24, line: 26 };
 
@@ -139,14 +139,14 @@ function showAnswer(result) {
     return;
   }
   const lost = result.placed.lost > 0 ? `, ${result.placed.lost} of which coincide at this size` : "";
-  const [width, height] = sizeOf(result.placed.rings);
-  $("vertex-count").textContent = `${format(verticesOf(state.rings))} vertices${lost}, ${width} × ${height} px`;
+  const [width, height] = measureSize(result.placed.rings);
+  $("vertex-count").textContent = `${format(countVertices(state.rings))} vertices${lost}, ${width} × ${height} px`;
   $("size-value").textContent = `${state.size} px`;
   $("rotation-value").textContent = `${state.rotation}°`;
   $("size").setAttribute("aria-valuetext", `${state.size} pixels`);
 }
 
-/* The editor shows 0..GRID as 0..1000, y down. */
+/* Convert grid coordinates (0 to GRID, y up) to the editor's SVG coordinates (0 to 1000, y down). */
 const toEditor = ([x, y]) => [1000 * x / GRID, 1000 - 1000 * y / GRID];
 
 function svgElement(name, attributes) {
@@ -160,7 +160,7 @@ function showEditor() {
   const outlines = state.drawing && state.cursor ? [[...state.drawing, state.cursor]] : rings;
   const path = outlines.map((ring) => (ring.length ? `M${ring.map((point) => toEditor(point).map((value) => value.toFixed(1)).join(" ")).join("L")}${state.drawing ? "" : "Z"}` : "")).join("");
   const nodes = [svgElement("path", { d: path, class: state.drawing ? "open" : "area" })];
-  const vertices = indicesOf(rings), radius = vertices.length > 80 ? 7 : vertices.length > 30 ? 11 : 15;
+  const vertices = listVertexIndices(rings), radius = vertices.length > 80 ? 7 : vertices.length > 30 ? 11 : 15;
   if (!state.drawing) {
     for (const [r, i] of vertices) {
       const [[x1, y1], [x2, y2]] = [rings[r][i], rings[r][(i + 1) % rings[r].length]].map(toEditor);
@@ -210,7 +210,7 @@ function showNotice(text) {
   $("notice").hidden = !text;
 }
 
-/* Dim the panels while they show an earlier polygon. */
+/* Dim the panels if they show an earlier polygon (isOutdated). */
 function dimPanels(isOutdated) {
   $("methods").classList.toggle("stale", isOutdated);
 }

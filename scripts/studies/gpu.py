@@ -65,8 +65,8 @@ def predict_times(table: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def relative(table: pd.DataFrame, column: str, **base: str) -> pd.Series:
-    """Return a column relative to that of the case that differs in `base` alone."""
+def divide_by_base(table: pd.DataFrame, column: str, **base: str) -> pd.Series:
+    """Return a column divided by that of the case that has the values of `base`, else the same."""
     other_columns = [name for name in CASE if name not in base]
     is_base = (table[list(base)] == list(base.values())).all(axis=1)
     of_base = table[is_base].set_index(other_columns)[column]
@@ -75,19 +75,19 @@ def relative(table: pd.DataFrame, column: str, **base: str) -> pd.Series:
     )
 
 
-def rows(table: pd.DataFrame, **where: object) -> pd.DataFrame:
+def select_rows(table: pd.DataFrame, **where: object) -> pd.DataFrame:
     """Return the rows whose columns equal `where`; by default one sample and no arithmetic."""
     selection = {"samples": 1, "work": 0, **where}
     return table[(table[list(selection)] == list(selection.values())).all(axis=1)]
 
 
-def errors(measured: pd.Series, predicted: pd.Series) -> pd.Series:
+def compute_errors(measured: pd.Series, predicted: pd.Series) -> pd.Series:
     """Return the relative differences of measured and predicted values."""
     return (measured / predicted - 1).abs()
 
 
 Decision = tuple[str, float, float]
-"""A hypothesis's quantity, its value and the largest value with which the hypothesis holds."""
+"""The quantity of a hypothesis, its value, and the largest value with which it holds."""
 
 
 def decide(table: pd.DataFrame, ns: str, invocations: str) -> Iterator[tuple[int, Decision]]:
@@ -95,46 +95,53 @@ def decide(table: pd.DataFrame, ns: str, invocations: str) -> Iterator[tuple[int
 
     ns : column of the times; invocations : column of the vertex shader's invocations
     """
-    letters = rows(table, scene="glyphs", resolution=256)
+    letters = select_rows(table, scene="glyphs", resolution=256)
     walk = letters[letters["order"] == "walk"]
     low, high = WALK_BATCHES
     outside = np.maximum(low - walk["vertex_batches"], walk["vertex_batches"] - high).max()
     yield 1, ("batches of a walk outside 480 to 485", float(np.maximum(0.0, outside)), 0.0)
-    yield 1, ("slowest over fastest triangulator in a walk", spread(walk[ns]), 0.02)
-    over_base = relative(letters, ns, triangulator="ear-clipping")
-    expected = relative(letters, "predicted_ns", triangulator="ear-clipping")
+    yield 1, ("slowest over fastest triangulator in a walk", compute_spread(walk[ns]), 0.02)
+    over_base = divide_by_base(letters, ns, triangulator="ear-clipping")
+    expected = divide_by_base(letters, "predicted_ns", triangulator="ear-clipping")
     flipped = letters["triangulator"].isin(["flips:l1", "earcut-refine"])
     native = flipped & (letters["order"] == "native")
-    off = errors(over_base[native], expected[native]).max()
+    off = compute_errors(over_base[native], expected[native]).max()
     yield 2, ("native flips over ear clipping against the law", float(off), 0.05)
     shuffled = letters["order"] == "shuffled"
-    over_walk = relative(letters, ns, order="walk")
-    expected = relative(letters, "predicted_ns", order="walk")
-    off = errors(over_walk[shuffled], expected[shuffled]).max()
+    over_walk = divide_by_base(letters, ns, order="walk")
+    expected = divide_by_base(letters, "predicted_ns", order="walk")
+    off = compute_errors(over_walk[shuffled], expected[shuffled]).max()
     yield 3, ("shuffled over walk against the law", float(off), 0.10)
-    city = rows(table, scene="city", resolution=1024)
-    off = (relative(city, ns, order="native") - 1).abs().max()
+    city = select_rows(table, scene="city", resolution=1024)
+    off = (divide_by_base(city, ns, order="native") - 1).abs().max()
     yield 4, ("city at 1024 px, an order against the native one", float(off), 0.03)
     off = math.nan
     if invocations in table:
-        off = errors(table[invocations], table["transformed_vertices"]).max()
+        off = compute_errors(table[invocations], table["transformed_vertices"]).max()
     yield 5, ("vertex shader invocations against transformed vertices", float(off), 0.03)
-    plain = rows(table)
-    yield 6, ("times against the law", float(errors(plain[ns], plain["predicted_ns"]).max()), 0.06)
-    shaded = rows(table, scene="city", resolution=1024, work=64)
-    saved = relative(shaded, ns, triangulator="ear-clipping")
-    quads = relative(shaded, "quads", triangulator="ear-clipping")
-    off = errors(saved, quads).max()
+    plain = select_rows(table)
+    yield (
+        6,
+        (
+            "times against the law",
+            float(compute_errors(plain[ns], plain["predicted_ns"]).max()),
+            0.06,
+        ),
+    )
+    shaded = select_rows(table, scene="city", resolution=1024, work=64)
+    saved = divide_by_base(shaded, ns, triangulator="ear-clipping")
+    quads = divide_by_base(shaded, "quads", triangulator="ear-clipping")
+    off = compute_errors(saved, quads).max()
     yield 7, ("city, 64 rounds: times relative to ear clipping against quads", float(off), 0.03)
 
 
-def spread(values: pd.Series) -> float:
-    """Return how much the largest value exceeds the smallest, as a share."""
+def compute_spread(values: pd.Series) -> float:
+    """Return the maximum divided by the minimum, minus 1."""
     return float(values.max() / values.min() - 1)
 
 
 def predict(folder: Path) -> None:
-    """Write the predicted times, and what each hypothesis says if the law holds exactly."""
+    """Write the predicted times, and the value of each hypothesis if the law holds exactly."""
     table = read_runs(folder, "reference-*")
     table = table[table["rasteriser"] == "opengl"]
     columns = [*CASE, *COUNTERS]
@@ -158,15 +165,15 @@ def judge(folder: Path) -> None:
     table[[*columns, "measured_ns", "error"]].to_csv(
         folder / "judged.csv", index=False, float_format="%.5g"
     )
-    decisions = [*scatter(folder, measured), *decide(table, "measured_ns", DRIVER[0])]
+    decisions = [*measure_scatter(folder, measured), *decide(table, "measured_ns", DRIVER[0])]
     write_decisions(folder / "decisions.csv", decisions)
     print((folder / "decisions.csv").read_text(encoding="utf-8"))
 
 
-def scatter(folder: Path, measured: pd.DataFrame) -> Iterator[tuple[int, Decision]]:
+def measure_scatter(folder: Path, measured: pd.DataFrame) -> Iterator[tuple[int, Decision]]:
     """Yield the largest difference of two measurements of a case, as hypothesis 0."""
     pairs = measured.merge(read_runs(folder, "again"), on=CASE, suffixes=("", "_again"))
-    off = errors(pairs["draw_ms_again"], pairs["draw_ms"]).max()
+    off = compute_errors(pairs["draw_ms_again"], pairs["draw_ms"]).max()
     yield 0, ("a second measurement against the first", float(off), 0.01)
 
 

@@ -57,7 +57,7 @@ Values = NDArray[np.float64]
 Ends = tuple[float, float]
 
 
-def share_interval(shares: NDArray[np.float64]) -> tuple[float, float]:
+def compute_share_interval(shares: NDArray[np.float64]) -> tuple[float, float]:
     """Return the 95 % interval of a mean share from the shares of independent groups, (g,).
 
     Comparisons that share rounds are not independent and count as one group. If no group or every
@@ -417,7 +417,7 @@ def _simulate_shares(groups: int, rng: np.random.Generator) -> Trial:
     expected = 6 * 0.08 * 0.92 * 5 / 15
     pooled = float(np.mean(shares))
     reach = 1.96 * np.sqrt(max(pooled * (1 - pooled), 1e-12) / (15 * groups))
-    return Trial(share_interval(shares), (pooled - reach, pooled + reach), expected)
+    return Trial(compute_share_interval(shares), (pooled - reach, pooled + reach), expected)
 
 
 def _mean_interval(values: Values, rng: np.random.Generator) -> Ends:

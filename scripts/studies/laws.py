@@ -73,7 +73,7 @@ class FittedDevice(NamedTuple):
 
 @dataclass
 class Clock:
-    """The clock of a synthetic machine whose speed drifts by up to `DRIFT`."""
+    """The clock of a synthetic machine, whose speed drifts by up to `DRIFT`."""
 
     seconds: float = 0.0
     logs: list[float] = field(default_factory=list)
@@ -121,7 +121,7 @@ def make_design(seed: int = 0) -> Design:
 def fit_device(layout: Design, seed: int, budget_s: float = 0.3) -> FittedDevice:
     """Make a device, time the design on it and fit a law."""
     random = np.random.default_rng(seed)
-    truth = draw_costs(layout, random)
+    truth = make_costs(layout, random)
     clock = Clock()
     names = [str(number) for number in range(len(layout.rows))]
     seconds: Mapping[str, float] = {
@@ -152,7 +152,7 @@ def fit_misfitting_device(layout: Design, seed: int) -> FittedDevice:
     """Make a device that deviates from a law of some form, and fit a law to the exact times."""
     random = np.random.default_rng(seed)
     form = list(law.FORMS)[seed % len(law.FORMS)]
-    truth = draw_stage_costs(layout, form, random)
+    truth = make_stage_costs(layout, form, random)
     labels = np.unique(layout.groups, return_inverse=True)[1]
     misfit = random.uniform(*(MISFIT if form == "sum" else MISFIT_OF_STAGES))
     shared = random.uniform(*SHARED)
@@ -172,7 +172,7 @@ class Residuals(NamedTuple):
 
 
 def recreate_draws(profile: dict[str, Any]) -> tuple[list[Draw], list[dict[str, Any]]]:
-    """Return the draws that a profile has times for, made again, and the stored times."""
+    """Return the draws of a profile, made again, and the seconds stored in the profile."""
     step = profile["device"]["details"].get("step") or 1
     draws = [design.snap(draw, step) for draw in design.make_draws(profile["seed"])]
     stored_draws = {(row["kind"], row["name"]): row for row in profile["times"]}
@@ -203,7 +203,7 @@ def fit_turned_device(residuals: Residuals, seed: int) -> FittedDevice:
     return FittedDevice(costs, form, law.fit(layout.rows, times[None], layout.groups))
 
 
-def group_variance_share(residuals: Residuals) -> float:
+def compute_group_variance_share(residuals: Residuals) -> float:
     """Return the share of the residuals' variance between groups (one-way analysis of variance).
 
     S. Searle, G. Casella and C. McCulloch, "Variance Components", 1992, section 3.6.
@@ -219,7 +219,7 @@ def group_variance_share(residuals: Residuals) -> float:
     return common / (common + within)
 
 
-def draw_costs(layout: Design, random: np.random.Generator) -> NDArray[np.float64]:
+def make_costs(layout: Design, random: np.random.Generator) -> NDArray[np.float64]:
     """Return random costs of the terms in seconds, (t,)."""
     has_cost = random.random(len(TERMS)) < COST_PROBABILITY
     has_cost[:2] = True
@@ -228,12 +228,12 @@ def draw_costs(layout: Design, random: np.random.Generator) -> NDArray[np.float6
     return np.asarray(truth)
 
 
-def draw_stage_costs(layout: Design, form: str, random: np.random.Generator) -> NDArray[np.float64]:
+def make_stage_costs(layout: Design, form: str, random: np.random.Generator) -> NDArray[np.float64]:
     """Return random costs of the terms of a form, (t,); its stages take similar times.
 
     Each stage has at least one cost.
     """
-    costs = draw_costs(layout, random)
+    costs = make_costs(layout, random)
     for members in law.list_members(form)[:, 1:] if form != "sum" else ():
         stage = np.flatnonzero(members) + 1
         if not costs[stage].any():
@@ -263,7 +263,10 @@ def main() -> None:
             table.writerow((*header, *shares[1:]))
         for profile in sorted(options.residuals or ()):
             residuals = compute_residuals(json.loads(profile.read_text()))
-            misfit, shared = np.sqrt(np.mean(residuals.errors**2)), group_variance_share(residuals)
+            misfit, shared = (
+                np.sqrt(np.mean(residuals.errors**2)),
+                compute_group_variance_share(residuals),
+            )
             devices = [fit_turned_device(residuals, number) for number in seeds]
             spread = f"{misfit:.3f}", f"{shared:.3f}"
             table.writerow((profile.stem, *spread, len(devices), *summarise_devices(devices)))

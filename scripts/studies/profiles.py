@@ -66,7 +66,7 @@ Draw = tuple[Frame, NDArray[np.int32]]
 WALK = Options(order="walk")
 
 MAX_GROUP_DRAWS = 24
-"""Max number of draws timed together: enough to interleave, few enough for many rounds."""
+"""Maximum number of draws timed together: more draws would leave too few rounds for the budget."""
 
 HALVES = ["first", "second"]
 
@@ -205,7 +205,7 @@ def judge_scene(
         "draws": len(draws),
         **format_r_squared("law", seconds, by_law, polygons),
         **format_r_squared("r2", seconds, predicted, polygons),
-        "r2_max": f"{reliability(table):.4f}",
+        "r2_max": f"{compute_reliability(table):.4f}",
         "speed": f"{speed:.3f}",
     }
     advice = profile["advice"]["triangulator"] if profile.get("advice") else ""
@@ -274,7 +274,7 @@ def time_draws(
     )
     table = pd.DataFrame(np.nan, index=range(len(draws)), columns=["seconds", *HALVES])
     reference_s, empty_s = [], []
-    for seed, members in enumerate(_groups(polygons)):
+    for seed, members in enumerate(_group_draws(polygons)):
         candidates = {str(member): (*draws[member], Options()) for member in members}
         groups, failures = pool.time(backend, candidates, settings, seed)
         if failures:
@@ -286,13 +286,13 @@ def time_draws(
         for member in members:
             samples = group[str(member)].samples_s
             ratio = paired_ratio(samples, reference.samples_s).value
-            halves = _halves(np.divide(samples, reference.samples_s), reference.epochs)
+            halves = _compute_halves(np.divide(samples, reference.samples_s), reference.epochs)
             table.loc[member] = [ratio, *halves]
     table["seconds"] *= float(np.median(reference_s))
     return table, float(np.median(empty_s))
 
 
-def _groups(names: Sequence[str]) -> Iterator[list[int]]:
+def _group_draws(names: Sequence[str]) -> Iterator[list[int]]:
     """Yield groups of indices of draws to time together, where equal names share a group.
 
     Names are in any order. Groups mix small and large draws, so that a slow minute affects all
@@ -310,7 +310,7 @@ def _groups(names: Sequence[str]) -> Iterator[list[int]]:
         yield members
 
 
-def _halves(rounds: NDArray[np.float64], epochs: Sequence[int]) -> list[float]:
+def _compute_halves(rounds: NDArray[np.float64], epochs: Sequence[int]) -> list[float]:
     """Return the medians of the two halves of the rounds.
 
     With several epochs, the halves are the even and the odd epochs: positions in memory change
@@ -345,7 +345,7 @@ def format_r_squared(
     return {f"{name}_over": f"{over:.4f}", f"{name}_within": f"{within:.4f}"}
 
 
-def reliability(table: pd.DataFrame) -> float:
+def compute_reliability(table: pd.DataFrame) -> float:
     """Return the share of the variance within polygons that is not noise."""
     logs = np.log(table[HALVES])
     centred = logs - logs.groupby(table["polygon"]).transform("mean")

@@ -2,10 +2,11 @@
 
     PYTHONPATH=. python scripts/studies/quads_flips.py > results/reference/quads-flips.csv
 
-A scene is drawn as a whole, in the order of each triangulator: a walk, except for ear clipping.
-Print a line of CSV for each scene, size and triangulator: the sums of the exact reference's
-counters, the vertex batches, and each relative to flips by L1. "flips:expected-quads_at_1024_px"
-flips at the scale of 1024 px, and is drawn at the size of the row.
+All polygons of a scene are drawn together, in each triangulator's order (a walk except for ear
+clipping). Print a line of CSV for each scene, size and triangulator: the sums of the exact
+reference's counters, the vertex batches, and each relative to flips by L1.
+"flips:expected-quads_at_1024_px" flips at the scale of 1024 px, and is drawn at the size of the
+row.
 """
 
 import argparse

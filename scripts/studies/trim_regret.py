@@ -2,9 +2,9 @@
 
     python scripts/studies/trim_regret.py FOLDER
 
-Remove random triangulations, other counters and rasterisers that only count, most of the rows. Of
-single polygons, retain only the helper lanes of the triangulations that criteria choose, for
-`interval_coverage.py`.
+Most rows are removed: random triangulations, counters that the document does not cite, and
+rasterisers that only count. Of single polygons, retain only the helper lanes of the triangulations
+that criteria choose, for `interval_coverage.py`.
 """
 
 import sys

@@ -135,7 +135,7 @@ def test_the_page_opens_with_a_typical_polygon(browser):
     open_page(browser)
     assert text_of(browser, "typical") == sentence
     assert not browser.evaluate("$('typical').hidden")
-    width, height = browser.evaluate("sizeOf(state.result.placed.rings)")
+    width, height = browser.evaluate("measureSize(state.result.placed.rings)")
     west, south, east, north = load("city").polygons[number].bounds
     in_scene = table["scale"][0] * np.array([east - west, north - south])
     sizes = browser.evaluate("SIZES")

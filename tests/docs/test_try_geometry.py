@@ -34,9 +34,9 @@ _spec.loader.exec_module(build)
 
 MEASURE = """
     return given.map(({text, size, rotation}) => {
-        const {rings} = readPolygon(text), placed = place(rings, size, rotation);
-        const {points} = placed, valid = !faultOf(placed.rings), ways = {};
-        for (const [name, rows] of Object.entries(valid ? triangulations(placed) : {})) {
+        const {rings} = readPolygon(text), placed = fitToViewport(rings, size, rotation);
+        const {points} = placed, valid = !findFault(placed.rings), ways = {};
+        for (const [name, rows] of Object.entries(valid ? triangulateByMethods(placed) : {})) {
             if (rows) ways[name] = {rows, counts: countLanes(points, rows)};
             for (const limit of rows ? [5, 32] : []) {
                 ways[name][`batches ${limit}`] = countBatches(rows, limit, limit + 2);
@@ -160,10 +160,10 @@ def test_validity_is_that_of_shapely():
     expected = shapely.is_valid(shapely.from_wkt(polygons))
     code = """
         return given.map((text) => {
-            const rings = readWkt(text)[0].map(withoutRepeats);
-            const fault = faultOf(rings), lists = fault ? {} : triangulations({
+            const rings = readWkt(text)[0].map(removeRepeats);
+            const fault = findFault(rings), lists = fault ? {} : triangulateByMethods({
                 rings: rings.map((ring) => ring.map(([x, y]) => [256 * x, 256 * y])),
-                points: rings.flat(2).map((value) => 256 * value), ends: endsOf(rings),
+                points: rings.flat(2).map((value) => 256 * value), ends: listRingEnds(rings),
             });
             return [fault, ["ears", "refined", "flipped"].map((name) => Boolean(lists[name]))];
         });

@@ -21,7 +21,7 @@ from harness.stats.intervals import (
     ratio_interval,
     split_rounds,
 )
-from scripts.studies.interval_coverage import Kind, list_kinds, share_interval, simulate
+from scripts.studies.interval_coverage import Kind, compute_share_interval, list_kinds, simulate
 
 TRIALS = 200
 MIN_COVERAGE = 0.90
@@ -69,11 +69,11 @@ def test_median_of_few_values_has_no_interval():
 
 
 def test_interval_of_a_share_depends_on_the_number_of_groups():
-    assert share_interval(np.zeros(14)) == pytest.approx((0.0, 1 - 0.05 ** (1 / 14)))
-    assert share_interval(np.ones(14)) == pytest.approx((0.05 ** (1 / 14), 1.0))
-    low, high = share_interval(np.array([0.0] * 10 + [1 / 3] * 4))
+    assert compute_share_interval(np.zeros(14)) == pytest.approx((0.0, 1 - 0.05 ** (1 / 14)))
+    assert compute_share_interval(np.ones(14)) == pytest.approx((0.05 ** (1 / 14), 1.0))
+    low, high = compute_share_interval(np.array([0.0] * 10 + [1 / 3] * 4))
     assert 0 <= low < 4 / 42 < high < 0.4
-    assert np.isnan(share_interval(np.zeros(0))).all()
+    assert np.isnan(compute_share_interval(np.zeros(0))).all()
 
 
 def test_interval_includes_the_scatter_between_runs():
