@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from docs.figures import ALIASES, ROOT, Interval, format_value
 from harness.frame import Frame, View, make_frame
-from harness.metrics.per_polygon import spearman
+from harness.metrics.per_polygon import compute_spearman
 from harness.profile.report import format_seconds
 from harness.rasterisers.reference import predict
 from harness.stats.intervals import Ratio, add_run_scatter
@@ -118,7 +118,7 @@ def picture_frame(scene: str, quantile: float) -> Frame:
 
 def triangulate_frame(frame: Frame, triangulator: str) -> NDArray[np.int32]:
     """Return the triangles (m, 3) of a frame of one polygon."""
-    return frame.join(triangulate_polygons(parse(triangulator), frame.polygons).parts)
+    return frame.join_triangles(triangulate_polygons(parse(triangulator), frame.polygons).parts)
 
 
 def count_helper_lanes(frame: Frame, triangulator: str) -> int:
@@ -207,7 +207,7 @@ def in_order(
 def walk_correlation(scene: str, px: int, criterion: str) -> float:
     """Return the rank correlation of a criterion with the H200's times of lists in a walk."""
     table = select(f"h200/orders-{scene}/summary.csv", resolution=px, order="walk")
-    return spearman(table[criterion].to_numpy(), table["draw_ms"].to_numpy())
+    return compute_spearman(table[criterion].to_numpy(), table["draw_ms"].to_numpy())
 
 
 def arithmetic_ps(px: int, rounds: int) -> list[float]:

@@ -133,12 +133,12 @@ def main() -> None:
             _LOG.info("ended by %s", type(error).__name__, exc_info=error)
             if is_debugging() and not isinstance(error, (SystemExit, BrokenPipeError)):
                 print_traceback(error)
-            code = _explain(error)
+            code = _report_error(error)
     _LOG.info("exit code %s", code or 0)
     sys.exit(code)
 
 
-def _explain(error: BaseException) -> int | str | None:
+def _report_error(error: BaseException) -> int | str | None:
     """Print one line that explains the error; return the exit code."""
     if isinstance(error, typer.Abort) and error.__cause__ is not None:
         error = error.__cause__

@@ -11,7 +11,7 @@ import numpy as np
 
 from harness import rasterisers
 from harness.errors import HarnessError
-from harness.frame import bare_frame
+from harness.frame import make_bare_frame
 from harness.grid import SUBPIXEL
 from harness.measuring.tasks import choose_timer
 from harness.rasterisers import Device, Options
@@ -123,7 +123,7 @@ def _try_device(rasteriser: str, device: Device) -> tuple[str, list[str]]:
     opened = rasterisers.get(rasteriser)(device)
     half = SUBPIXEL // 2  # many edges pass through pixel centres
     corners = np.random.default_rng(0).integers(2, 254, (300, 2), np.int32) * half
-    frame, rows = bare_frame(128, corners, 3), np.arange(300, dtype=np.int32).reshape(-1, 3)
+    frame, rows = make_bare_frame(128, corners, 3), np.arange(300, dtype=np.int32).reshape(-1, 3)
     drawn = opened.count(frame, rows, Options())
     if "hits" in drawn:
         drawn["fragments"] = drawn["hits"]

@@ -13,7 +13,7 @@ BAD_INPUT = 2
 NO_RASTERISER = 3
 NOTHING_MEASURED = 4
 INCONCLUSIVE = 5
-"""Times are too noisy, or a part of the work failed; finished results are stored."""
+"""Times are too noisy for a conclusion, or some of the work failed; finished results are stored."""
 DEFECT = 70
 """Internal error of the harness (EX_SOFTWARE of sysexits.h), not 1, which means a regression."""
 INTERRUPTED = 130
@@ -80,7 +80,7 @@ def format_os_error(error: OSError) -> str:
 
 
 def make_unknown_name_error(kind: str, name: str, names: Iterable[str]) -> UsageError:
-    """Return the error for an unknown `name`; its message suggests similar ones of `names`.
+    """Return the error for an unknown `name`; the message suggests similar names from `names`.
 
     kind : noun for the message, e.g. "device"
     """

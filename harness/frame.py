@@ -15,7 +15,7 @@ from shapely import Polygon
 from harness.errors import InputError, UsageError, make_unknown_name_error
 from harness.grid import SUBPIXEL, snap_polygons, to_grid
 from harness.settings import FITS, RESOLUTIONS, Fit
-from harness.viewing import Viewing, viewing_of
+from harness.viewing import Viewing, get_viewing
 from scenes.scene import Scene, Tiling
 from triangulators.polygon_arrays import PolygonArray
 
@@ -147,19 +147,21 @@ class Frame:
         """Return the frame with other (n, 2) points in 1/256 px for the same vertices."""
         return replace(self, grid=replace(self.grid, coords=points))
 
-    def owner(self, triangles: NDArray[np.int32]) -> NDArray[np.int32]:
+    def find_owners(self, triangles: NDArray[np.int32]) -> NDArray[np.int32]:
         """Return the number of the polygon in `grid` of each of the `triangles` (m, 3)."""
         first = np.searchsorted(self.grid.vertex_offsets, triangles[:, 0], side="right")
         return (first - 1).astype(np.int32)
 
-    def draws(self, triangles: NDArray[np.int32]) -> list[slice]:
-        """Return each draw call's rows of `triangles` (m, 3), which are sorted by tile or view."""
+    def split_by_draw(self, triangles: NDArray[np.int32]) -> list[slice]:
+        """Return the slice of `triangles` (m, 3), sorted by tile or view, of each draw call."""
         if self.tiles is None:
             return [slice(0, len(triangles))]
-        bounds = np.searchsorted(self.owner(triangles), self.tiles)
+        bounds = np.searchsorted(self.find_owners(triangles), self.tiles)
         return [slice(*pair) for pair in pairwise(bounds.tolist())]
 
-    def join(self, triangulations: Sequence[NDArray[np.int32] | None]) -> NDArray[np.int32]:
+    def join_triangles(
+        self, triangulations: Sequence[NDArray[np.int32] | None]
+    ) -> NDArray[np.int32]:
         """Concatenate the triangles of each polygon, (m_k, 3) or None, as vertices of `points`."""
         starts = self.grid.vertex_offsets[:-1]
         parts = [
@@ -172,54 +174,56 @@ class Frame:
         return np.ascontiguousarray(np.concatenate(parts), np.int32)
 
 
-def bare_frame(resolution: int, points: NDArray[np.int32], vertices: int | None = None) -> Frame:
+def make_bare_frame(
+    resolution: int, points: NDArray[np.int32], vertices: int | None = None
+) -> Frame:
     """Return a frame of polygons without holes, whose vertices are `points` (n, 2) in 1/256 px.
 
     vertices : number of vertices of each polygon, or None for one polygon of all points
     """
     grid = PolygonArray.of_single_rings(points, vertices or len(points))
-    return frame_of_grid(resolution, grid)
+    return make_grid_frame(resolution, grid)
 
 
-def frame_of_grid(resolution: int, grid: PolygonArray) -> Frame:
+def make_grid_frame(resolution: int, grid: PolygonArray) -> Frame:
     """Return a frame of polygons in 1/256 px that need neither mapping nor snapping."""
     source = np.arange(len(grid), dtype=np.int64)
     return Frame(resolution, resolution, 1.0, View(resolution), source, grid)
 
 
-def frame_of(scene: Scene, view: View) -> Frame:
+def make_scene_frame(scene: Scene, view: View) -> Frame:
     """Map a scene's polygons to the viewport of `view` and snap them.
 
     Raises UsageError if map tiles or a model define another view.
     """
-    fit = view_of(scene).fit
+    fit = get_scene_view(scene).fit
     if view.fit != fit and fit in OWN_VIEWS:
         raise UsageError(f"{scene.name}: {ITS_OWN_VIEW.format(OWN_VIEWS[fit])}")
     if scene.tiling is not None:
-        return _frame_of_tiles(scene, scene.tiling, view)
-    viewing = viewing_of(scene)
+        return _make_tiles_frame(scene, scene.tiling, view)
+    viewing = get_viewing(scene)
     if viewing is not None:
-        return _frame_of_views(scene, viewing, view)
+        return _make_views_frame(scene, viewing, view)
     return make_frame(scene.polygons, view)
 
 
-def view_of(scene: Scene) -> View:
+def get_scene_view(scene: Scene) -> View:
     """Return the view that map tiles or a model define, or else the default view."""
     if scene.tiling is not None:
         return View(scene.tiling.pixels, fit="tile")
-    viewing = viewing_of(scene)
+    viewing = get_viewing(scene)
     return View() if viewing is None else View(viewing.pixels, fit="view")
 
 
-def _frame_of_views(scene: Scene, viewing: Viewing, view: View) -> Frame:
+def _make_views_frame(scene: Scene, viewing: Viewing, view: View) -> Frame:
     """Return a frame in which all views of a model have the same position in the viewport."""
-    frame = frame_of_grid(viewing.pixels, viewing.pieces)
-    flat = frame_of_grid(RESOLUTIONS[1], to_grid(scene.polygons))
+    frame = make_grid_frame(viewing.pixels, viewing.pieces)
+    flat = make_grid_frame(RESOLUTIONS[1], to_grid(scene.polygons))
     source, tiles = viewing.source, viewing.piece_offsets
     return replace(frame, view=view, source=source, tiles=tiles, flat=flat, viewing=viewing)
 
 
-def _frame_of_tiles(scene: Scene, tiling: Tiling, view: View) -> Frame:
+def _make_tiles_frame(scene: Scene, tiling: Tiling, view: View) -> Frame:
     """Return a frame in which all map tiles have the same position in the viewport.
 
     The viewport has a margin for parts of polygons outside the tile, which are not drawn.

@@ -50,7 +50,7 @@ def snap_polygons(polygons: Sequence[Polygon] | NDArray[Any]) -> Snapped:
     dropped: list[tuple[int, str]] = []
     repaired: list[tuple[int, str]] = []
     for number in np.flatnonzero(~sound).tolist():
-        parts, reason = snap(before[number])
+        parts, reason = snap_polygon(before[number])
         (repaired if parts else dropped).append((number, reason))
         pieces += parts
         source += [number] * len(parts)
@@ -61,8 +61,8 @@ def snap_polygons(polygons: Sequence[Polygon] | NDArray[Any]) -> Snapped:
     return Snapped(snapped[order], numbers[order], tuple(dropped), tuple(repaired))
 
 
-def snap(polygon: Polygon) -> tuple[list[Polygon], str]:
-    """Round one polygon in px to the grid, and repair the polygon if rounding breaks it.
+def snap_polygon(polygon: Polygon) -> tuple[list[Polygon], str]:
+    """Round a polygon in px to the grid, and repair the polygon if rounding makes it invalid.
 
     Returns the pieces, possibly none, and the reason for which the polygon was changed or vanished;
     "" if it keeps all vertices.

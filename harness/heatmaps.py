@@ -44,7 +44,7 @@ def make_lane_maps(frame: Frame, triangles: NDArray[np.int32]) -> tuple[Map, Map
     shape = (frame.height + frame.height % 2, frame.width + frame.width % 2)
     covered, helpers = np.zeros(shape, np.int64), np.zeros(shape, np.int64)
     rows = np.ascontiguousarray(triangles, np.int32)
-    spans.shade(frame.points, rows, covered, helpers, frame.window)
+    spans.count_lanes_per_pixel(frame.points, rows, covered, helpers, frame.window)
     return covered[: frame.height, : frame.width], helpers[: frame.height, : frame.width]
 
 

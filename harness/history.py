@@ -31,7 +31,7 @@ from harness.results.record import CaseGroup, CaseId, Record
 from harness.results.run_folder import Run, read_facts, read_run, select_latest
 from harness.settings import HISTORY_METRICS
 from harness.stats.run_quality import get_run_state
-from harness.style import COLOURS, MARKERS, draw_figure, legend_below, make_grid
+from harness.style import COLOURS, MARKERS, add_legend_below, draw_figure, make_grid
 from scenes.spec import format_install_command
 
 if TYPE_CHECKING:
@@ -157,7 +157,7 @@ def _add_processor(case: CaseId, processor: str) -> CaseId:
 
 
 def _group_by_case(runs: Sequence[Run]) -> dict[CaseId, list[Record | None]]:
-    """Return, by case, its record in each run, or None for a run in which it was not measured."""
+    """Return the record of each case in each run, or None for a run without the case."""
     cases: dict[CaseId, list[Record | None]] = defaultdict(lambda: [None] * len(runs))
     for number, run in enumerate(runs):
         for record in run.records:
@@ -202,11 +202,13 @@ def _build_time_series(cases: dict[CaseId, list[Record | None]]) -> list[Series]
 
 
 def _log_time(record: Record | None) -> float:
+    """Return the log of a record's draw time (low quantile, s), NaN if not timed."""
     seconds = compute_low_quantile(record.time.samples_s) if record and record.time else None
     return np.nan if seconds is None else float(np.log(seconds))
 
 
 def _list_contents(records: Sequence[Record | None]) -> tuple[str, ...]:
+    """Return the scene's content hash in each run, "" for a run without the case."""
     return tuple(record.id.scene_hash if record else "" for record in records)
 
 
@@ -245,12 +247,12 @@ def select_series(series: Sequence[Series]) -> list[Series]:
     Series with the largest steps are preferred, then series with the most values.
     """
     several = [entry for entry in series if np.isfinite(entry.values).sum() > 1]
-    selected = set(map(id, sorted(several, key=_rank)[:MAX_SERIES]))
+    selected = set(map(id, sorted(several, key=_get_preference)[:MAX_SERIES]))
     return [entry for entry in series if id(entry) in selected]
 
 
-def _rank(entry: Series) -> tuple[float, bool, float]:
-    """Return the key by which `select_series` prefers series, the most preferred first."""
+def _get_preference(entry: Series) -> tuple[float, bool, float]:
+    """Return the sort key of `select_series`: largest step first, then most values."""
     is_group = entry.id.name == GROUP_NAME
     steps = [0.0 if is_group else _measure_step(*levels) for levels in entry.steps]
     return -max(steps, default=0.0), is_group, -np.isfinite(entry.values).sum()
@@ -349,9 +351,11 @@ def draw_metric(runs: Sequence[Run], series: Sequence[Series]) -> Figure:
         panel.set_title(str(group), fontsize=8, loc="left")
         panel.set_ylabel(label)
     ticks = range(0, len(runs), max(1, -(-len(runs) // MAX_LABELS)))
-    panels[-1].set_xticks(list(ticks), [run_label(runs[tick]) for tick in ticks], rotation=30)
+    panels[-1].set_xticks(
+        list(ticks), [format_run_label(runs[tick]) for tick in ticks], rotation=30
+    )
     panels[-1].tick_params(axis="x", labelsize=6)
-    legend_below(figure, panels, columns=3)
+    add_legend_below(figure, panels, columns=3)
     return figure
 
 
@@ -376,7 +380,7 @@ def _mark_content_changes(panel: Axes, entry: Series) -> None:
             panel.axvline(run - 0.5, color="black", linewidth=1.2, label="content changed")
 
 
-def run_label(run: Run) -> str:
+def format_run_label(run: Run) -> str:
     """Return a run's commit if known, otherwise its folder's name, and its date."""
     name = get_commit(run.facts)[:8] or run.path.name
     day = str(run.facts.get("created") or "")[:10]

@@ -24,7 +24,8 @@ MODEL_TRIANGULATORS = (
 length is proportional to H averaged over rotations."""
 
 COST_COUNTERS = ("helper_lanes", "quads", "covering_triangles", "bbox_tests")
-"""Counters that represent the cost of drawing; the first that a rasteriser has is its main one."""
+"""Counters that represent the cost of drawing; a rasteriser's main counter is its first in this
+order."""
 
 HISTORY_METRICS = (*COST_COUNTERS, "time")
 """Default metrics of `history`."""
@@ -96,7 +97,7 @@ class TimingSettings:
     processes: int = 1
     limit_s: float | None = None
 
-    def of_process(self, number: int, spent_s: float) -> "TimingSettings | None":
+    def get_process_settings(self, number: int, spent_s: float) -> "TimingSettings | None":
         """Return the settings for process `number` (from 0), or None if the time limit is over.
 
         The time remaining after `spent_s` is divided equally among this process and those after it.
@@ -117,8 +118,9 @@ class StudySize:
     polygons : number of polygons of the scene
     random : number of random triangulations per polygon
     max_vertices : maximum number of vertices of a polygon, as optima of larger polygons take long
-    all_below : polygons with fewer triangulations than this are measured with all of these instead
-        of random ones, including the triangulations with T-junctions that the paper allows
+    all_below : a polygon with fewer triangulations than this number is measured with all its
+        triangulations (including those with T-junctions, which the paper allows) instead of random
+        triangulations
     """
 
     polygons: int = 24

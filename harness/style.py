@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from harness.results.run_folder import file_stem
+from harness.results.run_folder import make_file_stem
 
 if TYPE_CHECKING:
     import numpy as np
@@ -122,7 +122,7 @@ def draw_scatter(
     panel.scatter(x, y, color=look.colour, marker=look.marker, label=label, **options)
 
 
-def scatter_over_medians(
+def draw_scatter_over_medians(
     panel: Axes, table: pd.DataFrame, x: str, y: str, by: Sequence[str]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Draw a scatter plot of two columns of `table`, relative to each polygon's medians.
@@ -175,7 +175,7 @@ def make_grid(
     return figure, figure.subplots(rows, columns, squeeze=False, **shared).ravel().tolist()
 
 
-def legend_below(figure: Figure, panels: Sequence[Axes], columns: int) -> None:
+def add_legend_below(figure: Figure, panels: Sequence[Axes], columns: int) -> None:
     """Draw one legend for all panels below a figure, in a number of columns."""
     entries = (panel.get_legend_handles_labels() for panel in panels)
     handles = {text: handle for pair in entries for handle, text in zip(*pair, strict=True)}
@@ -235,7 +235,7 @@ def draw_figure(
 
     Without matplotlib, one line on standard error says that plots are skipped.
 
-    name : any text, whose `file_stem` names the files
+    name : any text, whose `make_file_stem` names the files
     make : returns the figure, or None without data
     """
     try:
@@ -248,7 +248,7 @@ def draw_figure(
         if figure is None:
             return []
         folder.mkdir(parents=True, exist_ok=True)
-        files = [folder / f"{file_stem(name)}.{suffix}" for suffix in ("png", "svg")]
+        files = [folder / f"{make_file_stem(name)}.{suffix}" for suffix in ("png", "svg")]
         for file in files:
             figure.savefig(file)
             figure.set_layout_engine("none")  # a second file has the layout of the first

@@ -178,6 +178,7 @@ def _compare_cells(
 
 
 def _format_note(record: Record) -> Text:
+    """Return a line with the reason for which a record is incomplete, skipped or failed."""
     verb = "" if record.is_ok else f" {record.status}"
     return Text(f"{record.name} on {record.id.device_name}{verb}: {record.reason}")
 

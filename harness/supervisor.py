@@ -101,7 +101,7 @@ def continue_in_child() -> None:
         if folder:
             shutil.rmtree(folder, ignore_errors=True)
     else:
-        system.end_with(parent)
+        system.end_with_parent(parent)
         signal.set_wakeup_fd(to_parent, warn_on_full_buffer=False)
         _channel = to_parent
         if folder:
@@ -166,8 +166,9 @@ class _Supervisor:
         return code
 
     def _note_own_signals(self) -> None:
+        """Schedule the forwarding of received signals, and set the deadline for the child's end."""
         time_s = time.monotonic()
-        for number in _read(self._from_signals) or b"":
+        for number in _read_pipe(self._from_signals) or b"":
             is_known = time_s - self._received.get(number, -inf) < FORWARD_AFTER_S
             if number in system.STOPPING and not is_known:
                 self._to_forward.setdefault(number, time_s + FORWARD_AFTER_S)
@@ -176,7 +177,7 @@ class _Supervisor:
     def _note_child_signals(self) -> bool:
         """Process the content of the child's pipe; return whether the pipe is still open."""
         time_s = time.monotonic()
-        content = _read(self._from_child)
+        content = _read_pipe(self._from_child)
         for number in content or b"":
             if number == _NO_LIMIT:
                 self._deadline = inf
@@ -205,7 +206,7 @@ class _Supervisor:
                 time.sleep(KILL_INTERVAL_S)
 
 
-def _read(descriptor: int) -> bytes | None:
+def _read_pipe(descriptor: int) -> bytes | None:
     """Return the content of a pipe, b"" at the end, or None if the pipe is empty."""
     try:
         return os.read(descriptor, 4096)
@@ -221,7 +222,7 @@ def _print_and_return(line: str, code: int) -> int:
 
 
 def _make_folder() -> Path | None:
-    """Create a folder for temporary files, and remove those of killed processes.
+    """Create a folder for temporary files, and remove the folders of killed processes.
 
     Returns None if no folder can be created. The folder's file `lock` is locked as long as the
     parent or the child runs.
@@ -230,7 +231,7 @@ def _make_folder() -> Path | None:
         shared = Path(tempfile.gettempdir())
         _remove_abandoned(shared)
         folder = Path(tempfile.mkdtemp(prefix=system.TEMPORARY_PREFIX, dir=shared))
-        if len(os.fsencode(folder)) <= MAX_FOLDER_LENGTH and _lock(folder) is not None:
+        if len(os.fsencode(folder)) <= MAX_FOLDER_LENGTH and _lock_folder(folder) is not None:
             return folder if folder.exists() else None
         folder.rmdir()
     return None
@@ -242,13 +243,13 @@ def _remove_abandoned(shared: Path) -> None:
         with suppress(OSError):
             if folder.is_symlink() or folder.lstat().st_uid != os.getuid():
                 continue
-            descriptor = _lock(folder)
+            descriptor = _lock_folder(folder)
             if descriptor is not None:
                 shutil.rmtree(folder, ignore_errors=True)
                 os.close(descriptor)
 
 
-def _lock(folder: Path) -> int | None:
+def _lock_folder(folder: Path) -> int | None:
     """Lock a temporary folder; return the descriptor that holds the lock, or None if it is in use.
 
     The lock file is created if missing, as a process may have been killed between creating the

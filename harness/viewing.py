@@ -82,13 +82,13 @@ class ModelScene(Scene):
             digest.update(self.viewing.source.astype("<i8").tobytes())
 
 
-def viewing_of(scene: Scene) -> Viewing | None:
+def get_viewing(scene: Scene) -> Viewing | None:
     """Return the views of a scene, or None if the scene is not a model."""
     return scene.viewing if isinstance(scene, ModelScene) else None
 
 
 def is_model_with_views(text: str) -> bool:
-    """Return whether a scene's name asks for views of a model, for example "part.glb:views=24".
+    """Return whether a scene's name requests views of a model, for example "part.glb:views=24".
 
     A misspelt parameter such as "view=24" counts as well, so that loading the views reports it with
     the valid parameters.

@@ -18,7 +18,7 @@ import numpy as np
 
 from harness import atomic
 from harness.errors import UsageError
-from harness.frame import View, frame_of
+from harness.frame import View, make_scene_frame
 from harness.metrics.decision import (
     MIN_PIXELS,
     MIN_SAVED_SHARE,
@@ -30,7 +30,7 @@ from harness.profile.device_costs import (
     Cost,
     DeviceCosts,
     compute_saved,
-    count_orders,
+    count_native_and_walk,
     describe_stage,
     format_saving,
     predict_draws,
@@ -152,7 +152,7 @@ def count_size(
 
     Raises UsageError if the scene defines the view, or no polygon can be drawn at this size.
     """
-    frame = frame_of(scene, view)
+    frame = make_scene_frame(scene, view)
     results = {str(recipe): triangulate_polygons(recipe, frame.polygons) for recipe in recipes}
     drawn = np.all([result.drawn for result in results.values()], axis=0)
     if not drawn.any():
@@ -167,7 +167,7 @@ def count_size(
     counters = []
     for result in results.values():
         parts = [part if ok else None for part, ok in zip(result.parts, drawn, strict=True)]
-        counters.append(count_orders(frame, frame.join(parts)))
+        counters.append(count_native_and_walk(frame, frame.join_triangles(parts)))
     costs = dict(zip(results, _list_costs(counters, seconds, device), strict=True))
     low, high = frame.polygons.bounds()
     polygon_px = float(np.median((high - low)[drawn].max(axis=1)))
@@ -250,7 +250,7 @@ def _format_pixels(side: float, digits: int) -> str:
 
 
 def make_tables(sizes: Sizes) -> Iterator[Table]:
-    """Yield a table for each quantity: the base's value, and other values relative to that."""
+    """Yield a table for each quantity: the base's value, and the other triangulators' ratios."""
     kinds = [
         ("triangulate_s", "ms to triangulate", 1e3, ".3g"),
         ("quads", "lanes shaded", 4.0, ",.0f"),

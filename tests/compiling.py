@@ -60,7 +60,7 @@ def _compile_scenes(candidates: list[str], order: int = 1) -> None:
         triangulate_many(frame.polygons, device="llvmpipe")
         for name in candidates[::order]:
             triangulation = triangulate_polygons(parse(name), frame.polygons)
-        _rasterise(frame, frame.join(triangulation.parts))
+        _rasterise(frame, frame.join_triangles(triangulation.parts))
         count_outline_quads(frame, triangulation.parts)
         compute_min_quads(frame, None)
 
@@ -81,7 +81,7 @@ def _compile_second_half() -> None:
     triangulate_many(polygons, "refined")
     frame = make_frame(polygons, View(64))
     triangulation = triangulate_polygons(parse("ear-clipping"), frame.polygons)
-    _rasterise(frame, frame.join(triangulation.parts))
+    _rasterise(frame, frame.join_triangles(triangulation.parts))
     for polygon in [shape for scene in SCENES for shape in load(scene).polygons[:3]]:
         certify(polygon, triangulate(polygon, "ear-clipping", repair=True), "overdraw")
     _compile_scenes(names(available_only=True), -1)

@@ -103,7 +103,7 @@ class MockRasteriser(Rasteriser):
         a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         double_areas = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
         polygons = len(frame.grid)
-        owner = frame.owner(triangles)
+        owner = frame.find_owners(triangles)
         fragments = np.zeros(polygons, np.int64)
         np.add.at(fragments, owner, double_areas)
         quads = fragments + np.bincount(owner, minlength=polygons)

@@ -25,7 +25,7 @@ def cache(
             typer.echo(f"deleted {count:,} triangulations in {database.path}")
             typer.echo(f"removed compiled code of {old:,} old modules")
             return
-        kinds = database.info()
+        kinds = database.count_entries()
     compiled = compiled_files.measure_cache()
     typer.echo(
         f"{compiled.folder}: compiled code, {compiled.file_bytes:,} bytes, "

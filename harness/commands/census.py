@@ -89,7 +89,7 @@ def census(
     processes the missing parts.
     """
     from harness.scaling.census import Census, TileCensus
-    from harness.scaling.dataset import files
+    from harness.scaling.dataset import list_files
     from scenes.slices import has_degrees, parse_tile_selection
     from triangulators.registry import full_name
 
@@ -101,7 +101,7 @@ def census(
     if tiles is None:
         scale = UNITS_PER_PIXEL if units_per_pixel is None else units_per_pixel
         # A thousand units, or a hundredth of a degree: a kilometre.
-        size = cell or (0.01 if has_degrees(files(file)[0]) else 1000.0)
+        size = cell or (0.01 if has_degrees(list_files(file)[0]) else 1000.0)
         _count_dataset(file, out, Census(names, scale, size, layer, condition), dask, reporter)
         return
     of_files: dict[str, object] = {
@@ -160,7 +160,7 @@ def _count_dataset(
             f"{os.path.relpath(out)}: no pixel is covered: choose another {option}"
         )
     with translate_errors(out, "run the same command again"), reporter.stage("drawing", 1):
-        written = census_report.write(out, totals, census)
+        written = census_report.write_census(out, totals, census)
     for name, reason in totals.damaged[:MAX_DAMAGED_NAMED]:
         reporter.warn(f"tile {name} {reason}")
     Screen(highlight=False).print(census_report.make_table(totals, census))

@@ -92,7 +92,7 @@ def compare(
         comparison = compare_without_baseline(str(base), after, settings)
     else:
         comparison = compare_runs(before, after, settings)
-        if comparison.regressed():
+        if comparison.list_regressed_cases():
             from harness.compare.polygons import find_largest_growth
 
             grown = find_largest_growth(before, after, comparison)

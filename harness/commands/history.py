@@ -92,14 +92,14 @@ def history(
 
 def format_changes(runs: Sequence[Run], series: Sequence[Series]) -> list[str]:
     """Return a line for each change: the run, the metric and case, and both levels."""
-    from harness.history import run_label
+    from harness.history import format_run_label
     from harness.style import format_step
 
     lines = []
     for entry in series:
         subject = f"{entry.metric} of {entry.id.name}, {entry.id.group}"
         for position, (before, after) in zip(entry.changes, entry.steps, strict=True):
-            label = run_label(runs[position]).replace("\n", ", ")
+            label = format_run_label(runs[position]).replace("\n", ", ")
             lines.append(f"{label}: {subject}: {format_step(before, after)}")
     return lines or ["nothing changed"]
 

@@ -61,7 +61,7 @@ def import_(
     from harness.page.device_summaries import write_summary
     from harness.page.result import FORMAT, Result, import_result
     from harness.page.saved import Measured, make_device_name, read_saved
-    from harness.results.run_folder import file_stem, read_latest
+    from harness.results.run_folder import make_file_stem, read_latest
 
     if file.is_dir():
         if summary is None:
@@ -79,7 +79,7 @@ def import_(
         profile_result.FORMAT: profile_result.Result,
     }
     result = read_saved(file, kinds)
-    name = file_stem(device) or make_device_name(result)
+    name = make_file_stem(device) or make_device_name(result)
     if isinstance(result, profile_result.Result):
         if run or summary:
             raise UsageError(f"{file} is a profile, which has neither --run nor --summary")

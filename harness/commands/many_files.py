@@ -67,7 +67,7 @@ def triangulate_many_files(
         f"{summary.proven:,} proven optimal"
     )
     if summary.certified:
-        typer.echo(f"{out}: {Certified.total(summary.certified)}")
+        typer.echo(f"{out}: {Certified.sum_parts(summary.certified)}")
     refuse_set_aside(out, summary)
     raise_if_failed(summary.counts, out)
 

@@ -39,4 +39,4 @@ def merge(
                 f"--hosts: {len(hosts)} hosts for {len(stored)} runs; name one host for each run"
             )
         stored = [merging.set_host(run, name) for run, name in zip(stored, hosts, strict=True)]
-    make_run(out, lambda folder: merging.merge(stored, folder), quiet=quiet)
+    make_run(out, lambda folder: merging.merge_runs(stored, folder), quiet=quiet)

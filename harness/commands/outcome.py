@@ -17,7 +17,7 @@ from harness.measuring.run import run as carry_out
 from harness.metrics.decision import COVERED, decide_all
 from harness.metrics.processors import describe_machine
 from harness.progress import Reporter, Screen
-from harness.results.run_folder import Run, file_stem, read_run, translate_errors
+from harness.results.run_folder import Run, make_file_stem, read_run, translate_errors
 from harness.stats.run_quality import get_run_state
 from harness.summary import list_rows, print_summary, write_csv
 from scenes import Scene
@@ -37,7 +37,7 @@ def choose_folder(
         raise UsageError(
             "--out and --resume are mutually exclusive: --resume writes to the resumed folder"
         )
-    name = before + file_stem(Path(format_label(scene)).stem)
+    name = before + make_file_stem(Path(format_label(scene)).stem)
     first = Path("results") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
     new, number = first, 2
     while new.exists():  # two short runs may start within a second

@@ -13,7 +13,7 @@ import typer
 from harness.commands import options
 from harness.errors import InconclusiveError
 from harness.progress import Reporter, Screen
-from harness.results.run_folder import file_stem
+from harness.results.run_folder import make_file_stem
 from harness.settings import TIMEOUT_S
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def profile(
     from harness.measuring.pool import Backend, MeasuringPool
     from harness.profile import design, measured
     from harness.profile import profile as profiles
-    from harness.profile.counted import counters
+    from harness.profile.counted import count_draw
     from harness.rasterisers.base import Options
     from harness.workers.worker import Worker
 
@@ -58,8 +58,8 @@ def profile(
     draws = [draw for draw in design.make_draws(seed) if kind.supports(Options(work=draw.work))]
     with closing(MeasuringPool(Worker, timeout_s=TIMEOUT_S)) as pool:
         step = pool.open(backend).details.get("step") or 1
-        draws = [design.snap(draw, step) for draw in draws]
-        timing = measured.settings(budget, len(draws))
+        draws = [design.snap_draw(draw, step) for draw in draws]
+        timing = measured.make_settings(budget, len(draws))
         length = budget * (len(draws) + 3)
         with reporter.stage(f"timing {len(draws)} draws: {backend.label}", length) as stage:
             times = measured.measure(backend, pool, draws, timing, seed, stage.complete)
@@ -71,7 +71,9 @@ def profile(
             "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
             **pool.describe()[backend.label],
         }
-        content = profiles.profile(draws, [counters(draw) for draw in draws], times, facts, seed)
+        content = profiles.make_profile(
+            draws, [count_draw(draw) for draw in draws], times, facts, seed
+        )
         add_advice(content, pool, times.unreliable_reason)
     if len(times.rounds) < measured.EPOCHS:
         typer.echo(
@@ -105,7 +107,7 @@ def write_profile(content: Mapping[str, Any], out: Path | None, trouble: str) ->
     from harness.profile.profile import write_profile as write_file
 
     device = content["device"]
-    name = file_stem(f"{device['rasteriser']}-{device['name']}")
+    name = make_file_stem(f"{device['rasteriser']}-{device['name']}")
     file = write_file(content, out or options.PROFILES / f"{name}.json")
     for line in report.format_sentences(content):
         typer.echo(line)

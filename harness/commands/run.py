@@ -116,7 +116,7 @@ def run(
     """Measure triangulators on a scene, with exact counters and repeated times; store the run."""
     from harness.commands import outcome, run_inputs
     from harness.frame import View
-    from harness.machine.system import database_path
+    from harness.machine.system import get_database_path
     from harness.measuring.other_version import FOLDER as BASE_FOLDER
     from harness.measuring.plan import Plan
     from harness.measuring.run import RunOptions
@@ -161,7 +161,7 @@ def run(
         run_options = RunOptions(
             resume=resume is not None,
             force=force,
-            database=database_path() if cached else None,
+            database=get_database_path() if cached else None,
             baseline=baseline,
             base=run_inputs.resolve_base_name(base, plan),
             **run_inputs.read_profile_options(profile_file),

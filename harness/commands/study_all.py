@@ -51,12 +51,12 @@ def study_all(
     with ours. A finished study is not measured again. The exit code is 5 if cases failed or times
     were disturbed, and 4 if no finding could be evaluated.
     """
-    from harness.results.run_folder import file_stem
+    from harness.results.run_folder import make_file_stem
     from harness.study import replication
     from scenes.spec import format_label
 
     console = Screen(quiet=quiet)
-    names = [file_stem(Path(format_label(scene)).stem) for scene in scenes]
+    names = [make_file_stem(Path(format_label(scene)).stem) for scene in scenes]
     if len(set(names)) < len(names):
         raise UsageError(f"two data sets would share a folder: {', '.join(names)}; rename one")
     settings = _Settings(
@@ -179,7 +179,7 @@ def _measure_gains(
     """
     from harness.commands import outcome
     from harness.frame import View
-    from harness.machine.system import database_path
+    from harness.machine.system import get_database_path
     from harness.measuring.plan import Plan
     from harness.measuring.run import RunOptions
     from harness.measuring.run import run as carry_out
@@ -200,7 +200,7 @@ def _measure_gains(
         timing=run.QUICK if settings.quick else TimingSettings(),
         timeout_s=QUICK_TIMEOUT_S if settings.quick else TIMEOUT_S,
     )
-    run_options = RunOptions((folder / "run.json").is_file(), database=database_path())
+    run_options = RunOptions((folder / "run.json").is_file(), database=get_database_path())
     reporter = Reporter(quiet=True, verbose=settings.verbose)
     result = carry_out(plan, folder, reporter, run_options)
     incomplete = None

@@ -76,5 +76,5 @@ def study_pareto(
             points.to_csv(folder / "fronts.csv", index=False)
             table.to_csv(folder / "pareto.csv", index=False, float_format="%.9g")
         write_report(run)
-    pareto.print_table(table, format_label(scene), Screen(highlight=False))
+    pareto.print_pareto_table(table, format_label(scene), Screen(highlight=False))
     finish_study(run)

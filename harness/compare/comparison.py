@@ -39,7 +39,7 @@ from harness.metrics.registry import (
     list_predictions,
     sort_counters,
 )
-from harness.results.record import CaseGroup, Record, printable
+from harness.results.record import CaseGroup, Record, make_printable
 from harness.results.run_folder import Run, select_latest
 from harness.stats.run_quality import get_run_state
 
@@ -92,7 +92,7 @@ def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comp
         notes=tuple(_list_notes(base, head, differ)),
         changes=tuple(list_changes(base, head)),
     )
-    return replace(comparison, verdict=_decide(comparison))
+    return replace(comparison, verdict=_decide_verdict(comparison))
 
 
 def compare_without_baseline(path: str, head: Run, settings: Settings) -> Comparison:
@@ -117,7 +117,7 @@ def _has_other_device(matches: Sequence[Match]) -> bool:
 def _compare_counters(match: Match, run: Run, settings: Settings) -> CaseChange:
     """Return the status of a case and, if measured in both runs, the changes of its counters.
 
-    run : HEAD; its plan tells whether a case without a record is missing
+    run : HEAD; a case without a record is missing if HEAD's plan has the case
     """
     base, head = match.base, match.head
     status, reason = _find_status(match, run)
@@ -125,9 +125,9 @@ def _compare_counters(match: Match, run: Run, settings: Settings) -> CaseChange:
         return CaseChange(match.id, status, reason)
     before, after = read_exact_metrics(base), read_exact_metrics(head)
     changes = (_compare_values(n, before[n], after[n], settings) for n in after if n in before)
-    missing = (counter_name(name) for name in base.counters if name not in head.counters)
+    missing = (name_counter(name) for name in base.counters if name not in head.counters)
     # A gated counter that HEAD lacks cannot be compared, so the case fails.
-    gated = (name for name in missing if settings.threshold(name) is not None)
+    gated = (name for name in missing if settings.get_counter_threshold(name) is not None)
     return CaseChange(match.id, status, reason, tuple(changes), tuple(gated))
 
 
@@ -160,7 +160,7 @@ def _find_status(match: Match, run: Run) -> tuple[Status, str]:
 
 
 def _explain_failure(record: Record) -> str:
-    return printable(record.reason or "")
+    return make_printable(record.reason or "")
 
 
 def _compare_times(
@@ -190,7 +190,11 @@ def _compare_times(
         changes_by_case |= dict(zip(pairs, group_changes, strict=True))
         drifts += [] if drift is None else [drift]
     corrected = dict(
-        zip(changes_by_case, times.correct(list(changes_by_case.values()), settings), strict=True)
+        zip(
+            changes_by_case,
+            times.correct_q_values(list(changes_by_case.values()), settings),
+            strict=True,
+        )
     )
     return [replace(case, time=corrected.get(n)) for n, case in enumerate(cases)], drifts
 
@@ -229,10 +233,11 @@ def _list_notes(base: Run, head: Run, differ: bool) -> list[str]:
     return notes
 
 
-def _decide(comparison: Comparison) -> Verdict:
-    if comparison.regressed() or comparison.drifted():
+def _decide_verdict(comparison: Comparison) -> Verdict:
+    """Return the verdict that follows from the gated changes and the compared cases."""
+    if comparison.list_regressed_cases() or comparison.list_regressed_drifts():
         return "regression"
-    compared = comparison.compared()
+    compared = comparison.list_compared()
     untimed = all(case.time is None for case in compared)
     if not compared or (untimed and "counters" not in comparison.settings.gates):
         return "nothing-comparable"
@@ -250,7 +255,7 @@ def read_exact_metrics(record: Record) -> dict[str, float]:
     """
     counters = record.counters
     values: dict[str, float] = {
-        counter_name(name): counters[name] for name in sort_counters(counters)
+        name_counter(name): counters[name] for name in sort_counters(counters)
     }
     for name, metric in {**METRICS, **list_predictions()}.items():
         value = metric(record) if metric.exact else None
@@ -261,12 +266,13 @@ def read_exact_metrics(record: Record) -> dict[str, float]:
     return values | {f"{PREDICTED}{name}": predicted[name] for name in features}
 
 
-def counter_name(name: str) -> str:
-    """Return a counter's name in a comparison: `counted_NAME` if another kind of metric has it."""
+def name_counter(name: str) -> str:
+    """Return a counter's name in a comparison: `counted_NAME` if another metric is called NAME."""
     return name if find_metric(name).kind == "counter" else f"counted_{name}"
 
 
 def _compare_values(name: str, base: float, head: float, settings: Settings) -> CounterChange:
+    """Return the change of an exact metric between BASE and HEAD, with the gate's decision."""
     exact: Exact = "equal"
     are_integers = float(base).is_integer() and float(head).is_integer()
     # Sums of square roots may differ in their last digits.
@@ -274,7 +280,7 @@ def _compare_values(name: str, base: float, head: float, settings: Settings) -> 
         decreased, better = head < base, find_metric(name).better
         exact = "better" if decreased == (better == "lower") else "worse"
         exact = "changed" if better == "none" else exact
-    threshold = settings.threshold(name)
+    threshold = settings.get_counter_threshold(name)
     exceeds = threshold is not None and abs(head - base) > threshold * abs(base)
     is_wrong = exact == "worse" or (exact == "changed" and find_metric(name).is_shared)
     growth = compute_growth(base, head)

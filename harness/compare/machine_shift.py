@@ -36,7 +36,7 @@ class MachineShift:
     against: Against
 
 
-def shift_of_peers(logs: NDArray[np.float64], confidence: float) -> MachineShift:
+def estimate_peer_shift(logs: NDArray[np.float64], confidence: float) -> MachineShift:
     """Return the machine's share of a case's log ratio, estimated from (k,) log ratios of peers.
 
     With equal code all k + 1 log ratios scatter about the drift with the same unknown standard
@@ -54,28 +54,32 @@ def shift_of_peers(logs: NDArray[np.float64], confidence: float) -> MachineShift
     """
     if len(logs) > MIN_PEERS:
         shifts = [
-            _estimate_shift_of(np.delete(logs, peer), confidence) for peer in range(len(logs))
+            _estimate_from_peers(np.delete(logs, peer), confidence) for peer in range(len(logs))
         ]
         changed = [
-            abs(log - shift.low) > two_sided_quantile(OUTLIER_CONFIDENCE, shift.degrees) * shift.sd
+            abs(log - shift.low)
+            > get_two_sided_quantile(OUTLIER_CONFIDENCE, shift.degrees) * shift.sd
             for log, shift in zip(logs, shifts, strict=True)
         ]
         if sum(changed) == 1:
             return shifts[changed.index(True)]
-    return _estimate_shift_of(logs, confidence)
+    return _estimate_from_peers(logs, confidence)
 
 
-def _estimate_shift_of(logs: NDArray[np.float64], confidence: float) -> MachineShift:
+def _estimate_from_peers(logs: NDArray[np.float64], confidence: float) -> MachineShift:
     """Return the median of (k,) peers' log ratios and the deviation of a case about the median."""
     count = len(logs)
     sd, degrees = float(np.std(logs, ddof=1)), float(count - 1)
-    if two_sided_quantile(confidence, degrees) * sd <= two_sided_quantile(confidence) * MIN_CASE_SD:
+    if (
+        get_two_sided_quantile(confidence, degrees) * sd
+        <= get_two_sided_quantile(confidence) * MIN_CASE_SD
+    ):
         sd, degrees = MIN_CASE_SD, math.inf
     middle = float(np.median(logs))
     sd *= math.sqrt(1 + math.pi / (2 * count))
     return MachineShift(middle, middle, sd, degrees, "peers")
 
 
-def two_sided_quantile(confidence: float, degrees: float = math.inf) -> float:
+def get_two_sided_quantile(confidence: float, degrees: float = math.inf) -> float:
     """Return a two-sided interval's half-width in standard deviations, by Student or normal."""
     return float(stats.t.ppf(0.5 + confidence / 2, degrees))

@@ -115,9 +115,9 @@ def _map_renderers(run: Run) -> dict[str, str]:
 
 
 def explain_missing(head: Run, case: CaseId) -> str | None:
-    """Return why `head` should have a record of the case, or None for a case outside the plan.
+    """Return why a record of the case is missing from `head`, or None for a case outside the plan.
 
-    Without a plan, as for a single file of records, every case should be there.
+    Without a plan, as for a single file of records, every case is expected.
     """
     if not head.records:
         return "HEAD has no cases"
@@ -131,7 +131,7 @@ def explain_missing(head: Run, case: CaseId) -> str | None:
 
 
 def _is_planned(plan: Mapping[str, Any], case: CaseId, head: Run) -> bool:
-    """Whether the plan has the case; a part that the plan lacks matches every case."""
+    """Return whether the plan has the case; a field that the plan lacks matches every case."""
     parts: dict[str, Any] = {
         "triangulators": case.name,
         "rasterisers": case.rasteriser,
@@ -161,7 +161,7 @@ def format_machine(facts: Mapping[str, Any]) -> str:
 
 
 def machines_differ(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
-    """Whether the machines of both runs are known and different."""
+    """Return whether the machines of both runs are known and different."""
     alike = may_be_same(read_processor(before), read_processor(after))
     old, new = (
         format_machine(facts).removeprefix(read_processor(facts)) for facts in (before, after)
@@ -184,6 +184,7 @@ def _format_value(value: Any) -> str:
 
 
 def _flatten(facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the compared facts of a run, by names such as "plan: seed"."""
     environment = facts.get("environment") or {}
     machine = {name: environment.get(name) for name in ENVIRONMENT}
     devices = {

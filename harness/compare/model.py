@@ -149,7 +149,7 @@ class CaseChange:
     lost: tuple[str, ...] = ()
     time: TimeChange | None = None
 
-    def regressions(self) -> list[CounterChange]:
+    def list_regressed_counters(self) -> list[CounterChange]:
         """Return the counters that became worse by more than the thresholds."""
         return [change for change in self.counters if change.regressed]
 
@@ -213,20 +213,20 @@ class Comparison:
 
     @property
     def exit_code(self) -> int:
-        """Return the exit code of `compare`."""
+        """Exit code of the command `compare`."""
         if self.verdict == "inconclusive" and self.settings.allow_inconclusive:
             return errors.GOOD
         return EXIT_CODES[self.verdict]
 
-    def compared(self) -> list[CaseChange]:
+    def list_compared(self) -> list[CaseChange]:
         """Return the cases measured in both runs."""
         return [case for case in self.cases if case.status == "compared"]
 
-    def regressed(self) -> list[CaseChange]:
+    def list_regressed_cases(self) -> list[CaseChange]:
         """Return the cases that make the gate fail."""
         return [case for case in self.cases if self.is_regressed(case)]
 
-    def drifted(self) -> list[Drift]:
+    def list_regressed_drifts(self) -> list[Drift]:
         """Return the regressed drifts, if times are gated."""
         if not self.settings.gates_time:
             return []
@@ -237,7 +237,9 @@ class Comparison:
         if case.status in BROKEN or (self.settings.require_all and case.status == "only-base"):
             return True
         slower = case.time is not None and case.time.outcome == "regressed"
-        return bool(case.regressions() or case.lost) or (slower and self.settings.gates_time)
+        return bool(case.list_regressed_counters() or case.lost) or (
+            slower and self.settings.gates_time
+        )
 
 
 GATES = ("counters", "time")
@@ -280,12 +282,12 @@ class Settings:
         """Whether times decide the exit code."""
         return "time" in self.gates
 
-    def time_threshold_of(self, *, paired: bool) -> float:
-        """Return the tolerated increase of a time; paired : both versions in the same rounds."""
+    def get_time_threshold(self, *, paired: bool) -> float:
+        """Return the tolerated relative increase of a time; paired : timed in the same rounds."""
         default = PAIRED_TIME_THRESHOLD if paired else TIME_THRESHOLD
         return self.thresholds.get("time", default)
 
-    def threshold(self, counter: str) -> float | None:
+    def get_counter_threshold(self, counter: str) -> float | None:
         """Return the tolerated increase of a counter, or None if the counter is not gated."""
         metric = find_metric(counter)
         # A counter that every triangulation shares is gated in both directions.
@@ -296,7 +298,7 @@ class Settings:
 
 
 def parse_gates(text: str | Iterable[str]) -> tuple[str, ...]:
-    """Return the gates of `counters,time`, or of a list of such names.
+    """Return the gates in a text such as `counters,time`, or in a list of such names.
 
     Raises
     ------
@@ -311,7 +313,7 @@ def parse_gates(text: str | Iterable[str]) -> tuple[str, ...]:
 
 
 def parse_threshold(text: str) -> tuple[str, float]:
-    """Return the name and the threshold, as a fraction, of `name=5%`.
+    """Parse `name=5%`; return the name, and the threshold as a fraction, here 0.05.
 
     Raises
     ------

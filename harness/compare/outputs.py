@@ -26,7 +26,7 @@ from harness.compare.wording import (
     format_time,
     list_runs,
 )
-from harness.results.record import CaseGroup, CaseId, printable
+from harness.results.record import CaseGroup, CaseId, make_printable
 from harness.style import format_count, make_plain_table
 from harness.webpages import load_template
 
@@ -43,7 +43,7 @@ def to_json(comparison: Comparison) -> dict[str, Any]:
     """Return the content of the JSON report; schema: docs/ci/compare.schema.json."""
     content = asdict(comparison)
     for case, entry in zip(comparison.cases, content["cases"], strict=True):
-        entry["name"] = _name_to_json(case.id)
+        entry["name"] = _describe_case_in_json(case.id)
         del entry["id"]
         entry["regressed"] = comparison.is_regressed(case)
     for drift, entry in zip(comparison.drifts, content["drifts"], strict=True):
@@ -58,10 +58,10 @@ def to_json(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def _name_to_json(case: CaseId) -> dict[str, Any]:
+def _describe_case_in_json(case: CaseId) -> dict[str, Any]:
     names = {"scene": case.scene, "triangulator": case.name}
     names |= {"rasteriser": case.rasteriser, "device": case.device_name}
-    printed = {name: printable(text) for name, text in names.items()}
+    printed = {name: make_printable(text) for name, text in names.items()}
     return {**printed, **vars(case.view), "options": case.options.to_json()}
 
 
@@ -102,7 +102,7 @@ MAX_COMMENT_LENGTH = 60_000
 """GitHub rejects comments of more than 65,536 characters."""
 
 MARKER = "<!-- raster-harness compare -->"
-"""Last line of the text, by which an earlier comment is found, to be replaced."""
+"""Last line of a comment, which identifies an earlier comment to be replaced."""
 
 
 def to_markdown(
@@ -114,19 +114,22 @@ def to_markdown(
     grown : polygons with the largest growth
     """
     verdict, _, details = format_headline(comparison).partition(": ")
-    text = f"**{escape(verdict)}:** {escape(details)}\n"
+    text = f"**{escape_markdown(verdict)}:** {escape_markdown(details)}\n"
     tables = build_tables(comparison)
-    lines = [f"- {escape(format_grown(polygon))}\n" for polygon in grown]
+    lines = [f"- {escape_markdown(format_grown(polygon))}\n" for polygon in grown]
     if lines:
         lines.insert(0, "**Largest growth** (heatmaps: compare.html)\n\n")
     blocks = ["".join(lines), _format_totals(comparison, counted=True)]
     blocks += [*(_format_affected(group) for group in tables)]
     blocks += [
-        _fold(f"All cases: {group.title}", _format_table(group, group.rows)) for group in tables
+        _make_collapsed_section(f"All cases: {group.title}", _format_table(group, group.rows))
+        for group in tables
     ]
     predictions = _format_totals(comparison, counted=False)
-    blocks.append(predictions and _fold("Predictions and driver counters", predictions))
-    blocks.append(_fold("Runs, machines and settings", _format_facts(comparison)))
+    blocks.append(
+        predictions and _make_collapsed_section("Predictions and driver counters", predictions)
+    )
+    blocks.append(_make_collapsed_section("Runs, machines and settings", _format_facts(comparison)))
     for position, block in enumerate(blocks):
         if len(text) + len(block) > limit - 200:
             omitted = sum(map(bool, blocks[position:]))
@@ -138,43 +141,48 @@ def to_markdown(
     return f"{text}\n{MARKER}\n"
 
 
-def escape(text: str) -> str:
+def escape_markdown(text: str) -> str:
     """Escape `text` for a paragraph or a table cell in Markdown."""
     return re.sub(r"([\\`*_\[\]<>|~#!$])", r"\\\1", _sanitise(text))
 
 
 def _sanitise(text: str) -> str:
     """Return a line without control characters and mentions (`@name`)."""
-    return printable(text).replace("@", "@\u200b")
+    return make_printable(text).replace("@", "@\u200b")
 
 
 def _format_totals(comparison: Comparison, *, counted: bool) -> str:
     rows = build_totals(comparison, counted=counted)
-    return _format_rows(TOTALS_HEADING, [map(escape, cells) for cells in rows]) if rows else ""
+    return (
+        _format_rows(TOTALS_HEADING, [map(escape_markdown, cells) for cells in rows])
+        if rows
+        else ""
+    )
 
 
 def _format_affected(group: CaseTable) -> str:
     rows = [row for row in group.rows if row.affected]
-    title = f"**{escape(group.title)}**: {len(rows)} of {format_count(len(group.rows), 'case')}"
+    cases = format_count(len(group.rows), "case")
+    title = f"**{escape_markdown(group.title)}**: {len(rows)} of {cases}"
     return f"{title}\n\n{_format_table(group, rows)}" if rows else ""
 
 
 def _format_table(group: CaseTable, rows: Sequence[Row]) -> str:
     lines = []
     for row in rows:
-        *cells, verdict = map(escape, row.cells)
+        *cells, verdict = map(escape_markdown, row.cells)
         lines.append([*cells, f"**{verdict}**" if row.kind == "bad" else verdict])
     text = _format_rows(group.heading, lines)
-    return f"{text}\n{escape(group.drift)}\n" if group.drift else text
+    return f"{text}\n{escape_markdown(group.drift)}\n" if group.drift else text
 
 
 def _format_rows(heading: Sequence[str], rows: Iterable[Iterable[str]]) -> str:
-    """Format escaped cells as a table: columns of numbers between two columns of words."""
+    """Format escaped cells as a Markdown table; all columns but the first and last have numbers."""
     rule = ["---", *["--:"] * (len(heading) - 2), "---"]
     return "".join(f"| {' | '.join(line)} |\n" for line in (heading, rule, *rows))
 
 
-def _fold(summary: str, content: str) -> str:
+def _make_collapsed_section(summary: str, content: str) -> str:
     title = html.escape(_sanitise(summary), quote=False).replace("#", "#\u200b")
     return f"<details><summary>{title}</summary>\n\n{content}\n</details>\n"
 
@@ -186,7 +194,7 @@ def _format_facts(comparison: Comparison) -> str:
     lines.append(f"gate: {gates}; threshold of time {time}")
     thresholds = [(name, value) for name, value in settings.thresholds.items() if name != "time"]
     lines += [f"threshold of {name}: {value * 100:g} %" for name, value in thresholds]
-    return "".join(f"- {escape(line)}\n" for line in lines)
+    return "".join(f"- {escape_markdown(line)}\n" for line in lines)
 
 
 TestOutcome = Literal["failure", "error", "skipped", "system-out"]
@@ -237,29 +245,29 @@ def _list_tests(
     """Yield the name, outcome and message of the tests of a group."""
     gated = comparison.settings.gates_time
     for case in comparison.cases:
-        name = printable(case.id.name)
+        name = make_printable(case.id.name)
         if case.id.group == group and case.status != "compared":
             wrong: TestOutcome = "error" if case.status in BROKEN else "failure"
             outcome = wrong if comparison.is_regressed(case) else "skipped"
             yield f"{name}: measured", outcome, describe_case(comparison, case)[1]
         elif case.id.group == group:
-            yield f"{name}: counters", *_test_counters(case)
+            yield f"{name}: counters", *_make_counter_test(case)
             if case.time is not None:
-                yield f"{name}: time", *_test_time(case.time, gated=gated)
+                yield f"{name}: time", *_make_time_test(case.time, gated=gated)
     for drift in comparison.drifts:
         if drift.group == group:
-            yield "all cases together: time", *_test_time(drift, gated=drift.gated and gated)
+            yield "all cases together: time", *_make_time_test(drift, gated=drift.gated and gated)
 
 
-def _test_counters(case: CaseChange) -> tuple[TestOutcome, str]:
+def _make_counter_test(case: CaseChange) -> tuple[TestOutcome, str]:
     lines = [f"{name} no longer counted" for name in case.lost]
     changed = (change for change in case.counters if change.exact != "equal")
     lines += [f"{change.metric}: {change.exact}, {format_counter(change)}" for change in changed]
-    is_wrong = case.lost or case.regressions()
+    is_wrong = case.lost or case.list_regressed_counters()
     return "failure" if is_wrong else "system-out", "\n".join(lines) or "equal"
 
 
-def _test_time(change: TimeChange | Drift, *, gated: bool) -> tuple[TestOutcome, str]:
+def _make_time_test(change: TimeChange | Drift, *, gated: bool) -> tuple[TestOutcome, str]:
     message = f"time {format_time(change)}".rstrip()
     if not gated:
         return "skipped", f"{NOT_GATED}: {message}"

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from harness.compare.matching import Match, match_cases
 from harness.compare.model import Comparison
-from harness.frame import Frame, frame_of_grid
+from harness.frame import Frame, make_grid_frame
 from harness.grid import SUBPIXEL
 from harness.results import drawings
 from harness.results.record import Record
@@ -44,7 +44,7 @@ class Grown:
     frame: Frame
     triangles: dict[str, NDArray[np.int32]]
 
-    def picture(self) -> str:
+    def draw_picture(self) -> str:
         """Return heatmaps of BASE and HEAD next to each other, as a data URL."""
         from harness.heatmaps import draw_heatmaps
 
@@ -58,7 +58,7 @@ def find_largest_growth(base: Run, head: Run, comparison: Comparison) -> list[Gr
 
     Both runs must have stored the counters per polygon and the triangles.
     """
-    names = {case.id for case in comparison.regressed() if case.status == "compared"}
+    names = {case.id for case in comparison.list_regressed_cases() if case.status == "compared"}
     base, head = select_latest(base), select_latest(head)
     matches = match_cases(base, head, across_devices=comparison.settings.across_devices)
     candidates = [
@@ -73,7 +73,7 @@ def find_largest_growth(base: Run, head: Run, comparison: Comparison) -> list[Gr
 
 
 def _find_growths(base: Run, head: Run, match: Match) -> Iterator[tuple[str, int, int, int]]:
-    """Yield (counter, index, BASE, HEAD) of a case's polygons whose main counter grew most."""
+    """Yield (counter, polygon, BASE, HEAD) of the polygons whose main counter grew most."""
     if match.base is None or match.head is None:
         return
     before, after = _read_counters(base, match.base), _read_counters(head, match.head)
@@ -102,6 +102,7 @@ def _read_counters(run: Run, record: Record) -> dict[str, NDArray[np.int64]]:
 def _read_polygon(
     base: Run, head: Run, match: Match, metric: str, index: int, old: int, new: int
 ) -> Grown | None:
+    """Return a polygon with the triangles of both runs, or None if a run did not store them."""
     triangles, frame = {}, None
     for side, run, record in (("BASE", base, match.base), ("HEAD", head, match.head)):
         assert record is not None  # only matched cases grow
@@ -115,7 +116,7 @@ def _read_polygon(
         points = grid.coords - grid.coords.min(axis=0) // QUAD * QUAD
         side_px = int(points.max()) // SUBPIXEL + 4  # with a margin
         frame = replace(
-            frame_of_grid(side_px, replace(grid, coords=points.astype(np.int32))),
+            make_grid_frame(side_px, replace(grid, coords=points.astype(np.int32))),
             source=geometry.source[index : index + 1],
         )
         triangles[f"{side}: {record.name}"] = indices.astype(np.int32)

@@ -33,13 +33,13 @@ from scipy import stats
 from harness.compare.machine_shift import (
     MIN_PEERS,
     MachineShift,
-    shift_of_peers,
-    two_sided_quantile,
+    estimate_peer_shift,
+    get_two_sided_quantile,
 )
 from harness.compare.model import Drift, Outcome, Settings, TimeChange
 from harness.results.record import CaseGroup, Record, Time
 from harness.stats import run_quality
-from harness.stats.intervals import paired_ratio
+from harness.stats.intervals import compute_paired_ratio
 from harness.stats.run_quality import MIN_QUIET_ROUNDS, select_rounds
 
 QUANTILE = 0.1
@@ -93,7 +93,7 @@ class Pair:
     @cached_property
     def log_ratio(self) -> float:
         """Log of HEAD's time over BASE's."""
-        return log_ratio(self.base, self.head)
+        return compute_log_ratio(self.base, self.head)
 
 
 def read_pair(
@@ -146,7 +146,7 @@ def compare_group(
 ) -> tuple[list[TimeChange], Drift | None]:
     """Return the changes of a group's cases and the group's drift.
 
-    The q-values are not yet corrected for the number of cases (see `correct`). If BASE and HEAD
+    `correct_q_values` must still correct the q-values for the number of cases. If BASE and HEAD
     were measured in the same rounds, the drift is computed from the cases that draw different
     triangles, and is None if there are fewer than two such cases.
     """
@@ -197,19 +197,19 @@ def _estimate_shift(
         enough = len(steady) >= MIN_STEADY_PEERS
         if enough or len(peers) >= MIN_PEERS:
             logs = np.array([peer.log_ratio for peer in (steady if enough else peers)])
-            return shift_of_peers(logs, settings.confidence)
+            return estimate_peer_shift(logs, settings.confidence)
         if len(peers) < len(cases):
             return f"too few cases drew the same {pair.polygons:,} polygons; use run --beside"
     if pair.reference is None or settings.normalise == "none":
         if machines_differ:
             return "the machines differ, and a reference draw is missing"
         return MachineShift(0.0, 0.0, DRIFT_SD, math.inf, "none")
-    reference = log_ratio(*pair.reference)
+    reference = compute_log_ratio(*pair.reference)
     low, high = sorted((reference if machines_differ else 0.0, reference))
     return MachineShift(low, high, DRIFT_SD, math.inf, "reference")
 
 
-def correct(changes: Sequence[TimeChange], settings: Settings) -> list[TimeChange]:
+def correct_q_values(changes: Sequence[TimeChange], settings: Settings) -> list[TimeChange]:
     """Correct q-values for the number of cases; a change above the limit becomes inconclusive."""
     p_values = [change.q_value for change in changes if change.q_value is not None]
     if not p_values:
@@ -232,18 +232,18 @@ def correct(changes: Sequence[TimeChange], settings: Settings) -> list[TimeChang
 def _compare_with_shift(
     pair: Pair, error: Samples, shift: MachineShift, settings: Settings
 ) -> TimeChange:
-    """Compare a case of separate runs.
+    """Return the change of a case between separate runs, less the machine's share `shift`.
 
     error : (2,) reach of the log ratio's interval below and above, from the samples' scatter only
     """
     raw = pair.log_ratio
-    margin = two_sided_quantile(settings.confidence, shift.degrees) * shift.sd
+    margin = get_two_sided_quantile(settings.confidence, shift.degrees) * shift.sd
     lowest, highest = raw - shift.high, raw - shift.low
     middle = (lowest + highest) / 2
     low = lowest - math.hypot(error[0], margin)
     high = highest + math.hypot(error[1], margin)
-    threshold = settings.time_threshold_of(paired=False)
-    outcome, reason = classify(lowest, highest, low, high, threshold)
+    threshold = settings.get_time_threshold(paired=False)
+    outcome, reason = classify_change(lowest, highest, low, high, threshold)
     faster = _select_faster_half(pair.base), _select_faster_half(pair.head * math.exp(middle - raw))
     p_value = float(stats.mannwhitneyu(*faster, alternative="two-sided").pvalue)
     # A change needs both the test and the interval, so the weaker of the two is corrected.
@@ -256,7 +256,7 @@ def _compare_with_shift(
         threshold,
         p_value=p_value,
         q_value=max(p_value, interval_p),
-        **summarise(pair.base, pair.head),
+        **summarise_samples(pair.base, pair.head),
     )
 
 
@@ -272,7 +272,7 @@ def _measure_run_drift(
     settings: Settings,
     machines_differ: bool,
 ) -> Drift:
-    """Compare the median log ratio of a group in separate runs with the reference draw's.
+    """Compare the median log ratio of a group in separate runs with the reference draw's log ratio.
 
     The drift is never gated: separate runs cannot distinguish slower code from a slower machine,
     which slows the reference draw, one large triangle, by another factor than a thousand small
@@ -282,17 +282,19 @@ def _measure_run_drift(
     references = [pair.reference for pair in pairs if pair.reference is not None]
     reference, reference_error = None, 0.0
     if references:
-        reference = log_ratio(*references[0])
+        reference = compute_log_ratio(*references[0])
         reference_error = float(compute_margins(*references[0], settings.confidence).max())
     # A median of k normal values has pi / 2k of their variance.
     sampling = float(np.median(errors)) * math.sqrt(math.pi / (2 * len(pairs)))
     margin = math.hypot(
-        two_sided_quantile(settings.confidence) * DRIFT_SD, sampling, reference_error
+        get_two_sided_quantile(settings.confidence) * DRIFT_SD, sampling, reference_error
     )
     explained = (0.0, reference or 0.0)
     lowest, highest = shift - max(explained), shift - min(explained)
     low, high = lowest - margin, highest + margin
-    outcome, reason = classify(lowest, highest, low, high, settings.time_threshold_of(paired=False))
+    outcome, reason = classify_change(
+        lowest, highest, low, high, settings.get_time_threshold(paired=False)
+    )
     if machines_differ:
         outcome, reason = "inconclusive", "the machines differ"
     ends = (math.exp(shift), math.exp(low), math.exp(high))
@@ -312,19 +314,23 @@ def _compute_p_value(
         return 1.0
     if reach <= 0:
         return 0.0
-    return 2 * float(stats.t.sf(two_sided_quantile(confidence, degrees) * nearest / reach, degrees))
+    return 2 * float(
+        stats.t.sf(get_two_sided_quantile(confidence, degrees) * nearest / reach, degrees)
+    )
 
 
 def _make_inconclusive(base: Samples, head: Samples, reason: str) -> TimeChange:
-    return TimeChange("inconclusive", reason, **summarise(base, head))
+    return TimeChange("inconclusive", reason, **summarise_samples(base, head))
 
 
 def _make_unchanged(pair: Pair) -> TimeChange:
     """Return the change, without a test, of a case with equal triangles in both versions."""
-    return TimeChange("unchanged", "", against="same-triangles", **summarise(pair.base, pair.head))
+    return TimeChange(
+        "unchanged", "", against="same-triangles", **summarise_samples(pair.base, pair.head)
+    )
 
 
-def classify(
+def classify_change(
     lowest: float, highest: float, low: float, high: float, threshold: float
 ) -> tuple[Outcome, str]:
     """Return the outcome for a log ratio in `lowest`..`highest` with interval `low`..`high`.
@@ -357,22 +363,22 @@ def compare_rounds(
     quiet : (r,) True for the rounds to use. A round in which one version waited for a core is left
         out; any other disturbance affects both versions alike
     """
-    ratio = paired_ratio(head, base, *parts, quiet)
+    ratio = compute_paired_ratio(head, base, *parts, quiet)
     if quiet is not None:
         base, head = base[quiet], head[quiet]
-    threshold = settings.time_threshold_of(paired=True)
+    threshold = settings.get_time_threshold(paired=True)
     value, low, high = (math.log(x) for x in (ratio.value, ratio.low, ratio.high))
-    outcome, reason = classify(value, value, low, high, threshold)
-    p_value = sign_test(np.log(head / base))
+    outcome, reason = classify_change(value, value, low, high, threshold)
+    p_value = compute_sign_p_value(np.log(head / base))
     return TimeChange(
         *(outcome, reason, ratio.value, ratio.low, ratio.high, ratio.value, "rounds", threshold),
         p_value=p_value,
         q_value=p_value,
-        **summarise(base, head),
+        **summarise_samples(base, head),
     )
 
 
-def summarise(base: Samples, head: Samples) -> dict[str, Any]:
+def summarise_samples(base: Samples, head: Samples) -> dict[str, Any]:
     """Return medians and numbers of rounds by their names in `TimeChange`."""
     samples = {"base": base, "head": head}
     medians = {f"{k}_median_s": float(np.median(v)) if len(v) else None for k, v in samples.items()}
@@ -386,7 +392,10 @@ def measure_round_drift(
     parts: Parts = (None, None),
     quiet: NDArray[np.bool_] | None = None,
 ) -> Drift:
-    """Compare all cases of a group by each round's median ratio; pairs : each case's samples."""
+    """Return the common change of a group's cases, from each round's median ratio.
+
+    pairs : samples of each case in BASE and in HEAD, (r,) each
+    """
     ratios = np.exp(np.median([np.log(head / base) for base, head in pairs], axis=0))
     change = compare_rounds(np.ones(len(ratios)), ratios, settings, parts, quiet)
     outcome, reason = change.outcome, change.reason
@@ -396,8 +405,8 @@ def measure_round_drift(
     return Drift(group, len(pairs), outcome, reason, value, low, high, reference=1.0, gated=True)
 
 
-def sign_test(logs: Samples) -> float:
-    """Return the two-sided p-value of the signs of (r,) log ratios, equally likely by chance."""
+def compute_sign_p_value(logs: Samples) -> float:
+    """Return the two-sided p-value of the sign test of (r,) log ratios."""
     slower, faster = int((logs > 0).sum()), int((logs < 0).sum())
     if slower + faster == 0:
         return 1.0
@@ -405,7 +414,7 @@ def sign_test(logs: Samples) -> float:
 
 
 def select_positive(values: Sequence[Any]) -> Samples:
-    """Return the (n,) finite positive numbers of `values`."""
+    """Return the finite positive numbers among `values`, (n,)."""
     numbers = np.array([v for v in values if isinstance(v, int | float)], np.float64)
     return numbers[np.isfinite(numbers) & (numbers > 0)]
 
@@ -416,17 +425,17 @@ def compute_low_quantile(samples_s: Sequence[Any]) -> float | None:
     return float(np.quantile(samples, QUANTILE)) if len(samples) else None
 
 
-def log_ratio(base: Samples, head: Samples) -> float:
+def compute_log_ratio(base: Samples, head: Samples) -> float:
     """Return the log of HEAD's low quantile over BASE's."""
     return float(np.log(np.quantile(head, QUANTILE) / np.quantile(base, QUANTILE)))
 
 
 def compute_margins(base: Samples, head: Samples, confidence: float) -> Samples:
-    """Return the (2,) reach of `log_ratio`'s percentile bootstrap interval below and above it."""
+    """Return the reach (2,) of the bootstrap interval below and above `compute_log_ratio`."""
     rng = np.random.default_rng(zlib.crc32(base.tobytes() + head.tobytes()))
     ratios = np.log(_resample(head, rng) / _resample(base, rng))
     low, high = np.quantile(ratios, [(1 - confidence) / 2, (1 + confidence) / 2])
-    ratio = log_ratio(base, head)
+    ratio = compute_log_ratio(base, head)
     return np.maximum(0.0, [ratio - low, high - ratio])
 
 

@@ -19,7 +19,7 @@ from harness.compare.model import (
     Total,
 )
 from harness.metrics.registry import find_metric
-from harness.results.record import printable
+from harness.results.record import make_printable
 from harness.settings import COST_COUNTERS
 from harness.style import format_count, format_number, format_percent, format_step
 
@@ -46,7 +46,9 @@ def format_headline(comparison: Comparison) -> str:
         f"{format_count(n, 'case')} {STATUS_TEXT[status]}" for status, n in statuses.items()
     )
     if comparison.verdict == "nothing-comparable":
-        untimed = "only times are gated, and no case was timed" if comparison.compared() else ""
+        untimed = (
+            "only times are gated, and no case was timed" if comparison.list_compared() else ""
+        )
         return f"Nothing comparable: {untimed or not_compared or 'neither run has a case'}"
     is_regression = comparison.verdict == "regression"
     text = (_describe_regression if is_regression else _summarise_without_regression)(comparison)
@@ -55,9 +57,9 @@ def format_headline(comparison: Comparison) -> str:
 
 def _describe_regression(comparison: Comparison) -> str:
     """Describe the largest regression, or the common drift if no case regressed."""
-    regressed = sorted(comparison.regressed(), key=_rank_severity, reverse=True)
+    regressed = sorted(comparison.list_regressed_cases(), key=_rank_severity, reverse=True)
     if not regressed:
-        drift = max(comparison.drifted(), key=lambda drift: drift.ratio)
+        drift = max(comparison.list_regressed_drifts(), key=lambda drift: drift.ratio)
         return f"Regression: {drift.group}: {format_drift(comparison, drift)}"
     worst = regressed[0]
     more = format_count(len(regressed) - 1, "more case")
@@ -65,7 +67,7 @@ def _describe_regression(comparison: Comparison) -> str:
     if worst.status != "compared":
         return f"Regression: {worst.id}: {describe_case(comparison, worst)[1]}{suffix}"
     parts = [f"{join_names(worst.lost)} no longer counted"] if worst.lost else []
-    counters = {change.metric: change for change in worst.regressions()}
+    counters = {change.metric: change for change in worst.list_regressed_counters()}
     parts += [
         f"{join_names([n])} {format_counter(counters[n])}" for n in sort_by_cost(counters)[:1]
     ]
@@ -75,7 +77,10 @@ def _describe_regression(comparison: Comparison) -> str:
 
 
 def _rank_severity(case: CaseChange) -> tuple[bool, float]:
-    growth = [math.inf if c.change is None else abs(c.change) for c in case.regressions()]
+    """Return a sort key: whether the case is broken, and its largest relative growth."""
+    growth = [
+        math.inf if c.change is None else abs(c.change) for c in case.list_regressed_counters()
+    ]
     if case.time is not None and case.time.outcome == "regressed":
         growth.append((case.time.ratio or 1.0) - 1)
     return case.status in BROKEN, max(growth, default=0.0)
@@ -83,9 +88,9 @@ def _rank_severity(case: CaseChange) -> tuple[bool, float]:
 
 def _summarise_without_regression(comparison: Comparison) -> str:
     """Summarise a comparison without a regression."""
-    compared, settings = comparison.compared(), comparison.settings
+    compared, settings = comparison.list_compared(), comparison.settings
     start = "Inconclusive" if comparison.verdict == "inconclusive" else "No regression"
-    devices = ", ".join(sorted({printable(case.id.device_name) for case in compared}))
+    devices = ", ".join(sorted({make_printable(case.id.device_name) for case in compared}))
     differing = sum(any(c.exact in ("worse", "better") for c in x.counters) for x in compared)
     counters = f"counters differ in {differing}" if differing else "no counter differs"
     if "counters" not in settings.gates:
@@ -109,10 +114,10 @@ def _summarise_without_regression(comparison: Comparison) -> str:
 
 
 def format_thresholds(comparison: Comparison) -> str:
-    """Return the thresholds of times, `±5 %`, or two: times of common rounds have a lower one."""
+    """Return the thresholds of times, `±5 %`, or two: in common rounds the threshold is lower."""
     times = [case.time for case in comparison.cases if case.time is not None]
     thresholds = sorted({time.threshold for time in times if time.threshold is not None})
-    thresholds = thresholds or [comparison.settings.time_threshold_of(paired=False)]
+    thresholds = thresholds or [comparison.settings.get_time_threshold(paired=False)]
     return " or ".join(f"±{threshold * 100:g} %" for threshold in thresholds)
 
 
@@ -179,11 +184,15 @@ def describe_case(comparison: Comparison, case: CaseChange) -> tuple[Kind, str]:
         return "bad" if comparison.is_regressed(case) else "unsure" if is_unsure else "plain", text
     gated_time = case.time if comparison.settings.gates_time else None
     outcome = gated_time.outcome if gated_time else "unchanged"
-    worse = sort_by_cost(change.metric for change in case.regressions() if change.exact == "worse")
+    worse = sort_by_cost(
+        change.metric for change in case.list_regressed_counters() if change.exact == "worse"
+    )
     worse += ["time"] * (outcome == "regressed")
     kinds = {change.exact for change in case.counters if change.threshold is not None}
     kind: Kind = "plain"
-    pixel_changes = [change.metric for change in case.regressions() if change.exact == "changed"]
+    pixel_changes = [
+        change.metric for change in case.list_regressed_counters() if change.exact == "changed"
+    ]
     if worse or pixel_changes or case.lost:
         parts = {
             "regressed": worse,
@@ -197,7 +206,7 @@ def describe_case(comparison: Comparison, case: CaseChange) -> tuple[Kind, str]:
     elif gated_time and outcome == "inconclusive":
         kind, verdict = "unsure", f"inconclusive: {gated_time.reason}"
     elif kinds & {"worse", "changed"}:
-        verdict = "worse within its threshold"
+        verdict = "worse within the threshold"
     elif "better" in kinds or outcome == "improved":
         kind, verdict = "good", "improved"
     else:
@@ -278,7 +287,9 @@ def build_tables(comparison: Comparison, max_counters: int = len(COST_COUNTERS))
         heading = ("triangulator", *(name.replace("_", " ") for name in columns))
         heading += ("time vs BASE",) * timed + ("verdict",)
         tables.append(
-            CaseTable(str(group), heading, tuple(rows), text, drift in comparison.drifted())
+            CaseTable(
+                str(group), heading, tuple(rows), text, drift in comparison.list_regressed_drifts()
+            )
         )
     return tables
 
@@ -298,7 +309,7 @@ def _build_row(
     comparison: Comparison, case: CaseChange, columns: Sequence[str], timed: bool
 ) -> Row:
     changes = {change.metric: change for change in case.counters}
-    cells = [printable(case.id.name), *(_format_cell(changes.get(name)) for name in columns)]
+    cells = [make_printable(case.id.name), *(_format_cell(changes.get(name)) for name in columns)]
     cells += [format_time(case.time) if case.time else ""] * timed
     kind, verdict = describe_case(comparison, case)
     same = case.status == "compared" and all(change.exact == "equal" for change in case.counters)

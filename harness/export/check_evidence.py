@@ -72,7 +72,7 @@ def require_list(value: Any, length: int | None = None) -> list[Any]:
     return list(value)
 
 
-def directed_sides(t: Triangle) -> tuple[Edge, Edge, Edge]:
+def list_directed_sides(t: Triangle) -> tuple[Edge, Edge, Edge]:
     """Return the directed sides of a triangle."""
     return (t[0], t[1]), (t[1], t[2]), (t[2], t[0])
 
@@ -109,7 +109,7 @@ class Claim:
         need(all(require_int(v) >= 0 for t in triangles for v in t), "a vertex below 0")
         self.triangles = [tuple(self.site[v] for v in t) for t in triangles]
         need(all(self.turn(*t) > 0 for t in self.triangles), "a triangle is not counter-clockwise")
-        sides = [side for t in self.triangles for side in directed_sides(t)]
+        sides = [side for t in self.triangles for side in list_directed_sides(t)]
         need(len(set(sides)) == len(sides), "two triangles are on the same side of an edge")
         unpaired = set(sides) - {(b, a) for a, b in sides}
         need(unpaired == self.boundary, "the triangles do not cover the polygon once")
@@ -120,12 +120,12 @@ class Claim:
         (ax, ay), (bx, by), (cx, cy) = self.points[a], self.points[b], self.points[c]
         return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
 
-    def between(self, v: int, a: int, b: int) -> bool:
+    def is_between(self, v: int, a: int, b: int) -> bool:
         """Return whether v lies inside the segment a-b: collinear, and between the ends."""
         p, q = sorted((self.points[a], self.points[b]))
         return p < self.points[v] < q and self.turn(a, b, v) == 0
 
-    def cross(self, a: int, b: int, c: int, d: int) -> bool:
+    def is_crossing(self, a: int, b: int, c: int, d: int) -> bool:
         """Return whether two segments cross in a point inside both."""
         sides = self.turn(a, b, c), self.turn(a, b, d), self.turn(c, d, a), self.turn(c, d, b)
         return min(sides[:2]) < 0 < max(sides[:2]) and min(sides[2:]) < 0 < max(sides[2:])
@@ -142,19 +142,19 @@ class Claim:
             sides = [(a, b) for a, b in zip(ring, ring[1:] + ring[:1], strict=True) if a != b]
             need(len(sides) > 2, "a ring without area")
             meets_itself = len({a for a, _ in sides}) < len(sides)
-            meets_itself |= any(self.between(v, *side) for side in sides for v, _ in sides)
-            meets_itself |= any(self.cross(*s, *t) for s, t in combinations(sides, 2))
+            meets_itself |= any(self.is_between(v, *side) for side in sides for v, _ in sides)
+            meets_itself |= any(self.is_crossing(*s, *t) for s, t in combinations(sides, 2))
             need(not meets_itself, "a ring intersects or touches itself")
             doubled_area = sum(self.turn(ring[0], a, b) for a, b in sides)
             edges += sides if (doubled_area > 0) == (index == 0) else [(b, a) for a, b in sides]
         for a, b in edges:  # if rings touch, an edge is split at the vertex on it
-            splits = [v for v in self.sites if self.between(v, a, b)]
+            splits = [v for v in self.sites if self.is_between(v, a, b)]
             splits.sort(key=self.points.__getitem__, reverse=self.points[a] > self.points[b])
             pieces += zip([a, *splits], [*splits, b], strict=True)
         need(len(set(pieces)) == len(pieces), "two rings share an edge")
         return set(pieces)
 
-    def cost(self, a: int, b: int, c: int) -> Fraction:
+    def compute_cost(self, a: int, b: int, c: int) -> Fraction:
         """Return the cost of a triangle; for edge-length, up to 2^-80 steps too high per side."""
         (ax, ay), (bx, by), (cx, cy) = self.points[a], self.points[b], self.points[c]
         step = 1 / Fraction(2) ** self.k
@@ -169,7 +169,7 @@ class Claim:
     def _compute_units(self) -> None:
         """Compute scale, factor and bits from the polygon; refuse a proof with other values."""
         area, count = self.criterion == "overdraw", len(self.triangles)
-        self.total = sum(self.cost(*t) for t in self.triangles)
+        self.total = sum(self.compute_cost(*t) for t in self.triangles)
         steps = max(max(values) - min(values) for values in zip(*self.points, strict=True))
         max_steps = 4 * steps * steps if area else 2 * steps
         self.real = real = self.criterion == "edge-length"
@@ -195,7 +195,7 @@ class Claim:
         )
         need(stated == (scale, factor, bits), "the units differ from the polygon's")
 
-    def noise(self, a: int, b: int) -> int:
+    def compute_noise(self, a: int, b: int) -> int:
         """Return the noise of an edge a < b: the upper bits of a hash (splitmix64)."""
         last = 2**64 - 1
         x = (a * 0x9E3779B97F4A7C15 + b * 0xD1B54A32D192ED03) & last
@@ -203,18 +203,20 @@ class Claim:
         x = (x ^ x >> 27) * 0x94D049BB133111EB & last
         return (x ^ x >> 31) >> (64 - self.bits)
 
-    def weight(self, t: Triangle) -> int:
+    def compute_weight(self, t: Triangle) -> int:
         """Return the weight of a triangle, clamped to 2^59."""
-        units = math.floor(self.scale * self.cost(*t) * (1 if self.exact else COST_FACTOR))
+        units = math.floor(self.scale * self.compute_cost(*t) * (1 if self.exact else COST_FACTOR))
         units = min(units, 2**59 // self.factor)
-        return units * self.factor + sum(self.noise(*sorted(s)) for s in directed_sides(t))
+        return units * self.factor + sum(
+            self.compute_noise(*sorted(s)) for s in list_directed_sides(t)
+        )
 
     def is_edge(self, a: int, b: int) -> bool:
         """Return whether the segment of two vertices is a boundary or inner edge."""
         if {(a, b), (b, a)} & self.boundary:
             return True
-        met = any(self.between(v, a, b) for v in self.sites)
-        if met or any(self.cross(a, b, c, d) for c, d in self.boundary):
+        met = any(self.is_between(v, a, b) for v in self.sites)
+        if met or any(self.is_crossing(a, b, c, d) for c, d in self.boundary):
             return False
         (x, y), inside = map(sum, zip(self.points[a], self.points[b], strict=True)), False
         for c, d in self.boundary:  # does a ray from the midpoint of a-b, (x/2, y/2), meet c-d?
@@ -223,21 +225,22 @@ class Claim:
                 inside ^= ((dx - cx) * (y - 2 * cy) > (dy - cy) * (x - 2 * cx)) == (dy > cy)
         return inside
 
-    def empty_triangles(self) -> list[Triangle]:
+    def list_empty_triangles(self) -> list[Triangle]:
         """Return all empty triangles, counter-clockwise."""
         edges, triangles = {e for e in combinations(self.sites, 2) if self.is_edge(*e)}, []
         for a, b, c in combinations(self.sites, 3):
             if (a, b) in edges and (b, c) in edges and (a, c) in edges and self.turn(a, b, c) != 0:
                 t = (a, b, c) if self.turn(a, b, c) > 0 else (a, c, b)
-                outside = any((q, p) in self.boundary for p, q in directed_sides(t))
+                outside = any((q, p) in self.boundary for p, q in list_directed_sides(t))
                 inner = (
-                    all(self.turn(p, q, v) > 0 for p, q in directed_sides(t)) for v in self.sites
+                    all(self.turn(p, q, v) > 0 for p, q in list_directed_sides(t))
+                    for v in self.sites
                 )
                 if not outside and not any(inner):
                     triangles.append(t)
         return triangles
 
-    def bound(self, weights: dict[Triangle, int]) -> int:
+    def compute_bound(self, weights: dict[Triangle, int]) -> int:
         """Return the lower bound from the potentials, checked for all empty triangles."""
         pairs = [require_list(edge, 2) for edge in require_list(self.fields["edges"])]
         edges = [(require_int(a), require_int(b)) for a, b in pairs]
@@ -250,17 +253,17 @@ class Claim:
         y = dict(zip(edges, map(require_int, potentials), strict=True))
         y |= {(b, a): -value for (a, b), value in y.items()}
         for t, weight in weights.items():
-            total = sum(y.get(side, 0) for side in directed_sides(t))
+            total = sum(y.get(side, 0) for side in list_directed_sides(t))
             need(total + lift <= weight, f"the potentials exceed the weight of {t}")
         return sum(y.get(side, 0) for side in self.boundary) + lift * len(self.triangles)
 
     def check(self) -> str:
         """Return the proven statement; refuse if it is weaker than the claim."""
-        empty = self.empty_triangles()
+        empty = self.list_empty_triangles()
         lowest_first = {min(t, t[1:] + t[:1], t[2:] + t[:2]) for t in self.triangles}
         need(lowest_first <= set(empty), "a triangle is not empty")
-        weights = {t: self.weight(t) for t in empty}
-        bound = self.bound(weights) // self.factor / self.scale
+        weights = {t: self.compute_weight(t) for t in empty}
+        bound = self.compute_bound(weights) // self.factor / self.scale
         cost, low, gap = (
             require_double(self.fields[name]) for name in ("cost", "lower_bound", "gap")
         )

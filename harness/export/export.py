@@ -72,7 +72,7 @@ DEFAULT_CRITERION = "half-perimeter"
 
 @dataclass
 class Certified:
-    """Sums over the polygons of a file.
+    """Certificates of a file's triangulations, summed over the polygons.
 
     polygons : number of certified polygons; proven : number of proven optima
     cost, lower_bound : sums of the criterion, in the source's units
@@ -94,7 +94,7 @@ class Certified:
         return cls(parse(name).criterion or DEFAULT_CRITERION)
 
     @classmethod
-    def total(cls, parts: Sequence[Mapping[str, Any]]) -> "Certified":
+    def sum_parts(cls, parts: Sequence[Mapping[str, Any]]) -> "Certified":
         """Return the sums of one or more parts, which have the fields of a `Certified`."""
         result = cls(parts[0]["criterion"])
         for part in parts:
@@ -300,6 +300,7 @@ def _read_chunks(source: str, size: int, *, solid: bool) -> Iterator[Chunk]:
 
 
 def _split_scene(source: str, size: int) -> Iterator[Chunk]:
+    """Yield the polygons of a named scene, `size` at a time."""
     allow_user_module(source)
     scene = load(source)
     polygons = np.asarray(scene.polygons)
@@ -349,6 +350,7 @@ def add_chunks(
 def _find_writer(
     target: Path, *, polygons: bool, collection: bool
 ) -> Callable[[Output, ExportMetadata], Writer]:
+    """Return the writer for the suffix of `target`; raise UsageError if options do not fit."""
     make = FORMATS.get(target.suffix.lower())
     if make is None:
         formats = ", ".join(FORMATS)
@@ -368,7 +370,7 @@ def _find_writer(
 
 
 def resolve_triangulator_name(triangulator: str | None, criterion: str | None = None) -> str:
-    """Return the full name of the triangulator of the two options; raise UsageError if invalid.
+    """Return the full name for the two options of a command; raise UsageError if invalid.
 
     The default is `optimal:half-perimeter`; a criterion without triangulator means `optimal`.
     """
@@ -386,6 +388,7 @@ def resolve_triangulator_name(triangulator: str | None, criterion: str | None = 
 
 
 def _triangulate_chunk(chunk: Chunk, options: TriangulationOptions, report: Report) -> ExportMesh:
+    """Return the mesh of a chunk without failed polygons; count these and proofs in `report`."""
     if options.say and (line := describe_large_polygon(chunk.cleaned.polygons)):
         options.say(line)
     start = time.perf_counter()

@@ -54,7 +54,7 @@ class ExportMesh:
 def make_mesh(
     polygons: PolygonArray, triangulations: Triangulations, attributes: pd.DataFrame | None
 ) -> ExportMesh:
-    """Return the mesh of a batch of polygons; failed ones have vertices but no triangles."""
+    """Return the mesh of a batch of polygons; failed polygons have vertices but no triangles."""
     shift = np.repeat(polygons.vertex_offsets[:-1], np.diff(triangulations.triangle_offsets))
     table = pd.DataFrame(index=range(len(triangulations))) if attributes is None else attributes
     return ExportMesh(
@@ -207,6 +207,7 @@ class NpzWriter:
         np.savez(self._output.file(), allow_pickle=False, **arrays)
 
     def _spool(self, name: str, array: NDArray[Any]) -> None:
+        """Append rows to the temporary file of the array `name`."""
         if name not in self._spools:
             self._spools[name] = (self._output.spool(name), array.dtype, array.shape[1:])
         self._spools[name][0].write(np.ascontiguousarray(array).tobytes())

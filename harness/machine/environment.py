@@ -118,13 +118,14 @@ def hash_sources(*packages: Path) -> str:
 
 def _query_nvidia() -> list[dict[str, str]] | None:
     fields = ("name", "driver_version", "clocks.sm", "clocks.max.sm", "clocks.mem")
-    text = _run("nvidia-smi", f"--query-gpu={','.join(fields)}", "--format=csv,noheader")
+    text = _run_program("nvidia-smi", f"--query-gpu={','.join(fields)}", "--format=csv,noheader")
     if text is None:
         return None
     return [dict(zip(fields, row.split(", "), strict=False)) for row in text.splitlines()]
 
 
-def _run(*command: str) -> str | None:
+def _run_program(*command: str) -> str | None:
+    """Return the output of a program, or None if the program is missing or fails."""
     program = shutil.which(command[0])
     if program is None:
         return None
@@ -171,7 +172,7 @@ def describe_processor() -> dict[str, Any]:
     """
     facts = _parse_cpuinfo(_read(CPUINFO)) | {"caches": dict(_read_caches(CACHES))}
     facts["name"] = facts["name"] or platform.processor() or None
-    return {**facts, "label": _label(facts)}
+    return {**facts, "label": _format_label(facts)}
 
 
 def _parse_cpuinfo(text: str) -> dict[str, Any]:
@@ -195,7 +196,7 @@ def _read_caches(folder: Path) -> Iterator[tuple[str, int]]:
             yield f"L{level}{letter}", int(size[:-1]) * 1024
 
 
-def _label(facts: Mapping[str, Any]) -> str:
+def _format_label(facts: Mapping[str, Any]) -> str:
     numbers = "/".join(str(facts[name]) for name in ("family", "model") if facts[name])
     text = " ".join(part for part in (facts["name"] or facts["vendor"], numbers) if part)
     bits = f"{facts['vector_bits']}-bit" if facts["vector_bits"] else ""
@@ -203,6 +204,7 @@ def _label(facts: Mapping[str, Any]) -> str:
 
 
 def _read(file: Path) -> str:
+    """Return the text of a file, "" if the file cannot be read."""
     try:
         return file.read_text(encoding="utf-8")
     except OSError:

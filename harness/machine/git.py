@@ -155,7 +155,7 @@ def check_out(top: Path, commit: str) -> Iterator[Path]:
         shutil.rmtree(parent, ignore_errors=True)
 
 
-def project_folder(triangulators: Sequence[str]) -> Path | None:
+def find_project_folder(triangulators: Sequence[str]) -> Path | None:
     """Return the top of the user's repository, or None if there is none.
 
     The repository of the current folder, else the first repository of a triangulator named as
@@ -174,7 +174,7 @@ def describe_project(triangulators: Sequence[str]) -> dict[str, Any] | None:
     Without git, as in a container, the commit is read from the environment variables of services of
     continuous integration (`COMMITS`). None if there is neither.
     """
-    folder = project_folder(triangulators)
+    folder = find_project_folder(triangulators)
     state = None if folder is None else read_git_state(folder)
     if state is not None and folder is not None:
         return {"name": _make_printable(folder.name), **state}

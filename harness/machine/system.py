@@ -33,7 +33,7 @@ BINARY: int = getattr(os, "O_BINARY", 0)
 """Flag of os.open on Windows, without which each newline is written as two bytes; elsewhere 0."""
 
 
-def database_path() -> Path:
+def get_database_path() -> Path:
     """Return the path of the database of triangulations.
 
     The path is the value of RASTER_HARNESS_CACHE, or else in the user's cache folder.
@@ -50,9 +50,9 @@ def database_path() -> Path:
     return folder / "triangulations.sqlite"
 
 
-def cache_file(name: str) -> Path:
+def get_cache_file(name: str) -> Path:
     """Return the path of the file or folder `name` next to the database of triangulations."""
-    return database_path().parent / name
+    return get_database_path().parent / name
 
 
 @contextlib.contextmanager
@@ -231,7 +231,7 @@ def kill_descendants(ancestor: int) -> None:
                 process.kill()
 
 
-def end_with(parent: int) -> None:
+def end_with_parent(parent: int) -> None:
     """Make the kernel kill this process when the process `parent` ends; Linux only."""
     if sys.platform != "linux":
         return

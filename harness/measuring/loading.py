@@ -28,7 +28,7 @@ from scenes import Scene, SceneError, load, registry
 from scenes.spec import is_function
 
 Usable = tuple[Backend, tuple[Options, ...]]
-"""A backend with the supported options of the plan."""
+"""A backend, and those of the plan's options that it supports."""
 
 MESSAGE_AFTER_S = 5.0
 """Seconds of loading after which a line gives the reason of the delay."""
@@ -92,7 +92,7 @@ def _is_foreign(name: str) -> bool:
 
 
 def find_broken(recipes: Iterable[Recipe], pool: MeasuringPool) -> dict[Recipe, str]:
-    """Load all third-party triangulators; return those that crash on import, with the reasons.
+    """Import the recipes' third-party triangulators; return those that crash, with the reasons.
 
     Raises UsageError if a triangulator cannot be imported.
     """

@@ -25,30 +25,36 @@ from harness.workers.worker import TaskError
 EXACT_QUADS = parse("optimal:exact-quads")
 
 MAX_SEARCH_S = 2.0
-"""Maximum sum, over a frame's polygons, of the `estimate_seconds` to find minimum quad counts."""
+"""Time budget per frame for minimum quad counts: maximum sum of `estimate_seconds`."""
 
 ROW_S = 6e-9
 """Seconds to count the quads of a triangle, per row of pixels (measured: 2 to 6 ns). The dynamic
 program over n vertices counts n^3 / 6 triangles, on average half as high as the polygon."""
 
 HOLES_S = 2e-7
-"""Seconds for a polygon with holes, divided by the cube of its vertex count; a linear program
-proves the optimum (measured: 10 to 450 ns, most for the largest polygons)."""
+"""Seconds to solve a polygon with holes by a linear program, divided by the cube of the vertex
+count (measured: 10 to 450 ns; the largest polygons have the largest quotients)."""
 
 Pending = dict[str, Future[NDArray[np.int64]]]
-"""By name of the bound, the quads (p,) that another process is computing."""
+"""Results that another process is computing: name of the bound -> quads of each polygon, (p,)."""
 
 
 def start_bounds(
     frame: Frame, parts: Sequence[NDArray[np.int32] | None], pool: MeasuringPool
 ) -> Pending:
-    """Start computing both bounds; `parts` has any triangulation (m, 3) of each polygon."""
+    """Start computing both bounds in the pool's second process; return their futures by name.
+
+    parts : for each polygon any triangulation (m, 3) without gaps, or None
+    """
     outline = pool.compute(compute_outline_bounds, frame, parts)
     return {OUTLINE: outline, MIN_QUADS: pool.compute(compute_min_quads, frame, pool.database)}
 
 
 def collect_bounds(pending: Pending) -> dict[str, NDArray[np.int64]]:
-    """Wait for the bounds; return those that did not fail, (p,) by name, -1 if unknown."""
+    """Wait for the bounds; return the quads (p,) of those that did not fail, by name.
+
+    A polygon without a bound has -1.
+    """
     bounds = {}
     for name, future in pending.items():
         with suppress(TaskError):  # measurements do not depend on the bounds

@@ -27,7 +27,7 @@ from shapely import Polygon
 
 from harness.errors import UsageError
 from harness.machine.environment import hash_sources
-from harness.machine.git import check_out, find_commit, project_folder
+from harness.machine.git import check_out, find_commit, find_project_folder
 from harness.triangulating.recipes import Recipe
 from harness.triangulating.result import FrameTriangulation, check_triangles
 from harness.triangulating.triangulate import make_small_polygons
@@ -89,7 +89,7 @@ def open_version(reference: str, triangulators: Sequence[str]) -> Iterator[Other
 
     Raises UsageError if the version does not exist.
     """
-    top = project_folder(triangulators)
+    top = find_project_folder(triangulators)
     commit = None if top is None else find_commit(top, reference)
     if top is not None and commit is not None:
         with check_out(top, commit) as folder:
@@ -168,6 +168,7 @@ def triangulate_elsewhere(
 
 
 def _run_script(other: OtherVersion, question: Mapping[str, Any]) -> dict[str, Any]:
+    """Run `other_version_script.py` in the other version's interpreter; return the answer."""
     with tempfile.TemporaryDirectory(prefix="harness-beside-") as folder:
         question_file, answer_file = Path(folder, "question"), Path(folder, "answer")
         question_file.write_bytes(pickle.dumps(question))

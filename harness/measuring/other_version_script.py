@@ -14,7 +14,7 @@ from typing import Any
 
 
 def main(question_file: str, answer_file: str) -> None:
-    """Read a pickled question, and write the pickled answer."""
+    """Read a pickled question; write the pickled answer of `_make_answer`, or {"error": ...}."""
     question = pickle.loads(Path(question_file).read_bytes())
     try:
         answer = _make_answer(question)
@@ -24,6 +24,11 @@ def main(question_file: str, answer_file: str) -> None:
 
 
 def _make_answer(question: dict[str, Any]) -> dict[str, Any]:
+    """Run the question's triangulator over polygons (WKB); return results and CPU seconds.
+
+    The answer also has the file of the triangulator's module; without a triangulator it has only
+    the file of the package `triangulators`.
+    """
     name = question["triangulator"]
     if name is None:
         return {"file": _find_module_file("triangulators")}
@@ -67,6 +72,7 @@ def _load_function(
 
 
 def _find_module_file(module: str) -> str | None:
+    """Import a module; return its file, or None if the module is missing or has no file."""
     try:
         return getattr(importlib.import_module(module), "__file__", None)
     except ImportError:

@@ -19,17 +19,17 @@ class Plan:
     Parameters
     ----------
     scene : str
-        Name of a scene, or a file, with parameters.
+        Name of a scene or path of a file, optionally with parameters, e.g. "city:limit=100".
     seed : int
         Seed of the scene, of random triangulators and of the order of timing.
     triangulators : tuple of Recipe
         Triangulators, see `harness.triangulating.recipes.parse_all`.
     rasterisers, devices : tuple of str
-        Names; without devices, the best device of each rasteriser.
+        Names of rasterisers and devices; if `devices` is empty, each rasteriser's best device.
     views : tuple of View
         Mappings of the scene to the viewport.
     options : tuple of Options
-        Options of drawing.
+        Options of drawing; all cases are measured with each.
     timing : TimingSettings
         Precision and limits of timing.
     timeout_s : float
@@ -49,7 +49,10 @@ class Plan:
     timeout_s: float = TIMEOUT_S
 
     def to_json(self) -> dict[str, Any]:
-        """Return the plan as JSON-ready values: names of triangulators, and the calibration."""
+        """Return the plan as JSON-ready values, with triangulators as names.
+
+        The coefficients of optimal:calibrated, which its name omits, are in "calibration".
+        """
         calibrations = [recipe.calibration for recipe in self.triangulators]
         calibration = next((terms for terms in calibrations if terms is not None), None)
         values = asdict(self)
@@ -71,7 +74,7 @@ class Plan:
     def from_json(cls, values: Mapping[str, Any]) -> "Plan":
         """Return the plan from the values that `to_json` returned.
 
-        Raises InputError if the value is not a plan.
+        Raises InputError if `values` is not a valid plan.
         """
         from pydantic import TypeAdapter, ValidationError
 

@@ -43,7 +43,7 @@ COMPILE_TIMEOUT_S = 900.0
 """Time limit for compiling a built-in triangulator, which does not count as triangulating."""
 
 COMPILED_LATE = "triangulators.geometry.order"
-"""Module whose kernels are compiled late: if they are cached, so are those of the optimum."""
+"""Module whose kernels are compiled late: if these are cached, so are the optimum's kernels."""
 
 TRIANGULATORS = WorkerSpec("triangulators")
 """Runs all built-in triangulators."""
@@ -84,12 +84,12 @@ class Backend:
 
 
 class MeasuringPool(WorkerPool):
-    """Workers of a run: for each device, for all built-in, and for each third-party triangulator.
+    """Workers: one per device, one for built-in triangulators, one per third-party triangulator.
 
     open_worker : starts a process
     timeout_s : time limit of a task, in addition to the requested drawing time
     database : cache of triangulations, or None
-    other : interleaved baseline, which triangulates as well, or None
+    other : the interleaved baseline, which runs the recipes with `Recipe.other`, or None
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class MeasuringPool(WorkerPool):
         self._compiled: set[str] = set()
 
     def compile(self, recipe: Recipe, tick: Callable[[float], None] | None = None) -> None:
-        """Compile or load the kernels of a triangulator, once; not those of the baseline's version.
+        """Compile or load a triangulator's kernels, once; do nothing for a recipe of the baseline.
 
         Raises TaskError if the process crashed, hung or ran out of memory.
         """
@@ -162,9 +162,11 @@ class MeasuringPool(WorkerPool):
         *arguments: Any,
         **options: Any,
     ) -> T:
-        """Run a function in a recipe's worker.
+        """Run `function(recipe, *arguments)` in the recipe's worker.
 
+        stage : stage of the run to which the duration is added
         message : text of the error if a built-in triangulator exceeds the time limit
+        options : further arguments of `run`
         """
         try:
             with self.time_stage(stage):
@@ -208,7 +210,7 @@ class MeasuringPool(WorkerPool):
         return seconds
 
     def compute(self, function: Callable[..., T], *arguments: Any) -> Future[T]:
-        """Run a built-in function in the second process, without a triangulator's time limit."""
+        """Start a built-in function in the second process, with the time limit of compiling."""
         timeout_s = max(COMPILE_TIMEOUT_S, self.timeout_s)
         return self.submit(SECOND, function, *arguments, timeout_s=timeout_s)
 
@@ -259,7 +261,7 @@ class MeasuringPool(WorkerPool):
             with self.time_stage("time"):
                 for number in range(settings.processes):
                     elapsed = time.perf_counter() - start
-                    share = settings.of_process(number, elapsed)
+                    share = settings.get_process_settings(number, elapsed)
                     if share is None:
                         break
                     if number > 0:
@@ -300,6 +302,6 @@ class MeasuringPool(WorkerPool):
         super().close(at_once=at_once, abandoned=abandoned)
 
     def _forget(self, spec: WorkerSpec) -> None:
-        """Forget what a failed worker had compiled: its new process has compiled nothing."""
+        """Let `compile` compile again after the worker failed: a new process has no kernels."""
         if spec == TRIANGULATORS:
             self._compiled.clear()

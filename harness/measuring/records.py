@@ -97,7 +97,7 @@ class RunWriter:
         store, stored = self._store_columns(record, columns)
         store.append(stored)
         self.records[record.id.key] = record
-        self._reporter.detail(_summarise(record))
+        self._reporter.detail(_format_record(record))
         if record.status == "failed":
             self._reporter.warn(f"{record.name} on {record.id.device} failed: {record.reason}")
 
@@ -115,7 +115,8 @@ class RunWriter:
         return store, record
 
 
-def _summarise(record: Record) -> str:
+def _format_record(record: Record) -> str:
+    """Return a line with the case, status, and median time or reason of a record."""
     case, time = record.id, record.time
     view = f"{case.view.resolution} px, {case.view.rotation:g} degrees"
     result = record.reason or "counted"
@@ -125,10 +126,11 @@ def _summarise(record: Record) -> str:
     return f"{subject}: {record.status}, {result}"
 
 
-def count_covered(counters: Counters, drawn: NDArray[np.bool_]) -> NDArray[np.int64] | None:
-    """Return the fragments (p,) of the baseline's polygons, -1 if not drawn; None if not counted.
+def get_covered_fragments(counters: Counters, drawn: NDArray[np.bool_]) -> NDArray[np.int64] | None:
+    """Return the fragments (p,) that each polygon covers, -1 if unknown; None if not counted.
 
-    All triangulations of a polygon cover the same number of fragments.
+    counters, drawn : counters of one triangulation without gaps, and which polygons it draws (p,);
+        all triangulations of a polygon cover the same number of fragments
     """
     fragments = counters.get("fragments")
     if fragments is None or not fragments.ndim:
@@ -146,7 +148,7 @@ def make_counted(
 ) -> Record:
     """Return the record of a counted case, without time.
 
-    covered : fragments (p,) that a triangulation must have, from `count_covered`
+    covered : fragments (p,) that a triangulation must have, from `get_covered_fragments`
     limits : lower bounds of quads, (p,) by `OUTLINE` and `MIN_QUADS`, -1 if unknown
     """
     parts = [part for part in triangulation.parts if part is not None]
@@ -191,9 +193,9 @@ def summarise_gaps(gaps: Sequence[float]) -> tuple[int | None, float | None]:
 def _compute_coverage_error(
     triangulation: FrameTriangulation, counters: Counters, covered: NDArray[np.int64] | None
 ) -> int | None:
-    """Return the number of fragments too many or too few, over polygons with known `covered`.
+    """Return the sum over polygons of |fragments - covered|.
 
-    None if no polygon has a known number of fragments.
+    Polygons with unknown `covered` are omitted; the result is None if no polygon remains.
     """
     if covered is None or "fragments" not in counters:
         return None
@@ -270,7 +272,10 @@ def make_time(
 
 
 def make_samples(times: Times, timer: str) -> Time:
-    """Return a `Time` with the samples; for CPU time also with wall time, waiting, other load."""
+    """Return a `Time` with samples only, without a median.
+
+    For the CPU timer also with wall time, time of waiting for a core, and other programs' CPU time.
+    """
     samples, processes = _round_seconds(times.samples_s), tuple(times.processes or ())
     if not times.wall_s:
         return Time(timer, samples, processes=processes)

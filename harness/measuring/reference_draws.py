@@ -32,7 +32,7 @@ class DrawId(NamedTuple):
 
 def get_default_path() -> Path:
     """Return the path of the file, next to the cache of triangulations."""
-    return system.cache_file(FILE)
+    return system.get_cache_file(FILE)
 
 
 def update_reference_draws(records: Iterable[Record], path: Path) -> list[dict[str, Any]]:
@@ -54,7 +54,7 @@ def update_reference_draws(records: Iterable[Record], path: Path) -> list[dict[s
         draw: statistics.median(second for group in groups.values() for second in group)
         for draw, groups in times.items()
     }
-    best = _update(draws, path)
+    best = _update_file(draws, path)
     return [
         {
             **draw._asdict(),
@@ -67,8 +67,8 @@ def update_reference_draws(records: Iterable[Record], path: Path) -> list[dict[s
     ]
 
 
-def _update(draws: Mapping[DrawId, float], path: Path) -> dict[DrawId, tuple[float, int]]:
-    """Update the file; return each draw's minimum in s and number of runs, including this run.
+def _update_file(draws: Mapping[DrawId, float], path: Path) -> dict[DrawId, tuple[float, int]]:
+    """Add the times (s) to the file; return each draw's minimum (s) and number of runs so far.
 
     An unreadable file is replaced, and an unwritable file is ignored, as counters and times do not
     depend on this file.

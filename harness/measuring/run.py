@@ -21,7 +21,7 @@ from harness.errors import (
     NothingMeasuredError,
     UsageError,
 )
-from harness.frame import ITS_OWN_VIEW, OWN_VIEWS, View, view_of
+from harness.frame import ITS_OWN_VIEW, OWN_VIEWS, View, get_scene_view
 from harness.machine import environment, system
 from harness.machine.environment import describe_processor
 from harness.measuring.loading import find_backends, find_broken, load_scene
@@ -48,7 +48,7 @@ from harness.results.run_writer import RunFolder
 from harness.stats.run_quality import assess_records
 from harness.supervisor import allow_cleanup
 from harness.triangulating.recipes import ORIGINAL, Recipe
-from harness.viewing import viewing_of
+from harness.viewing import get_viewing
 from harness.workers.worker import OpenWorker, Worker
 from scenes import Scene
 from scenes.spec import format_label as scene_label
@@ -109,11 +109,11 @@ class RunResult:
 class RunOptions:
     """Options of a run that are not part of its plan.
 
-    resume : True to continue the run in the folder, without cases that have an ok or skipped record
+    resume : True to continue the folder's run, except for cases with an ok or skipped record
     force : True to resume even if plan, scene, code or machine have changed since
     split : function by which a study divides the scene, or None
     database : cache of triangulations, or None
-    baseline : interleaved baseline, or None
+    baseline : other version of the code to measure in the same rounds, or None
     base : triangulator to which tables and reports compare the others
     profile : content of a profile to store with the run, or None
     calibrate : see `SceneRun`
@@ -150,7 +150,7 @@ def run(
     options : RunOptions, optional
         Options that are not part of the plan.
     open_worker : callable
-        Creates worker processes; tests run tasks in the current process.
+        Starts a worker process; tests pass a class that runs tasks in the current process.
 
     Returns
     -------
@@ -175,12 +175,12 @@ def run(
             )
         if options.split is None:
             plan = _set_scene_view(plan, scene)
-        if viewing_of(scene) is None and any(r.base == ORIGINAL for r in plan.triangulators):
+        if get_viewing(scene) is None and any(r.base == ORIGINAL for r in plan.triangulators):
             raise UsageError(
                 f"{ORIGINAL}: requires a model with views; give --scene model.glb:views=24, or "
                 "omit the triangulator"
             )
-        return _measure(plan, scene, out, reporter, pool, broken, options, start)
+        return _measure_parts(plan, scene, out, reporter, pool, broken, options, start)
     finally:
         pool.close(at_once=pool.stopping)
 
@@ -190,18 +190,18 @@ def _set_scene_view(plan: Plan, scene: Scene) -> Plan:
 
     For a model, the triangulation in its file is added.
     """
-    view = view_of(scene)
+    view = get_scene_view(scene)
     if view.fit not in OWN_VIEWS:
         return plan
     if plan.views not in ((view,), (View(),)):
         raise UsageError(ITS_OWN_VIEW.format(OWN_VIEWS[view.fit]))
-    if viewing_of(scene) is not None:
+    if get_viewing(scene) is not None:
         first = Recipe(ORIGINAL)
         plan = replace(plan, triangulators=tuple(dict.fromkeys([first, *plan.triangulators])))
     return replace(plan, views=(view,))
 
 
-def _measure(
+def _measure_parts(
     plan: Plan,
     scene: Scene,
     out: Path,
@@ -211,7 +211,12 @@ def _measure(
     options: RunOptions,
     start: float,
 ) -> RunResult:
-    # Only the name labels a file, as the same file in another folder is the same scene.
+    """Measure each part of the scene, or the scene as one part, and store the run in `out`.
+
+    broken : triangulators that cannot run, with the reasons
+    start : time of `perf_counter` at which the run began
+    """
+    # A file's label omits the folder, as the same file in another folder is the same scene.
     label = scene_label(plan.scene)
     parts = options.split(label, scene) if options.split else [ScenePart(label, scene)]
     plans = [replace(plan, triangulators=p.triangulators or plan.triangulators) for p in parts]
@@ -221,7 +226,7 @@ def _measure(
     usable = find_backends(plan, pool, reporter)
     broken |= find_broken(set(plan.triangulators) - loaded, pool)
     base = options.base or (
-        ORIGINAL if viewing_of(scene) is not None and not options.split else None
+        ORIGINAL if get_viewing(scene) is not None and not options.split else None
     )
     facts = _make_facts(plan, scene) | ({"base": base} if base else {})
     if baseline := options.baseline:
@@ -248,8 +253,8 @@ def _measure(
         if options.profile is not None:
             atomic.write(out / STORED_PROFILE, options.profile)
         writer.write_facts({**facts, "interrupted": True})  # until the run has finished
-        # No rounds that time triangulation for BASE, which triangulates in another process, and for
-        # a study that splits the scene, which compares draw times only.
+        # Triangulation is timed in rounds except with a baseline, which triangulates in another
+        # process, and in a study that splits the scene and compares draw times only.
         rounds = not (options.split or options.baseline)
         try:
             with _handle_signals(pool, reporter):

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import HarnessError
-from harness.frame import Frame, View, frame_of
+from harness.frame import Frame, View, make_scene_frame
 from harness.measuring import lower_limits, records
 from harness.measuring.loading import Usable
 from harness.measuring.plan import Plan
@@ -17,7 +17,11 @@ from harness.progress import Reporter
 from harness.rasterisers.base import Counters, Options, order_submission
 from harness.rasterisers.vertex_batches import count_vertices
 from harness.results.record import CaseId, Record, Status
-from harness.triangulating.carrying import carry_over, carry_to_views, make_original_triangulation
+from harness.triangulating.carrying import (
+    carry_to_rotated_frame,
+    carry_to_views,
+    make_original_triangulation,
+)
 from harness.triangulating.recipes import ORIGINAL, Recipe
 from harness.triangulating.result import FrameTriangulation
 from harness.workers.worker import TaskError, TaskTimeoutError
@@ -26,12 +30,13 @@ from scenes import Scene
 DONE = ("ok", "skipped")
 """Statuses of records that a resumed run does not measure again."""
 
-BASELINE = Recipe("delaunay")
+COVERAGE_RECIPE = Recipe("delaunay")
 """Triangulator whose fragments define the pixels that each polygon must cover: it uses every vertex
 of every polygon, so that it leaves no gap."""
 
 MESSAGE_AFTER_S = 2.0
-"""Seconds of waiting after which a line says that kernels are compiled; loading takes less."""
+"""Seconds of waiting after which a line says that kernels are being compiled; loading compiled
+kernels takes less."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +52,8 @@ class Group:
 class _View:
     """State that all groups of a view share.
 
-    triangulations, triangles : by recipe, its result, and its triangles (m, 3) in the frame
-    limits : lower bounds of quads, (p,) by name, see `lower_limits`; {} if `BASELINE` failed
+    triangulations, triangles : by recipe, the result, and the result's triangles (m, 3)
+    limits : lower bounds of quads, (p,) by name, see `lower_limits`; {} if `COVERAGE_RECIPE` failed
     vertices : counters of the index buffer by recipe, order and seed
     calibrated : by recipe of the plan, the recipe that `SceneRun.calibrate` chose for this view
     """
@@ -109,19 +114,20 @@ class SceneRun:
             groups = [group for group in self._make_groups(view) if group.cases]
             if not groups or self.pool.stopping:
                 continue
-            current = _View(frame_of(self.scene, view))
+            current = _View(make_scene_frame(self.scene, view))
             self._report_snapping(current.frame)
             self.writer.add_frame(current.frame)
-            self._prepare(current, groups)
+            self._triangulate_all(current, groups)
             if self.rounds:
                 self._time_triangulating(current)
             self.writer.add_triangulations(current.frame, current.triangles)
             for group in groups:
                 cases = {r: case for r, case in group.cases.items() if r in current.triangulations}
                 if cases and not self.pool.stopping:
-                    self._measure(current, replace(group, cases=cases))
+                    self._measure_group(current, replace(group, cases=cases))
 
     def _make_groups(self, view: View) -> Iterator[Group]:
+        """Yield a group for each backend and its options; groups omit cases that are done."""
         for backend, supported in self.usable:
             for options in supported:
                 cases = {
@@ -160,11 +166,14 @@ class SceneRun:
 
     # -- triangulations --------------------------------------------------------------------------
 
-    def _prepare(self, current: _View, groups: Sequence[Group]) -> None:
-        """Triangulate with the baseline and the groups' recipes; record cases without results."""
+    def _triangulate_all(self, current: _View, groups: Sequence[Group]) -> None:
+        """Triangulate with `COVERAGE_RECIPE` and the groups' recipes, and start lower bounds.
+
+        Cases whose recipe gives no triangles are recorded as failed or skipped.
+        """
         needed = {recipe for group in groups for recipe in group.cases}
         requested = [recipe for recipe in self.plan.triangulators if recipe in needed]
-        recipes = list(dict.fromkeys([BASELINE, *requested]))
+        recipes = list(dict.fromkeys([COVERAGE_RECIPE, *requested]))
         compiled = [
             recipe
             for recipe in recipes
@@ -179,11 +188,11 @@ class SceneRun:
                     self.broken.get(recipe, ""),
                 )
                 if recipe not in self.broken:
-                    result = self._prepare_one(current, recipe, stage.wait)
+                    result = self._triangulate_one(current, recipe, stage.wait)
                 if isinstance(result, FrameTriangulation):
                     current.triangulations[recipe] = result
-                    current.triangles[recipe] = current.frame.join(result.parts)
-                    if recipe == BASELINE:
+                    current.triangles[recipe] = current.frame.join_triangles(result.parts)
+                    if recipe == COVERAGE_RECIPE:
                         limits = lower_limits.start_bounds(current.frame, result.parts, self.pool)
                 else:
                     for group in groups:
@@ -194,7 +203,7 @@ class SceneRun:
         with self.reporter.if_long(message, MESSAGE_AFTER_S):
             current.limits = lower_limits.collect_bounds(limits)
 
-    def _prepare_one(
+    def _triangulate_one(
         self, current: _View, recipe: Recipe, tick: Callable[[float], None]
     ) -> FrameTriangulation | tuple[Status, str]:
         """Compile and run a triangulator; return its result, or (status, reason) without a result.
@@ -260,9 +269,9 @@ class SceneRun:
             return carry_to_views(frame, flat, recipe)
         if not recipe.upright:
             return self.pool.triangulate(recipe, frame.polygons, tick)
-        upright = frame_of(self.scene, replace(frame.view, rotation=0.0))
+        upright = make_scene_frame(self.scene, replace(frame.view, rotation=0.0))
         before = self.pool.triangulate(plain_recipe, upright.polygons, tick)
-        return carry_over(before, upright, frame)
+        return carry_to_rotated_frame(before, upright, frame)
 
     def _time_triangulating(self, current: _View) -> None:
         """Triangulate again in rounds, to measure the variation of the triangulation time."""
@@ -284,7 +293,7 @@ class SceneRun:
 
     # -- counts and times ------------------------------------------------------------------------
 
-    def _measure(self, current: _View, group: Group) -> None:
+    def _measure_group(self, current: _View, group: Group) -> None:
         """Count the group's cases, then time all cases together."""
         try:
             opened = self.pool.open(group.backend)
@@ -300,17 +309,17 @@ class SceneRun:
         }
         cases = {recipe: case for recipe, case in group.cases.items() if recipe not in ready}
         if cases:
-            ready |= self._count(current, replace(group, cases=cases), timed=timed)
+            ready |= self._count_group(current, replace(group, cases=cases), timed=timed)
         in_order = {recipe: ready[recipe] for recipe in group.cases if recipe in ready}
         if in_order:
             self.pool.is_timing = True
-            self._time(current, group, in_order)
+            self._time_group(current, group, in_order)
             self.pool.is_timing = False
 
-    def _count(self, current: _View, group: Group, *, timed: bool) -> dict[Recipe, Record]:
+    def _count_group(self, current: _View, group: Group, *, timed: bool) -> dict[Recipe, Record]:
         """Count the group's cases, store the counters; return the records to be timed.
 
-        `BASELINE` is counted first, even if it is not a case: it gives each polygon's pixels.
+        `COVERAGE_RECIPE` is counted first, even if not a case, to get each polygon's fragments.
         """
         ready: dict[Recipe, Record] = {}
         covered = None
@@ -318,7 +327,7 @@ class SceneRun:
         limits = current.limits if options.samples == 1 else {}  # bounds are for pixel centres
         names = [
             recipe
-            for recipe in dict.fromkeys([BASELINE, *cases])
+            for recipe in dict.fromkeys([COVERAGE_RECIPE, *cases])
             if recipe in current.triangulations
         ]
         with self.reporter.stage(f"counting: {backend.label}", len(names)) as stage:
@@ -330,8 +339,8 @@ class SceneRun:
                     if recipe in cases:
                         self._add_unmeasured(cases[recipe], "failed", str(error))
                 else:
-                    if recipe == BASELINE:
-                        covered = records.count_covered(counters, triangulation.drawn)
+                    if recipe == COVERAGE_RECIPE:
+                        covered = records.get_covered_fragments(counters, triangulation.drawn)
                     if recipe in cases:
                         if self.pool.open(backend).draws_indexed:
                             counters |= current.count_vertices(recipe, options)
@@ -345,8 +354,11 @@ class SceneRun:
                 stage.advance()
         return ready
 
-    def _time(self, current: _View, group: Group, ready: Mapping[Recipe, Record]) -> None:
-        """Time the counted cases together, and store their records; `ready` has these, untimed."""
+    def _time_group(self, current: _View, group: Group, ready: Mapping[Recipe, Record]) -> None:
+        """Time the counted cases together, and store their records.
+
+        ready : records of the counted cases, without times
+        """
         settings, backend = self.plan.timing, group.backend
         test = self.pool.open(backend).timer
         assert test is not None

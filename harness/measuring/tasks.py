@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from harness import rasterisers
-from harness.frame import Frame, bare_frame
+from harness.frame import Frame, make_bare_frame
 from harness.grid import SUBPIXEL
 from harness.measuring.timing import (
     EMPTY,
@@ -69,7 +69,7 @@ _rasterisers: dict[tuple[str, str], Rasteriser] = {}
 
 
 def open_device(name: str, device: Device) -> Opened:
-    """Open `device` with the rasteriser `name` and test the timer."""
+    """Open `device` with the rasteriser `name`, and select the timer if draws can be timed."""
     rasteriser = _get_rasteriser(name, device)
     timer = choose_timer(rasteriser) if rasteriser.timed else None
     return Opened(dict(rasteriser.device.details), timer, rasteriser.draws_indexed)
@@ -90,15 +90,18 @@ def time_group(
     test: TimerTest,
     seed: int,
 ) -> dict[str, Times]:
-    """Time the candidates together, by name; their frames must have the same size.
+    """Time the candidates in the same rounds; return their times by name.
 
-    The result also has the times of EMPTY and REFERENCE, drawn with the options of the first
-    candidate: no triangle, and one that covers half of the viewport.
+    All frames must have the same size. The result also has the times of EMPTY (no triangle) and
+    REFERENCE (a triangle that covers half of the viewport), drawn with the first candidate's
+    options.
     """
     rasteriser = _get_rasteriser(name, device)
     frame, _, options = next(iter(candidates.values()))
     far_corner = frame.width * SUBPIXEL
-    corner = bare_frame(frame.width, np.array([[0, 0], [far_corner, 0], [0, far_corner]], np.int32))
+    corner = make_bare_frame(
+        frame.width, np.array([[0, 0], [far_corner, 0], [0, far_corner]], np.int32)
+    )
     drawn: dict[str, Candidate] = {
         EMPTY: (frame, np.empty((0, 3), np.int32), options),
         REFERENCE: (corner, np.array([[0, 1, 2]], np.int32), options),
@@ -126,12 +129,12 @@ def _get_rasteriser(name: str, device: Device) -> Rasteriser:
 
 
 def choose_timer(rasteriser: Rasteriser) -> TimerTest:
-    """Select the timer of a device by drawing many layers that fill the viewport."""
+    """Select the timer of a device by timing a draw of many layers that fill the viewport."""
     far_corner = SELF_TEST_PX * SUBPIXEL
     square = np.array(
         [[0, 0], [far_corner, 0], [far_corner, far_corner], [0, far_corner]], np.int32
     )
-    frame = bare_frame(SELF_TEST_PX, square)
+    frame = make_bare_frame(SELF_TEST_PX, square)
     layer = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
     layers = 1
     while True:

@@ -27,7 +27,7 @@ from harness.machine import system
 from harness.rasterisers.base import Drawing, Sample
 from harness.results.record import Time
 from harness.settings import TimingSettings
-from harness.stats.intervals import median_interval, paired_ratio
+from harness.stats.intervals import compute_median_interval, compute_paired_ratio
 from harness.stats.run_quality import select_rounds
 
 Timer = Literal["gpu", "cpu", "wall"]
@@ -47,8 +47,8 @@ MAX_TIMER_DIFFERENCE = 0.30
 """Tolerated relative difference of GPU timer and wall clock in the self-test."""
 
 MAX_BATCHES = 10
-"""Maximum duration of a batch, in usual durations, if a slow drawing is to get as many draws per
-batch as the faster drawings that it is compared with."""
+"""Maximum duration of a slow drawing's batch, in durations of a usual batch: slow drawings get as
+many draws per batch as the faster drawings that they are compared with, up to this limit."""
 
 MIN_ROUNDS = 12
 """Minimum number of rounds for a 95 % interval of the median narrower than the sample's range."""
@@ -143,7 +143,7 @@ class Times:
     @property
     def ci95_s(self) -> tuple[float, float]:
         """Distribution-free 95 % confidence interval of the median, in seconds."""
-        return median_interval(self.undisturbed_s)
+        return compute_median_interval(self.undisturbed_s)
 
     def is_precise(self, precision: float) -> bool:
         """Return whether the interval's half-width is at most `precision` times the median."""
@@ -334,7 +334,9 @@ def _find_precise(
     if not (samples > 0.0).all():
         return ()
     mean_samples = np.exp(np.log(samples).mean(axis=0))
-    ratios = [paired_ratio(drawing_samples, mean_samples, epochs) for drawing_samples in samples]
+    ratios = [
+        compute_paired_ratio(drawing_samples, mean_samples, epochs) for drawing_samples in samples
+    ]
     precise = [ratio.high - ratio.low <= 2 * settings.precision * ratio.value for ratio in ratios]
     names = [name for name, is_precise in zip(compared, precise, strict=True) if is_precise]
     return [*names, REFERENCE] if all(precise) else names

@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from harness.results.record import Record, Time
-from harness.stats.intervals import FASTER, SLOWER, Ratio, student_interval
+from harness.stats.intervals import FASTER, SLOWER, Ratio, compute_student_interval
 
 Kind = Literal["at once", "after", "up to", "not significant", "never"]
 
@@ -35,7 +35,7 @@ class BreakEven:
 
     @property
     def text(self) -> str:
-        """E.g. after 12 draws (11 to 14); at once; not significant; never (slower)."""
+        """Text for tables: after 12 draws (11 to 14); at once; not significant; never (slower)."""
         if self.kind == "never":
             return "never (slower)"
         if self.draws is None:
@@ -94,7 +94,7 @@ def compute_break_even(record: Record, base: Record, ratio: Ratio | None) -> Bre
     rounds, base_rounds = record.triangulate_samples_s, base.triangulate_samples_s
     has_interval = len(rounds) == len(base_rounds) >= MIN_ROUNDS
     if has_interval:
-        extra = _Estimate(*student_interval(np.subtract(rounds, base_rounds)))
+        extra = _Estimate(*compute_student_interval(np.subtract(rounds, base_rounds)))
     else:  # triangulated once
         if record.triangulate_s is None or base.triangulate_s is None:
             return None
@@ -103,16 +103,19 @@ def compute_break_even(record: Record, base: Record, ratio: Ratio | None) -> Bre
     if ratio.verdict == FASTER:
         if extra.high <= 0:
             return BreakEven("at once")
-        return _divide("after", extra, saved, has_interval)
+        return _divide_estimates("after", extra, saved, has_interval)
     if ratio.verdict == SLOWER:
         if extra.high >= 0:
             return BreakEven("never")
-        return _divide("up to", extra.negated, saved.negated, has_interval)
+        return _divide_estimates("up to", extra.negated, saved.negated, has_interval)
     return BreakEven("not significant")
 
 
 def _estimate_saving(ratio: Ratio, base: Time) -> _Estimate:
-    """Return the seconds that a draw saves: relative errors of both factors add as squares."""
+    """Return the seconds that a draw saves: (1 - ratio) times the base's draw time.
+
+    The relative errors of both factors are added as squares.
+    """
     draw_s = base.median_s or 0.0
     ends = base.ci95_s or (draw_s, draw_s)
     share = 1 - ratio.value
@@ -124,22 +127,28 @@ def _estimate_saving(ratio: Ratio, base: Time) -> _Estimate:
     return _Estimate(value, value - abs(value) * low, value + abs(value) * high)
 
 
-def _divide(kind: Kind, top: _Estimate, bottom: _Estimate, has_interval: bool) -> BreakEven:
+def _divide_estimates(
+    kind: Kind, top: _Estimate, bottom: _Estimate, has_interval: bool
+) -> BreakEven:
     """Return `top` over `bottom`, which is above 0, with the interval for independent estimates.
 
-    The ends of both intervals determine the ratio's: MOVER-R (Newcombe, Statistical Methods in
-    Medical Research 25, 2016, after Donner and Zou). The number of draws is at least 0.
+    The ends of both intervals determine the ratio's interval, by the method MOVER-R (Newcombe,
+    Statistical Methods in Medical Research 25, 2016, after Donner and Zou). The number of draws is
+    at least 0.
     """
     draws = max(0.0, top.value / bottom.value)
     if not has_interval:
         return BreakEven(kind, draws)
-    low = _solve_end(top.value, top.low, bottom.value, bottom.high, -1)
-    high = _solve_end(top.value, top.high, bottom.value, bottom.low, 1)
+    low = _solve_interval_end(top.value, top.low, bottom.value, bottom.high, -1)
+    high = _solve_interval_end(top.value, top.high, bottom.value, bottom.low, 1)
     return BreakEven(kind, draws, max(0.0, low), high)
 
 
-def _solve_end(top: float, top_end: float, bottom: float, bottom_end: float, sign: int) -> float:
-    # The end solves (top - x bottom)^2 = (top - top_end)^2 + x^2 (bottom - bottom_end)^2: the
+def _solve_interval_end(
+    top: float, top_end: float, bottom: float, bottom_end: float, sign: int
+) -> float:
+    """Return an end of the interval of top / bottom, the lower if `sign` is -1, else the upper."""
+    # The end x solves (top - x bottom)^2 = (top - top_end)^2 + x^2 (bottom - bottom_end)^2: the
     # half-widths of both intervals add as squares. `sign` selects one of the two roots.
     if bottom_end <= 0:
         return math.inf

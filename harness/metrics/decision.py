@@ -11,7 +11,7 @@ from typing import Literal
 
 from harness.metrics.break_even import BreakEven, compute_break_even
 from harness.metrics.groups import RecordGroup, group_run
-from harness.metrics.registry import find_metric, first_value, list_costs
+from harness.metrics.registry import find_metric, get_first_value, list_costs
 from harness.results.record import Record
 from harness.results.run_folder import Run
 from harness.stats.intervals import FASTER, SLOWER, Ratio, Verdict
@@ -67,8 +67,8 @@ class Standing:
 class Decision:
     """A recommended triangulator, with the reason.
 
-    standings : measured records: complete records first, then by cost; unless the group's state is
-        quiet, by the main counter
+    standings : measured records, complete records first, sorted by cost (the main counter's cost
+        unless the group's state is quiet)
     base : the base of the ratios
     reason : "faster": the choice is significantly faster than the base; "others slower": all other
         triangulators are significantly slower than the base; "counter": times do not decide, and
@@ -76,8 +76,8 @@ class Decision:
         saves `MIN_SAVED_SHARE`; "undecided": no relevant difference; "few pixels": fewer than
         `MIN_PIXELS` are covered; "single": only one candidate; "incomplete": every triangulator
         skipped polygons. The last three give no recommendation
-    choice : the recommended triangulator: the base, or the cheapest of those that are better and
-        reach `MAIN_PART` of the largest saving
+    choice : the recommended triangulator: the base, or the triangulator with the minimum
+        triangulation time among those that reach `MAIN_PART` of the largest saving
     best : the triangulator with the largest saving
     measure : the main counter, or None without counters
     timed : whether times of two or more complete triangulators are compared
@@ -106,7 +106,8 @@ def decide(group: RecordGroup) -> Decision | None:
     complete = [record for record in group.measured if record.polygons == all_polygons]
     compared = sum(record is not base_record for record in complete)
     standings = [
-        _rank(record, group, base_record, all_polygons, compared) for record in group.measured
+        _make_standing(record, group, base_record, all_polygons, compared)
+        for record in group.measured
     ]
     standings.sort(key=lambda s: (-s.record.polygons, s.cost, s.name))
     ranked = tuple(standings)
@@ -116,8 +117,8 @@ def decide(group: RecordGroup) -> Decision | None:
         first = ranked[0]
         return Decision(group, ranked, base, "incomplete", first, first, measure, timed=False)
     rivals = rivals or standings
-    reason, choice, best = _choose(rivals, base, measure)
-    saving = _joint_ratio(choice) if reason == "faster" else None
+    reason, choice, best = _choose_triangulator(rivals, base, measure)
+    saving = _get_joint_ratio(choice) if reason == "faster" else None
     timed = any(rival.ratio is not None and rival is not base for rival in rivals)
     return Decision(group, ranked, base, reason, choice, best, measure, timed, saving)
 
@@ -131,12 +132,12 @@ def decide_all(run: Run) -> list[Decided]:
     return [(group, decide(group)) for group in group_run(run)]
 
 
-def _rank(
+def _make_standing(
     record: Record, group: RecordGroup, base: Record, all_polygons: int, compared: int
 ) -> Standing:
     """Return the standing of a record; the cost is the paired ratio of times if there is one.
 
-    The verdict uses that ratio, and two medians may be in another order than the paired ratio.
+    The verdict uses the paired ratio, which may contradict the order of two median times.
 
     compared : number of complete records that the base is compared with
     """
@@ -146,13 +147,13 @@ def _rank(
         cost = ratio.value
     else:
         names = [TIME, *counters] if ratio is None else counters
-        cost, base_cost = first_value(record, names) or 0.0, first_value(base, names)
+        cost, base_cost = get_first_value(record, names) or 0.0, get_first_value(base, names)
         cost = cost / base_cost if base_cost else cost
     complete = record.polygons == all_polygons
     return Standing(record, cost, complete, ratio, compute_break_even(record, base, ratio))
 
 
-def _choose(
+def _choose_triangulator(
     rivals: Sequence[Standing], base: Standing, measure: str | None
 ) -> tuple[Reason, Standing, Standing]:
     """Return the reason, the choice, and the triangulator with the largest saving."""
@@ -167,11 +168,12 @@ def _choose(
     faster = {
         rival.name: rival
         for rival in challengers
-        if (ratio := _joint_ratio(rival)) is not None and rival.verdict == ratio.verdict == FASTER
+        if (ratio := _get_joint_ratio(rival)) is not None
+        and rival.verdict == ratio.verdict == FASTER
     }
     if faster:
         saved = {name: 1.0 - rival.ratio.value for name, rival in faster.items() if rival.ratio}
-        return "faster", *_take_cheapest(faster, saved)
+        return "faster", *_find_cheapest_and_best(faster, saved)
     if all(rival.verdict == SLOWER for rival in challengers):
         return "others slower", base, base
     candidates = [rival for rival in rivals if rival.verdict != SLOWER]
@@ -188,17 +190,19 @@ def _choose(
         saved = {s.name: _compute_saved_share(s.record, other.record, measure) for _, s in counts}
         if saved[fewest.name] >= MIN_SAVED_SHARE:
             better = {s.name: s for _, s in counts[: 1 if fewest is base else None]}
-            return "counter", *_take_cheapest(better, {name: saved[name] for name in better})
+            return "counter", *_find_cheapest_and_best(
+                better, {name: saved[name] for name in better}
+            )
     equal = base if base in rivals else candidates[0]
     return "undecided", equal, equal
 
 
-def _joint_ratio(standing: Standing) -> Ratio | None:
+def _get_joint_ratio(standing: Standing) -> Ratio | None:
     """Return the ratio to the base, with the simultaneous interval if computed, or None."""
     return standing.ratio and (standing.ratio.joint or standing.ratio)
 
 
-def _take_cheapest(
+def _find_cheapest_and_best(
     standings: Mapping[str, Standing], saved: Mapping[str, float]
 ) -> tuple[Standing, Standing]:
     """Return the standings of `choose_cheapest` and of the largest saving."""
@@ -235,9 +239,9 @@ def describe_cheapest(name: str) -> str:
 
 
 def _compute_saved_share(record: Record, base: Record, measure: str | None) -> float:
-    """Return the saved share of the base's quads (four lanes each), or else of `measure`."""
+    """Return the share of the base's quads that `record` saves, or without quads of `measure`."""
     names = ["quads", *([measure] if measure else [])]
-    count, base_count = (first_value(r, names) or 0.0 for r in (record, base))
+    count, base_count = (get_first_value(r, names) or 0.0 for r in (record, base))
     return 1.0 - count / base_count if base_count else 0.0
 
 
@@ -269,6 +273,7 @@ _SAVES_ENOUGH = f"saves {100 * MIN_SAVED_SHARE:g} % by exact count"
 
 
 def _format_choice(decision: Decision) -> str:
+    """Return the choice with the saving or the reason, as the end of a sentence."""
     choice, base, ratio = decision.choice, decision.base, decision.saving
     if ratio is not None:
         saved, low, high = (

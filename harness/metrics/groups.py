@@ -8,7 +8,7 @@ from itertools import groupby
 from harness.errors import make_unknown_name_error
 from harness.results.record import CaseGroup, Record
 from harness.results.run_folder import Run
-from harness.stats.intervals import FASTER, Ratio, add_run_scatter, paired_ratio
+from harness.stats.intervals import FASTER, Ratio, add_run_scatter, compute_paired_ratio
 from harness.stats.run_quality import QUIET, STATES, State, select_rounds
 
 DEFAULT_BASE = "ear-clipping"
@@ -72,7 +72,7 @@ def group_run(run: Run) -> list[RecordGroup]:
 
 
 def drop_equal_triangulations(records: Sequence[Record]) -> list[Record]:
-    """Return the records of one polygon and view, the first of each triangulation."""
+    """Return, of records of one polygon and view, the first of each distinct triangulation."""
     first: dict[tuple[float, ...], Record] = {}
     for record in records:
         predicted = record.predicted
@@ -113,9 +113,9 @@ def compute_time_ratio(
         return None
     parts = (time.epochs or None, time.processes or None)
     samples = (time.samples_s, base_time.samples_s, *parts, select_rounds(time, base_time))
-    ratio = replace(add_run_scatter(paired_ratio(*samples)), quiet=quiet)
+    ratio = replace(add_run_scatter(compute_paired_ratio(*samples)), quiet=quiet)
     if candidates > 1 and ratio.verdict == FASTER:
         ratio = replace(
-            ratio, joint=add_run_scatter(paired_ratio(*samples, candidates), candidates)
+            ratio, joint=add_run_scatter(compute_paired_ratio(*samples, candidates), candidates)
         )
     return ratio

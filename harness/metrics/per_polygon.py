@@ -40,8 +40,8 @@ triangulations differ by about 1e-15, because triangles are added in different o
 def compute_ranks(values: Column) -> Column:
     """Return the rank of each value, counted from 1; values within `TIE_TOLERANCE` share the mean.
 
-    Rounding to a number of digits would not do: two sums on either side of a rounding boundary
-    differ in the last bit and would still be ranked apart.
+    Values are not rounded to a number of digits: two equal sums on either side of a rounding
+    boundary would still get different ranks.
     """
     order = np.argsort(values, kind="stable")
     ascending = values[order]
@@ -54,7 +54,7 @@ def compute_ranks(values: Column) -> Column:
     return result
 
 
-def spearman(x: Column, y: Column) -> float:
+def compute_spearman(x: Column, y: Column) -> float:
     """Return Spearman's coefficient; NaN if either column is constant or shorter than 3."""
     # Computed here, because importing `scipy.stats` takes longer than a short run.
     if len(x) < 3:
@@ -65,10 +65,10 @@ def spearman(x: Column, y: Column) -> float:
     return float(np.corrcoef(x_ranks, y_ranks)[0, 1])
 
 
-def rank_correlation(x: Column, y: Column) -> float | None:
+def compute_rank_correlation(x: Column, y: Column) -> float | None:
     """Return Spearman's coefficient of the finite pairs, or None if it is undefined."""
     finite = np.isfinite(x) & np.isfinite(y)
-    coefficient = spearman(x[finite], y[finite])
+    coefficient = compute_spearman(x[finite], y[finite])
     return None if np.isnan(coefficient) else coefficient
 
 

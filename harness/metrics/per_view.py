@@ -8,10 +8,10 @@ import numpy as np
 from harness.metrics.groups import RecordGroup
 from harness.metrics.registry import find_metric, list_costs
 from harness.results.record import Record
-from harness.stats.intervals import MIN_VALUES, mean_interval, ratio_interval
+from harness.stats.intervals import MIN_VALUES, compute_mean_interval, compute_ratio_interval
 
 DESCRIBED = ("helper_lanes", "quads")
-"""Counters that `describe_views` compares, next to the main one."""
+"""Counters that `describe_views` compares in addition to the main counter."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,9 @@ class ViewStatistics:
 
 
 def compare_views(record: Record, base: Record | None, measure: str = "") -> ViewStatistics | None:
-    """Return a counter over the record's views, or None without views or if the polygons differ.
+    """Return statistics of a counter over a record's views, and of the ratio to the base.
+
+    None without views, or if the records have different numbers of polygons.
 
     measure : a counter, by default the main counter
     """
@@ -60,9 +62,9 @@ def compare_views(record: Record, base: Record | None, measure: str = "") -> Vie
         len(values),
         measure,
         float(values.mean()),
-        *mean_interval(values),
+        *compute_mean_interval(values),
         float(values.sum() / base_values.sum()),
-        *ratio_interval(values, base_values),
+        *compute_ratio_interval(values, base_values),
     )
 
 

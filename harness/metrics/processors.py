@@ -1,6 +1,6 @@
 """Processors of runs: times of software devices on different processors are never compared.
 
-The speed of a software rasteriser is the processor's.
+A software rasteriser is as fast as the processor that runs it.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -41,7 +41,7 @@ def list_distinct(labels: Iterable[str]) -> list[str]:
     return sorted(distinct) if len(distinct) > 1 else []
 
 
-def is_drawn_by_processor(run: Run, record: Record) -> bool:
+def is_drawn_in_software(run: Run, record: Record) -> bool:
     """Return whether a record's device is software."""
     device = f"{record.id.rasteriser} on {record.id.device_name}"
     details = ((run.facts.get("devices") or {}).get(device) or {}).get("details") or {}
@@ -49,28 +49,28 @@ def is_drawn_by_processor(run: Run, record: Record) -> bool:
     return is_software(renderer) or record.id.device in SOFTWARE_DEVICES
 
 
-def _list_timed_by_processor(run: Run) -> list[Record]:
-    return [record for record in run.records if record.time and is_drawn_by_processor(run, record)]
+def _list_timed_in_software(run: Run) -> list[Record]:
+    return [record for record in run.records if record.time and is_drawn_in_software(run, record)]
 
 
 def find_mixed_processors(runs: Sequence[Run]) -> dict[str, list[str]]:
     """Return the software devices that were timed on several processors: name -> processors."""
     labels: dict[str, set[str]] = {}
     for run in runs:
-        for record in _list_timed_by_processor(run):
+        for record in _list_timed_in_software(run):
             labels.setdefault(record.id.device_name, set()).add(read_processor(run.facts))
     return {device: distinct for device in labels if (distinct := list_distinct(labels[device]))}
 
 
 def mark_processors(runs: Sequence[Run], mark: Callable[[CaseId, str], CaseId]) -> list[Run]:
-    """Return the runs with cases of software devices on several processors marked.
+    """Return the runs; apply `mark` to cases of software devices that several processors timed.
 
     mark : (case, processor) -> the case with the processor in one of its fields
     """
     mixed = find_mixed_processors(runs)
 
     def mark_record(run: Run, record: Record) -> Record:
-        if record.id.device_name not in mixed or not is_drawn_by_processor(run, record):
+        if record.id.device_name not in mixed or not is_drawn_in_software(run, record):
             return record
         return replace(record, id=mark(record.id, read_processor(run.facts)))
 
@@ -84,7 +84,7 @@ def format_processors(mixed: dict[str, list[str]]) -> str:
 
 def describe_machine(run: Run) -> list[str]:
     """Return lines about the processor of software devices, and about disturbances of the run."""
-    devices = dict.fromkeys(record.id.device_name for record in _list_timed_by_processor(run))
+    devices = dict.fromkeys(record.id.device_name for record in _list_timed_in_software(run))
     label = read_processor(run.facts)
     lines = [f"processor of {', '.join(devices)}: {label}"] if devices and label else []
     return lines + get_run_state(run).warnings

@@ -1,4 +1,4 @@
-"""Registry of metrics: name, unit, direction, and the function that computes it from a record.
+"""Registry of metrics: name, unit, direction, and the function that computes a record's value.
 
 A record holds only raw samples and counters. Tables, plots, comparisons, studies and reports use
 this registry, so that a name means the same everywhere. Metrics are
@@ -90,7 +90,7 @@ class Metric:
 
     @property
     def is_shared(self) -> bool:
-        """Whether all triangulations of a polygon have the same value: a change is a defect."""
+        """Whether the value is the same in all triangulations, so that a change is a defect."""
         return self.gated and self.kind == "counter" and self.better == "none"
 
     @property
@@ -274,7 +274,7 @@ def _make_criterion_metric(criterion: criteria.Criterion) -> Metric:
 @cache
 def _make_estimate_metric(name: str) -> Metric:
     estimate = ESTIMATES[name]
-    counter = _make_counter_metric(counters.describe(estimate.measure))
+    counter = _make_counter_metric(counters.get_counter(estimate.measure))
     read = _read_prediction(name)
     label = f"{counter.label} by {estimate.formula}"
     return replace(counter, name=name, label=label, kind="prediction", function=read, heading="")
@@ -309,7 +309,7 @@ def find_metric(name: str) -> Metric:
         return metric
     if name.startswith(PREDICTED):
         return _make_feature_metric(column)
-    return _make_counter_metric(counters.describe(name))
+    return _make_counter_metric(counters.get_counter(name))
 
 
 def list_metrics() -> dict[str, Metric]:
@@ -322,7 +322,9 @@ def find_metrics(records: Iterable[Record]) -> dict[str, Metric]:
     """Return the metrics that some record has: counters, derived metrics, predictions."""
     records = list(records)
     names = {name for record in records for name in record.counters}
-    counted = {name: _make_counter_metric(counters.describe(name)) for name in sort_counters(names)}
+    counted = {
+        name: _make_counter_metric(counters.get_counter(name)) for name in sort_counters(names)
+    }
     return counted | {
         name: metric
         for name, metric in (METRICS | list_predictions()).items()
@@ -332,11 +334,11 @@ def find_metrics(records: Iterable[Record]) -> dict[str, Metric]:
 
 def sort_counters(names: Iterable[str]) -> list[str]:
     """Return names of counters in display order."""
-    return sorted(names, key=counters.sort_key)
+    return sorted(names, key=counters.get_sort_key)
 
 
 def list_costs(names: Iterable[str], *, of_order: bool = False) -> list[str]:
-    """Return the counters in `names` that a triangulation can change, the main one first.
+    """Return the counters in `names` that a triangulation can change, the main counter first.
 
     of_order : whether to include counters that also depend on the order of triangles
     """
@@ -347,10 +349,10 @@ def list_costs(names: Iterable[str], *, of_order: bool = False) -> list[str]:
         for name in dict.fromkeys([*first, *sort_counters(candidates)])
         if (metric := find_metric(name)).kind == "counter"
         and metric.better == "lower"
-        and (of_order or not counters.describe(name).of_order)
+        and (of_order or not counters.get_counter(name).of_order)
     ]
 
 
-def first_value(record: Record, names: Sequence[str]) -> float | None:
+def get_first_value(record: Record, names: Sequence[str]) -> float | None:
     """Return the value of the first of the named metrics that `record` has, or None."""
     return next((v for name in names if (v := find_metric(name)(record)) is not None), None)

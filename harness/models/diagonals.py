@@ -54,7 +54,10 @@ def _reduces_cost(points: np.ndarray, a: int, b: int, c: int, d: int, cost: Cost
 
 
 @njit(nogil=True)
-def _flip(points: np.ndarray, corner: np.ndarray, twin: np.ndarray, cost: Cost) -> int:
+def _flip_to_lower_cost(
+    points: np.ndarray, corner: np.ndarray, twin: np.ndarray, cost: Cost
+) -> int:
+    """Flip diagonals in `corner` and `twin` while the cost decreases; return their number."""
     return run(points, corner, twin, _reduces_cost, _is_allowed_flip, cost)
 
 
@@ -113,7 +116,7 @@ def choose_diagonals(faces: Faces, criterion: str) -> FaceDiagonals:
     )
     rows = np.repeat(unsolved, sizes)
     corner = result[rows].astype(np.int32).reshape(-1)
-    _flip(faces.points, corner, link(corner), cost)
+    _flip_to_lower_cost(faces.points, corner, link(corner), cost)
     result[rows] = corner.reshape(-1, 3)
     changed = np.asarray(
         is_cheaper(faces.points, faces.triangles, result, faces.triangle_offsets, cost)

@@ -64,7 +64,7 @@ class ModelMesh:
 
 @dataclass(frozen=True)
 class ModelPart:
-    """Triangles of a draw, which may touch further parts.
+    """Triangles that a model draws together; they may share edges with other parts.
 
     source : the model's reference to the triangles
     reason_unchanged : reason why the triangles cannot be changed, or ""
@@ -185,7 +185,7 @@ def _find_neighbours(mesh: ModelMesh) -> tuple[Ints, Counter[str]]:
 
 
 def _is_same_face(mesh: ModelMesh, edge: Ints, twin: Ints) -> NDArray[np.bool_]:
-    """Return flags (e,) of half-edges whose triangle and the opposite one are on one face.
+    """Return flags (e,) of half-edges whose two adjacent triangles belong to one flat face.
 
     edge, twin : (e,) half-edges and their opposite half-edges
     """
@@ -297,14 +297,17 @@ def _has_repeated_side(triangles: Ints, count: int) -> NDArray[np.bool_]:
 
 
 def _sum_groups(values: Floats, owner: Ints, count: int) -> Floats:
+    """Return the sums (count, k) of the values (p, k) of each group; owner : (p,) groups."""
     return np.stack(
         [np.bincount(owner, weights=column, minlength=count) for column in values.T], axis=1
     )
 
 
 def _average_groups(values: Floats, owner: Ints, count: int) -> Floats:
+    """Return the means (count, k) of the values (p, k) of each group; owner : (p,) groups."""
     return _sum_groups(values, owner, count) / np.bincount(owner, minlength=count)[:, None]
 
 
 def _flag_groups(flags: NDArray[np.bool_], owner: Ints, count: int) -> NDArray[np.bool_]:
+    """Return which groups have a member with a flag, (count,); owner : (p,) groups."""
     return np.bincount(owner[flags], minlength=count) > 0

@@ -23,7 +23,7 @@ _MIN_TOLERANCES = {
     "TEXCOORD": 2.0**-18,
     "POSITION": 0.0,
 }
-"""Deviation of an attribute from an affine function that is invisible: the minimum tolerance."""
+"""Minimum tolerance by attribute: an invisible deviation from an affine function on the face."""
 
 _MAX_INTEGER_STEP = 1e-4
 """Upper bound of the tolerance for integer coordinates, as a share of the mesh's extent."""
@@ -36,7 +36,7 @@ class GltfModel(GltfEditor):
         super().__init__(path)
         self.unchanged: Counter[str] = Counter()
 
-    def groups(self) -> Iterator[list[ModelPart]]:
+    def iterate_groups(self) -> Iterator[list[ModelPart]]:
         """Yield the parts of each mesh; a part that meshes share is yielded with the first."""
         seen: set[str] = set()
         meshes = self.json.get("meshes", [])
@@ -58,7 +58,7 @@ class GltfModel(GltfEditor):
             ]
             yield [part for part in parts if part is not None]
 
-    def replace(self, part: ModelPart, triangles: NDArray[np.int64]) -> None:
+    def replace_triangles(self, part: ModelPart, triangles: NDArray[np.int64]) -> None:
         """Replace the triangles of a part by (m, 3) `triangles`."""
         self.replace_indices(part.source, triangles.reshape(-1))
 

@@ -74,7 +74,7 @@ class GltfEditor(GltfFile):
                 self._read_view(accessor, component_type(accessor), 1, len(indices))[:, 0] = indices
                 self._changed.add(self.json["bufferViews"][accessor["bufferView"]]["buffer"])
                 return
-        number = self._append(indices, accessor)
+        number = self._append_indices(indices, accessor)
         for primitive in primitives:
             primitive["indices"] = number
             if primitive.get("mode", TRIANGLES) != TRIANGLES:
@@ -107,7 +107,7 @@ class GltfEditor(GltfFile):
         first = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
         return first, first + (accessor["count"] - 1) * view.get("byteStride", size) + size
 
-    def _append(self, indices: NDArray[np.int64], source: dict[str, Any]) -> int:
+    def _append_indices(self, indices: NDArray[np.int64], source: dict[str, Any]) -> int:
         """Append indices to the first buffer; return an accessor of `source`'s component type."""
         packed = indices.astype(component_type(source)).tobytes()
         buffer, views = self.buffers[0], self.json["bufferViews"]

@@ -105,7 +105,7 @@ def retriangulate(
             drawn.append(DrawnPart(part.mesh, result.triangles, part.placements))
             if (result.triangles != part.mesh.triangles).any():
                 with guard.clear_errors(str(source), _KIND):
-                    model.replace(part, result.triangles)
+                    model.replace_triangles(part, result.triangles)
     if out is None:
         changes.views = count_views(drawn, sizes, tick) if changes.changed else []
     else:
@@ -126,7 +126,7 @@ def open_model(source: Path) -> tuple[Model, list[list[ModelPart]]]:
     check_path(str(source))
     with guard.clear_errors(str(source), _KIND):
         model = kind(source)
-        return model, list(model.groups())
+        return model, list(model.iterate_groups())
 
 
 @dataclass
@@ -144,6 +144,7 @@ class _NewPart:
 
 
 def _retriangulate_part(part: ModelPart, criterion: str, changes: Changes) -> _NewPart:
+    """Return new triangles of a part; add statistics of the part's flat faces to `changes`."""
     mesh = part.mesh
     face = np.full(len(mesh.triangles), -1)
     result = _NewPart(
@@ -181,10 +182,11 @@ def _retriangulate_part(part: ModelPart, criterion: str, changes: Changes) -> _N
 
 
 def _revert_shared(parts: list[ModelPart], new_parts: list[_NewPart], changes: Changes) -> None:
-    """Restore faces with a new diagonal that is also an edge of other triangles; count the rest.
+    """Restore faces with a new diagonal that is also an edge of other triangles.
 
     On a sheet with two sides, both sides could get the same edge, and the model would no longer be
-    watertight. Coincident positions count as one vertex.
+    watertight. Coincident positions count as one vertex. Faces that stay changed are added to
+    `changes`.
     """
     if not parts:
         return

@@ -68,6 +68,7 @@ class ObjModel:
                 )
 
     def _read_line(self, line: bytes, offset: int) -> None:
+        """Store a vertex or face, or begin a part; offset : byte at which the line starts."""
         text = line.partition(b"#")[0]
         is_single_line = not self._continued
         tokens, self._continued = self._continued, []
@@ -115,7 +116,7 @@ class ObjModel:
             raise ValueError("a vertex without a position")
         return result[0], result[1], result[2]
 
-    def groups(self) -> Iterator[list[ModelPart]]:
+    def iterate_groups(self) -> Iterator[list[ModelPart]]:
         """Yield all parts as a single group, because parts may share vertices."""
         values = {kind: self._parse_values(kind, lines) for kind, lines in self._lines.items()}
         xyz = values[b"v"][0][:, :3]
@@ -161,7 +162,7 @@ class ObjModel:
             _MIN_TOLERANCE[kind], min(step, 1e-3)
         )
 
-    def replace(self, part: ModelPart, triangles: NDArray[np.int64]) -> None:
+    def replace_triangles(self, part: ModelPart, triangles: NDArray[np.int64]) -> None:
         """Replace the triangles (m, 3) of a part."""
         spans, tokens = part.source
         for row in np.flatnonzero((part.mesh.triangles != triangles).any(axis=1)).tolist():

@@ -112,7 +112,7 @@ def find_part_faces(part: ModelPart) -> PartFaces:
 
 
 DEPTHS = ("none", "file", "front")
-"""Without depth test; with depth test, triangles in file order; with depth test, front to back."""
+"""Values of `depth`: no depth test; depth test, triangles in the file's order or front to back."""
 
 MIN_DISTANCE, MAX_DISTANCE = 1.1, 1000.0
 """Range of the camera's distance from the centre, in radii."""
@@ -251,6 +251,7 @@ class _PlacedPart(NamedTuple):
 def _place_part(
     part: ModelPart, flat: PartFaces, first: tuple[int, int], matrix: Floats
 ) -> _PlacedPart:
+    """Return the part transformed by a placement's `matrix`, with normals that point outwards."""
     points = transform(part.mesh.positions, matrix)
     corners = points[part.mesh.triangles]
     fronts = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -264,6 +265,7 @@ def _place_part(
 
 
 def _describe_coverage(placed_parts: list[_PlacedPart], faces: int, views: int) -> str:
+    """Return a note about the shares of the model's area inside and outside flat faces."""
     valid = invalid = total = 0.0
     for placed_part in placed_parts:
         area = np.nan_to_num(np.linalg.norm(placed_part.triangle_fronts, axis=1))
@@ -288,7 +290,7 @@ def _describe_coverage(placed_parts: list[_PlacedPart], faces: int, views: int) 
 class _ViewPieces(NamedTuple):
     """Pieces of a view; sources and ranks as in `Viewing`.
 
-    outlines : p projected pieces, in 1/256 px; depths : (n,) of the vertices
+    outlines : p projected pieces, in 1/256 px; depths : (n,) depths of the vertices
     other_triangles : triangles of the last pieces, which are not polygons
     """
 

@@ -28,7 +28,7 @@ _CHUNK_TRIANGLES = 1 << 18
 
 
 class DrawnPart(NamedTuple):
-    """A part before and after: mesh, new triangles (m, 3), matrices (4, 4) of the placements."""
+    """A part with old and new triangles: mesh, new triangles (m, 3), (4, 4) placements."""
 
     mesh: ModelMesh
     triangles: NDArray[np.int64]
@@ -105,7 +105,9 @@ def count_views(
         flat, _ = project(local, direction)
         for pixels, size_sums in zip(sizes, sums, strict=True):
             grid = np.rint(np.nan_to_num(flat) * (pixels * _UNITS)).astype(np.int32)
-            shared, before, after = (_count(grid, triangles) for triangles in (unchanged, old, new))
+            shared, before, after = (
+                _count_front_faces(grid, triangles) for triangles in (unchanged, old, new)
+            )
             size_sums += [shared + before, shared + after]
     return [
         ViewCounts(pixels, *map(tuple, size_sums))
@@ -152,7 +154,7 @@ def _dot(points: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.f
     return np.asarray(products)
 
 
-def _count(grid: NDArray[np.int32], triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+def _count_front_faces(grid: NDArray[np.int32], triangles: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return (2,) helper lanes and quads of the triangles that face the camera."""
     counted = np.zeros(2, dtype=np.int64)
     for part in np.split(triangles, range(_CHUNK_TRIANGLES, len(triangles), _CHUNK_TRIANGLES)):

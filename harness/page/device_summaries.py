@@ -11,8 +11,8 @@ import numpy as np
 from harness import atomic
 from harness.errors import IncompatibleRunsError, InputError
 from harness.metrics.groups import RecordGroup, group_run
-from harness.metrics.per_polygon import rank_correlation
-from harness.metrics.processors import is_drawn_by_processor, may_be_same, read_processor
+from harness.metrics.per_polygon import compute_rank_correlation
+from harness.metrics.processors import is_drawn_in_software, may_be_same, read_processor
 from harness.metrics.registry import list_predictions
 from harness.profile.report import name_device_model
 from harness.results.run_folder import Run
@@ -66,7 +66,7 @@ def summarise_device(run: Run) -> Summary:
         "rasteriser": rasteriser,
         "device": device,
         "renderer": str(details.get("renderer") or device),
-        "cpu": read_processor(run.facts) if is_drawn_by_processor(run, timed[0]) else "",
+        "cpu": read_processor(run.facts) if is_drawn_in_software(run, timed[0]) else "",
         "driver": str(details.get("version") or ""),
         "host": str(environment.get("browser") or environment.get("kernel") or ""),
         "timer": (facts.get("timer") or {}).get("timer"),
@@ -92,7 +92,7 @@ def _summarise_view(group: RecordGroup) -> Summary:
         }
         rows.append([ratio.value, *(record.predicted.get(name, np.nan) for name in CRITERIA)])
     times, *predicted = np.array(rows).reshape(-1, 1 + len(CRITERIA)).T
-    ranks = [rank_correlation(column, times) for column in predicted]
+    ranks = [compute_rank_correlation(column, times) for column in predicted]
     return {
         "scene": case.scene,
         "resolution": case.view.resolution,
@@ -142,6 +142,7 @@ def _read_summary(file: Path) -> Summary:
 
 
 def _identify_view(view: Summary) -> tuple[Any, ...]:
+    """Return the fields that distinguish the views of a summary."""
     return view["scene"], view["resolution"], view["rotation"]
 
 

@@ -20,8 +20,8 @@ from harness.page.device_summaries import CRITERIA as SUMMARISED
 from harness.page.result import RECORD_FIELDS, count_exactly
 from harness.profile import law
 from harness.profile.advice import BASE, CRITERIA, SCENES, predict_terms
-from harness.profile.counted import PX_TERMS, TERMS, counters
-from harness.profile.design import DESIGN, make_draws, snap
+from harness.profile.counted import PX_TERMS, TERMS, count_draw
+from harness.profile.design import DESIGN, make_draws, snap_draw
 from harness.profile.draw import Draw
 from harness.profile.law import COSTS, make_cost_rows
 from harness.profile.profile import select_fitted
@@ -247,7 +247,9 @@ def make_profile_content(pool: MeasuringPool) -> ProfileContent:
         "design": DESIGN,
         "seed": SEED,
         "draws": [{name: getattr(draw, name) for name in DRAW_FIELDS} for draw in draws],
-        "grids": {step: make_grid([snap(draw, step) for draw in draws]) for step in GRID_STEPS},
+        "grids": {
+            step: make_grid([snap_draw(draw, step) for draw in draws]) for step in GRID_STEPS
+        },
         "fitted": _make_groups(draws, fitted),
         "plain": _make_groups(draws, plain),
         "terms": {name: term._asdict() for name, term in TERMS.items()},
@@ -266,8 +268,8 @@ def make_profile_content(pool: MeasuringPool) -> ProfileContent:
 
 
 def make_grid(draws: Sequence[Draw]) -> GridContent:
-    """Return the content of draws on a grid."""
-    counted = [counters(draw) for draw in draws]
+    """Return checksums, counters and criteria of draws whose points are on one grid."""
+    counted = [count_draw(draw) for draw in draws]
     predicted = make_cost_rows([(draw.frame, draw.triangles) for draw in draws])
     return {
         "checksums": [draw.checksum for draw in draws],

@@ -16,12 +16,12 @@ from harness.measuring.timing import EMPTY, Times
 from harness.page import saved
 from harness.page.saved import Count, Finite, SavedModel, Share, Text, check_rounds
 from harness.profile import design, measured
-from harness.profile.counted import TERMS, counters, design_of
+from harness.profile.counted import TERMS, count_draw, make_design_rows
 from harness.profile.design import DESIGN
 from harness.profile.draw import Draw
 from harness.profile.law import FORMS, fit_form, predict_times
 from harness.profile.measured import CONTROL, Measured
-from harness.profile.profile import check_profile, profile, select_fitted
+from harness.profile.profile import check_profile, make_profile, select_fitted
 from harness.stats.intervals import MIN_EPOCHS
 from triangulators.devices import is_software
 
@@ -75,9 +75,9 @@ class Result(saved.Measured):
 
 
 def import_profile(file: Path, result: Result, name: str) -> tuple[dict[str, Any], str, list[str]]:
-    """Return the profile of a page's result, why its times are unreliable, and warnings.
+    """Return the profile for a page's result, a reason, and warnings.
 
-    The profile has no advice yet; the second value is "" if the times are reliable.
+    The profile has no advice yet. The reason says why the times are unreliable, or is "".
 
     name : name of the device
 
@@ -92,8 +92,8 @@ def import_profile(file: Path, result: Result, name: str) -> tuple[dict[str, Any
             f"{file}: draws of design {page.design}, expected {DESIGN}; create the page again"
         )
     step = result.device.step or 1
-    draws = [design.snap(draw, step) for draw in design.make_draws(page.seed)]
-    exact = [counters(draw) for draw in draws]
+    draws = [design.snap_draw(draw, step) for draw in design.make_draws(page.seed)]
+    exact = [count_draw(draw) for draw in draws]
     _check_draws(file, result, draws, exact)
     epochs = [rounds for rounds in result.epochs if rounds]
     names = [str(number) for number in range(len(draws))]
@@ -111,7 +111,7 @@ def import_profile(file: Path, result: Result, name: str) -> tuple[dict[str, Any
     }
     measurement = measured.normalise_times(times, names)
     _check_law(file, result, draws, exact, measurement)
-    content = profile(draws, exact, measurement, _make_facts(result, name), page.seed)
+    content = make_profile(draws, exact, measurement, _make_facts(result, name), page.seed)
     try:
         if not content["refused"]:
             check_profile(content)
@@ -152,7 +152,7 @@ def _check_law(
         return
     if list(result.law.seconds) != list(TERMS) or result.law.form not in FORMS:
         raise InputError(f"{file}: the law has unknown terms or form; create the page again")
-    rows, form = design_of(exact), result.law.form
+    rows, form = make_design_rows(exact), result.law.form
     fitted, _ = select_fitted(draws)
     labels = np.unique([draws[n].group for n in fitted], return_inverse=True)[1]
     costs, _ = fit_form(rows[fitted], measurement.times[fitted], labels, form)

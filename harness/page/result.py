@@ -84,7 +84,7 @@ class _Counters(SavedModel):
     partial_quads: list[Count]
     covering_triangles: list[Count] | None = None
 
-    def arrays(self) -> dict[str, NDArray[np.int64]]:
+    def to_arrays(self) -> dict[str, NDArray[np.int64]]:
         """Return the counters (p,) by name; results of older pages lack the last counter."""
         return {name: np.array(values, np.int64) for name, values in self if values is not None}
 
@@ -93,7 +93,7 @@ RECORD_FIELDS, COUNTERS = tuple(_Record.model_fields), tuple(_Counters.model_fie
 
 
 def count_exactly(geometry: Geometry, rows: NDArray[Any]) -> tuple[NDArray[np.int64], ...]:
-    """Return `COUNTERS`, (p,) each per polygon, of (m, 3) triangles by the CPU reference."""
+    """Return the exact `COUNTERS` of each polygon, (p,) each; rows : (m, 3) vertex indices."""
     predicted = predict(geometry.points, rows)
     owner = np.searchsorted(geometry.grid.vertex_offsets, rows[:, 0], side="right") - 1
     size = len(geometry.grid)
@@ -110,7 +110,7 @@ class _Case(SavedModel):
         """Raise ValueError for counters that no polygons can have."""
         record = self.record
         polygons = record.polygons + record.polygons_skipped + record.polygons_failed
-        counters = self.counters.arrays()
+        counters = self.counters.to_arrays()
         for values in counters.values():
             if len(values) != polygons:
                 raise ValueError(f"counters of {len(values)} of {polygons} polygons")
@@ -171,7 +171,7 @@ class Result(Measured):
 
     @validator(mode="after")
     def _check_views(self) -> Self:
-        """Raise ValueError if views are equal."""
+        """Raise ValueError if two views are equal."""
         if len(set(map(_identify_view, self.views))) < len(self.views):
             raise ValueError("a view occurs twice")
         return self
@@ -241,7 +241,7 @@ def _make_records(
     """Yield the record of each case of a view, with counters per polygon."""
     base = max(view.cases.values(), key=lambda case: case.record.polygons, default=None)
     for name, case in view.cases.items():
-        counters = case.counters.arrays()
+        counters = case.counters.to_arrays()
         fragments = counters["fragments"]
         counters["helper_lanes"] = 4 * counters["quads"] - fragments
         error = None
@@ -301,7 +301,7 @@ def _raise_if_contradicting(run: Run, case: _Case, *, exact_grid: bool) -> None:
     geometry = drawings.read(run, view)
     if not exact_grid or geometry is None or name not in geometry.triangles:
         return
-    counters = case.counters.arrays()
+    counters = case.counters.to_arrays()
     counted = np.array(list(counters.values()))
     exact = np.array(count_exactly(geometry, geometry.triangles[name])[: len(counted)])
     if counted.shape != exact.shape or (counted != exact).any(axis=0).sum() != case.differing:
@@ -324,7 +324,7 @@ def _add_polygons(
     writer: RunFolder, run: Run, record: Record, counters: Mapping[str, np.ndarray]
 ) -> None:
     """Store the run's frame and predictions per polygon, and the page's counters per polygon."""
-    name = drawings.view_name(record.id.view)
+    name = drawings.get_view_file_stem(record.id.view)
     if not (writer.path / drawings.FOLDER / f"{name}.npz").exists():
         arrays = read_arrays(run, name, drawings.FOLDER)
         if arrays is not None:

@@ -1,4 +1,4 @@
-"""Files saved by measuring pages: reading, and the fields that all kinds of pages have.
+"""Reading of files that measuring and profiling pages saved, and fields that both have.
 
 The files are untrusted, so that all fields are validated.
 """
@@ -15,7 +15,7 @@ from harness.grid import SUBPIXEL
 from harness.measuring.timing import EMPTY
 from harness.page.device_summaries import identify_browser
 from harness.results.record import MAX_NUMBER
-from harness.results.run_folder import file_stem
+from harness.results.run_folder import make_file_stem
 
 VERSION = 1
 MAX_BYTES = 256 * 2**20
@@ -53,7 +53,7 @@ class SavedDevice(SavedModel):
 
 
 class Timer(SavedModel):
-    """Result of the self-test of `timing.js`."""
+    """Result of the self-test of `timing.js`; `asking_s` is the wall time of an empty request."""
 
     timer: Literal["gpu", "wall"]
     asking_s: Share
@@ -71,7 +71,7 @@ class Times(SavedModel):
 
 
 def check_rounds(times: Mapping[str, Times], epochs: Sequence[int]) -> None:
-    """Raise ValueError unless draws have the same rounds, and only the empty draw takes 0 s."""
+    """Raise ValueError if draws have different rounds, or a draw except the empty one took 0 s."""
     if {len(draw.samples_s) for draw in times.values()} - {sum(epochs)}:
         raise ValueError("draws have different numbers of rounds")
     if any(0.0 in draw.samples_s for name, draw in times.items() if name != EMPTY):
@@ -79,7 +79,7 @@ def check_rounds(times: Mapping[str, Times], epochs: Sequence[int]) -> None:
 
 
 class Measured(SavedModel):
-    """Fields that results of all kinds have."""
+    """Fields that the results of measuring pages and of profiling pages have."""
 
     version: Literal[1]
     started: Text
@@ -143,12 +143,12 @@ def make_device_name(result: Measured) -> str:
     """Return a name for the device, such as apple-metal-3-safari."""
     device = result.device
     text = device.description or " ".join(filter(None, [device.vendor, device.architecture]))
-    name = file_stem(text.lower()).strip("-._") or "unnamed-gpu"
+    name = make_file_stem(text.lower()).strip("-._") or "unnamed-gpu"
     return f"{name}-{identify_browser(result.browser)[0]}"
 
 
 def list_warnings(result: Measured, warnings: Iterable[str], moved: str) -> list[str]:
-    """Return problems of the page, `warnings`, and differences of the device's rasterisation.
+    """Return warnings: the page's problems, `warnings`, and deviations of the device's coverage.
 
     moved : noun for the objects that a coarser grid moves
     """

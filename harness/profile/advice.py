@@ -13,7 +13,7 @@ from harness.profile.design import AREAS, ASPECTS
 from harness.profile.draw import Draw
 from harness.profile.law import COSTS
 from harness.profile.measured import Measured
-from harness.stats.intervals import mean_interval, student_interval
+from harness.stats.intervals import compute_mean_interval, compute_student_interval
 from harness.study.subjects import sample_evenly
 from harness.triangulating.recipes import parse
 from scenes import SceneError, load
@@ -32,6 +32,7 @@ CRITERIA = {
     "optimal:expected-quads": "Q",
     "optimal:overdraw": "A",
 }
+"""Optima that need no profile, with symbols: half-perimeter H, expected quads Q, overdraw A."""
 CALIBRATED_OPTIMUM = "optimal:calibrated"
 
 MAX_REGRET = 0.005
@@ -57,7 +58,11 @@ def recommend(
 
 
 def choose_triangulator(costs: Mapping[str, Mapping[str, NDArray[np.float64]]]) -> dict[str, Any]:
-    """Return the recommendation for (p,) seconds by scene and triangulator, JSON-ready.
+    """Return the recommendation, JSON-ready, from modelled seconds of polygons.
+
+    costs : scene -> triangulator -> seconds of each polygon, (p,)
+
+    The keys of the result:
 
     triangulator : a criterion's optimum, or the optimum for the device's coefficients if the regret
         of each criterion exceeds `MAX_REGRET`
@@ -82,7 +87,7 @@ def choose_triangulator(costs: Mapping[str, Mapping[str, NDArray[np.float64]]]) 
     saved = {}
     for scene, times in costs.items():
         logs = np.log(times[recommended] / times[BASE])
-        low, high = mean_interval(logs)
+        low, high = compute_mean_interval(logs)
         saved[scene] = (1.0 - np.exp([logs.mean(), high, low])).tolist()
     return {"triangulator": recommended, "regret": regret, "saved": saved}
 
@@ -94,7 +99,7 @@ def predict_terms(
     seed: int = 0,
     coefficients: Mapping[str, float] | None = None,
 ) -> dict[str, NDArray[np.float64]] | None:
-    """Return (p, 8) sums of `COSTS[1:]` of a scene's polygons, by triangulator.
+    """Return the predicted `COSTS[1:]` of each of a scene's polygons, (p, 8) by triangulator.
 
     Only polygons that all of the triangulators solve are counted; None if there are none.
 
@@ -120,7 +125,7 @@ def predict_terms(
 def compare_aspects(
     draws: Sequence[Draw], design: Design, measured: Measured
 ) -> list[dict[str, Any]]:
-    """Return for each area of the design the cost of thin triangles, JSON-ready.
+    """Return for each area of the design the cost of thin triangles, a dictionary per area.
 
     area : px^2; aspects : base / height
     ratios, low, high : time less that of an empty draw, relative to aspect 1, mean over the angles
@@ -138,7 +143,7 @@ def compare_aspects(
         # Timer noise must not make the difference negative.
         net = np.maximum(times - measured.empty, 1e-3 * times)
         ratios = net / net[:, :1]
-        ends = np.exp([student_interval(column) for column in np.log(ratios.T)])
+        ends = np.exp([compute_student_interval(column) for column in np.log(ratios.T)])
         counts = np.stack([design[row].mean(axis=0) for row in rows])
         shaded = counts[:, pixel] + counts[:, lane]
         results.append(
@@ -156,9 +161,10 @@ def compare_aspects(
 
 
 def _interpolate_doubling(ratios: NDArray[np.float64]) -> list[float] | None:
-    """Return the aspect at which (e, a) ratios reach 2, with its interval over the epochs.
+    """Return the aspect at which the ratio reaches 2, with its interval over the epochs, or None.
 
-    Interpolated between the logarithms of two aspects; None unless all epochs reach 2.
+    ratios : (e, a) for each epoch and aspect; interpolated between the logarithms of two aspects.
+        The result is None unless the ratios of all epochs reach 2
     """
     aspects = []
     steps = np.log2(ASPECTS)
@@ -168,4 +174,4 @@ def _interpolate_doubling(ratios: NDArray[np.float64]) -> list[float] | None:
             return None
         ends = slice(over[0] - 1, over[0] + 1)
         aspects.append(np.interp(1.0, logs[ends], steps[ends]))
-    return [float(2.0**end) for end in student_interval(np.array(aspects))]
+    return [float(2.0**end) for end in compute_student_interval(np.array(aspects))]

@@ -36,27 +36,33 @@ TERMS = {
         "A triangle that covers a pixel centre costs {} more.", "triangles that cover a pixel"
     ),
     "tile_pairs": Term(
-        "Each tile of 16x16 pixels that it overlaps costs {}.", "16x16 tiles of covering triangles"
+        "Each tile of 16x16 pixels that a covering triangle overlaps costs {}.",
+        "16x16 tiles of covering triangles",
     ),
     "transformed_vertices": Term("A transformed vertex costs {}.", "transformed vertices"),
     "vertex_batches": Term("A vertex batch costs {}.", "vertex batches"),
     "fragments": Term("A pixel that a triangle covers costs {}.", "covered pixels"),
     "helper_lanes": Term("A helper lane costs {}.", "helper lanes"),
-    "half_perimeter": Term("Each pixel of its box's width and height costs {}.", "half-perimeter"),
+    "half_perimeter": Term(
+        "Each pixel of a triangle's width and height costs {}.", "half-perimeter"
+    ),
     "near": Term(
-        f"Each of the first {COARSE} pixels of its box's width and height costs {{}}.",
+        f"Each of the first {COARSE} pixels of a triangle's width and height costs {{}}.",
         f"half-perimeter up to {COARSE} px",
     ),
-    "rows": Term("Each row of pixels that it passes costs {}.", "rows of pixels"),
-    "blocks": Term("Each block of 4x4 pixels that it touches costs {}.", "4x4 blocks"),
+    "rows": Term("Each row of pixels that a triangle crosses costs {}.", "rows of pixels"),
+    "blocks": Term(
+        "Each block of 4x4 pixels in which a triangle covers a pixel costs {}.", "4x4 blocks"
+    ),
     "coarse_blocks": Term(
         f"A block of 4x4 costs {{}} more if the triangle is wider or higher than {COARSE} pixels.",
         f"4x4 blocks of triangles over {COARSE} px",
     ),
     "further_tiles": Term(
-        "Each further tile of 64x64 pixels that it touches costs {}.", "further 64x64 tiles"
+        "Each tile of 64x64 pixels that a triangle overlaps, except the first, costs {}.",
+        "further 64x64 tiles",
     ),
-    "bbox_tests": Term("A pixel of its bounding box costs {}.", "pixels of bounding boxes"),
+    "bbox_tests": Term("A pixel of a bounding box costs {}.", "pixels of bounding boxes"),
     "work": Term("A round of arithmetic in a lane costs {}.", "rounds of arithmetic"),
 }
 """The terms of a law by counter; half-perimeters are in px, all others are counts."""
@@ -67,7 +73,7 @@ PX_TERMS = ("half_perimeter", "near")
 Design = NDArray[np.float64]
 
 
-def counters(draw: Draw) -> dict[str, int]:
+def count_draw(draw: Draw) -> dict[str, int]:
     """Return the exact counters of a draw; see `count_triangles`."""
     return count_triangles(draw.frame, draw.triangles, draw.work)
 
@@ -76,10 +82,11 @@ def count_triangles(frame: Frame, triangles: NDArray[np.int32], work: int = 0) -
     """Return exact counters of triangles (m, 3); `half_perimeter` and `near` in 1/256 px.
 
     triangles, vertices : number of triangles, and of distinct vertices
-    set_up : triangles whose bounding box contains a pixel centre; covering : that cover one
+    set_up : triangles whose bounding box contains a pixel centre
+    covering : triangles that cover a pixel centre
     fragments, quads, helper_lanes, blocks, bbox_tests : see `harness.rasterisers.reference.predict`
-    near : width and height of each triangle, clamped to `COARSE` px; coarse_blocks : 4x4 blocks
-        touched by triangles whose box is wider or higher than that
+    near : width and height of each triangle, clamped to `COARSE` px
+    coarse_blocks : 4x4 blocks of triangles whose box is wider or higher than `COARSE` px
     rows : rows of pixels whose centres lie between a triangle's lowest and highest corner
     further_tiles : tiles of 64 px that triangles overlap, except one per triangle
     tile_pairs : pairs of a covering triangle and a tile of 16 px that it overlaps, as on an H200
@@ -115,8 +122,8 @@ def count_triangles(frame: Frame, triangles: NDArray[np.int32], work: int = 0) -
     }
 
 
-def design_of(counted: Sequence[Mapping[str, int]]) -> Design:
-    """Return (k, t) rows of `TERMS` of the draws' counters."""
+def make_design_rows(counted: Sequence[Mapping[str, int]]) -> Design:
+    """Return the values of `TERMS` for each draw, (k, t), given the counters of each draw."""
     rows = [{**counts, "draw": 1} for counts in counted]
     design = np.array([[row[name] for name in TERMS] for row in rows], np.float64)
     design[:, [list(TERMS).index(name) for name in PX_TERMS]] /= SUBPIXEL

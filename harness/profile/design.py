@@ -29,10 +29,10 @@ from math import isqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.frame import Frame, bare_frame
+from harness.frame import Frame, make_bare_frame
 from harness.grid import SUBPIXEL, coarsen
 from harness.profile import placing, stage_draws
-from harness.profile.draw import Draw, make_jittered_mesh, unshared
+from harness.profile.draw import Draw, make_jittered_mesh, make_unshared_triangles
 from harness.profile.placing import DIRECTIONS, LEVEL, SIDE, SLANTED, Direction
 
 DESIGN = 4
@@ -96,7 +96,7 @@ that the sum and the maximum of the stages differ most."""
 def make_draws(seed: int = 0) -> list[Draw]:
     """Return the draws of the design, in the order of the tables here and in `stage_draws`.
 
-    The draws of design 2 come first, then those of design 3.
+    Draws of earlier versions of the design come first.
     """
     kinds = (
         _yield_equal_shapes("few", 0, FEW, seed),
@@ -122,14 +122,17 @@ def make_draws(seed: int = 0) -> list[Draw]:
     return [draw for kind in kinds for draw in kind]
 
 
-def snap(draw: Draw, step: int) -> Draw:
+def snap_draw(draw: Draw, step: int) -> Draw:
     """Return the draw with its points on multiples of `step`/256 px, as on a coarser grid."""
     points = coarsen(draw.frame.points, step)
-    return draw if step == 1 else replace(draw, frame=bare_frame(SIDE, points))
+    return draw if step == 1 else replace(draw, frame=make_bare_frame(SIDE, points))
 
 
 def compute_triangle_sides(area: int, aspect: int) -> tuple[int, int]:
-    """Return base and height, rounded down to 1/256 px, for an area in px^2 and base / height."""
+    """Return base and height in 1/256 px, rounded down, of a triangle with `area` px^2.
+
+    aspect : base / height
+    """
     doubled = 2 * area * SUBPIXEL * SUBPIXEL
     height = isqrt(doubled // aspect)
     return doubled // height, height
@@ -138,12 +141,15 @@ def compute_triangle_sides(area: int, aspect: int) -> tuple[int, int]:
 def _scatter_triangles(
     base: int, height: int, direction: Direction, count: int, numbers: tuple[int, int]
 ) -> tuple[Frame, NDArray[np.int32]]:
-    """Return triangles without shared vertices; numbers : seed, and number of the draw."""
+    """Return up to `count` triangles of equal size without shared vertices, and their frame.
+
+    base, height : in 1/256 px; numbers : seed, and number of the draw
+    """
     shape = placing.make_triangle_shape(base, height)
     points = placing.place_shapes(
         shape, (base, height), direction, placing.hash_numbers(*numbers, count)
     )
-    return unshared(points)
+    return make_unshared_triangles(points)
 
 
 def _yield_aspects(seed: int) -> Iterator[Draw]:
@@ -178,7 +184,9 @@ def _yield_positions(seed: int) -> Iterator[Draw]:
     cell = np.stack([number % across, number // across], axis=-1) * 16 + 96
     local = placing.make_triangle_shape(side, side)(placing.hash_numbers(seed, 320, len(number)))
     for start in range(4):
-        geometry = unshared((local + (cell[:, None] + start) * SUBPIXEL).astype(np.int32))
+        geometry = make_unshared_triangles(
+            (local + (cell[:, None] + start) * SUBPIXEL).astype(np.int32)
+        )
         yield Draw("places", f"boxes of 4 px from pixel {start}", "places", *geometry)
 
 
@@ -190,7 +198,9 @@ def _make_rings(seed: int, index: int) -> tuple[Frame, NDArray[np.int32]]:
     count = max(1, SMALL_TRIANGLES // (corners - 2))
     numbers = placing.hash_numbers(seed, 400 + index, count)
     points = placing.place_shapes(lambda _: outline[None], size, SLANTED, numbers)
-    return bare_frame(SIDE, points.reshape(-1, 2)), np.arange(len(points), dtype=np.int32) * corners
+    return make_bare_frame(SIDE, points.reshape(-1, 2)), np.arange(
+        len(points), dtype=np.int32
+    ) * corners
 
 
 def _yield_cuts(seed: int) -> Iterator[Draw]:
@@ -199,7 +209,12 @@ def _yield_cuts(seed: int) -> Iterator[Draw]:
         for cut_name, cut in placing.RING_CUTS.items():
             triangles = (cut(corners) + starts[:, None, None]).reshape(-1, 3)
             name = f"rings of {width} by {width // flat} px, {corners} corners, {cut_name}"
-            yield Draw("cuts", name, f"cuts {width} {corners}", *unshared(frame.points[triangles]))
+            yield Draw(
+                "cuts",
+                name,
+                f"cuts {width} {corners}",
+                *make_unshared_triangles(frame.points[triangles]),
+            )
 
 
 def _yield_strips(seed: int) -> Iterator[Draw]:
@@ -223,7 +238,7 @@ def _yield_strips(seed: int) -> Iterator[Draw]:
         starts = np.arange(bands) * 2 * (steps + 1)
         triangles = (band + starts[:, None, None]).reshape(-1, 3).astype(np.int32)
         name = f"steps of {step / SUBPIXEL:g} px, {height} px high"
-        geometry = unshared(points.astype(np.int32)[triangles])
+        geometry = make_unshared_triangles(points.astype(np.int32)[triangles])
         yield Draw("strips", name, "strips", *geometry)
 
 
@@ -252,8 +267,8 @@ def _yield_vertices(seed: int) -> Iterator[Draw]:
         shared.append((f"half of rings of {width} px", frame, triangles[::2]))
     for name, frame, triangles in shared:
         yield Draw("vertices", f"{name}, shared", f"vertices {name}", frame, triangles)
-        geometry = unshared(frame.points[triangles])
-        yield Draw("vertices", f"{name}, unshared", f"vertices {name}", *geometry)
+        geometry = make_unshared_triangles(frame.points[triangles])
+        yield Draw("vertices", f"{name}, make_unshared_triangles", f"vertices {name}", *geometry)
 
 
 def _make_mesh(seed: int, side: int) -> tuple[Frame, NDArray[np.int32]]:
@@ -261,7 +276,7 @@ def _make_mesh(seed: int, side: int) -> tuple[Frame, NDArray[np.int32]]:
     across = min(40, (SIDE - 8) // side)
     numbers = placing.hash_numbers(seed, 650 + side, (across + 1) ** 2)
     points, triangles = make_jittered_mesh(across, across, side * SUBPIXEL, numbers)
-    return bare_frame(SIDE, points), triangles
+    return make_bare_frame(SIDE, points), triangles
 
 
 def _yield_work(seed: int) -> Iterator[Draw]:

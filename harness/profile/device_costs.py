@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from harness.errors import UsageError
 from harness.frame import Frame
 from harness.metrics.decision import MIN_SAVED_SHARE, choose_cheapest, describe_cheapest
-from harness.profile.counted import TERMS, count_triangles, design_of
+from harness.profile.counted import TERMS, count_triangles, make_design_rows
 from harness.profile.law import FORMS, VERTICES, Law, compute_stage_times
-from harness.profile.profile import is_of_this_machine, origin_of, read_law, read_profile
+from harness.profile.profile import describe_origin, is_of_this_machine, read_law, read_profile
 from harness.rasterisers.base import Options, order_submission
 from harness.rasterisers.vertex_batches import count_vertices
 from triangulators.errors import suggest
@@ -62,7 +62,7 @@ class DeviceCosts:
 
     @property
     def stages(self) -> list[str]:
-        """The names of its stages."""
+        """Names of the device's stages."""
         return list(FORMS[self.form])
 
 
@@ -94,21 +94,24 @@ def _make_costs(profile: Any) -> DeviceCosts:
     costs = {term["name"]: float(term["cost"]) for term in profile["terms"]}
     device, law = profile["device"], read_law(profile)
     seconds = np.array([costs[term] for term in TERMS])
-    origin = origin_of(device), is_of_this_machine(device)
+    origin = describe_origin(device), is_of_this_machine(device)
     return DeviceCosts(str(device["name"]), seconds, profile["form"], law, *origin)
 
 
-def count_orders(frame: Frame, triangles: NDArray[np.int32]) -> dict[str, int]:
-    """Return counters of triangles (m, 3), and those of the vertices in the order of a walk."""
+def count_native_and_walk(frame: Frame, triangles: NDArray[np.int32]) -> dict[str, int]:
+    """Return the counters of triangles (m, 3), and NAME_walk, vertex counters in a walk's order."""
     walked = count_vertices(frame, order_submission(frame, triangles, WALK))
     counts = count_triangles(frame, triangles)
     return counts | {f"{name}_walk": value for name, value in walked.items()}
 
 
 def predict_draws(counters: Sequence[Mapping[str, int]], device: DeviceCosts) -> list[Cost]:
-    """Return the predicted cost of each triangulator from `count_orders`, the base first."""
-    design = design_of(counters)
-    walked = design_of(
+    """Return the predicted cost of each triangulator, the base first.
+
+    counters : of each triangulator, from `count_native_and_walk`
+    """
+    design = make_design_rows(counters)
+    walked = make_design_rows(
         [{**counts, **{n: counts[f"{n}_walk"] for n in VERTICES}} for counts in counters]
     )
     times = compute_stage_times(design, device.costs, device.form)
@@ -119,7 +122,7 @@ def predict_draws(counters: Sequence[Mapping[str, int]], device: DeviceCosts) ->
             "draw": float(draw.max()),
             "draw_walk": float(walk.max()),
             "stage": device.stages[int(draw.argmax())],
-            "saved_95": device.law.saved_interval(row, design[0], device.costs)
+            "saved_95": device.law.compute_saved_interval(row, design[0], device.costs)
             if has_interval and device.law is not None
             else None,
         }
@@ -128,7 +131,10 @@ def predict_draws(counters: Sequence[Mapping[str, int]], device: DeviceCosts) ->
 
 
 def compute_saved(spent: Mapping[str, float]) -> dict[str, float]:
-    """Return the saved share of the first triangulator's cost, by triangulator."""
+    """Return the share of the base's cost that each triangulator saves.
+
+    spent : cost by triangulator, the base first
+    """
     base = next(iter(spent.values()))
     return {name: 1.0 - cost / base if base else 0.0 for name, cost in spent.items()}
 

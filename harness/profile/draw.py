@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.frame import Frame, bare_frame
+from harness.frame import Frame, make_bare_frame
 from harness.grid import SUBPIXEL
 from harness.profile.placing import SIDE
 
@@ -38,10 +38,10 @@ class Draw:
         return zlib.crc32(b"".join(np.ascontiguousarray(part, "<i4").tobytes() for part in parts))
 
 
-def unshared(corners: NDArray[np.int32]) -> tuple[Frame, NDArray[np.int32]]:
+def make_unshared_triangles(corners: NDArray[np.int32]) -> tuple[Frame, NDArray[np.int32]]:
     """Return (m, 3, 2) triangles with three separate vertices each."""
     rows = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
-    return bare_frame(SIDE, corners.reshape(-1, 2)), rows
+    return make_bare_frame(SIDE, corners.reshape(-1, 2)), rows
 
 
 def make_jittered_mesh(

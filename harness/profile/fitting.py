@@ -23,8 +23,8 @@ FIT_TOLERANCE, MAX_ITERATIONS = 1e-4, 100
 """The fit ends if fitted times change by smaller shares, or at this number of iterations."""
 
 
-def solve(design: Design, seconds: Seconds, groups: Labels) -> Seconds:
-    """Fit seconds (k,) by design (k, t): return coefficients (t,), non-negative, by a soft L1 loss.
+def fit_coefficients(design: Design, seconds: Seconds, groups: Labels) -> Seconds:
+    """Return non-negative coefficients (t,) with which `design` (k, t) predicts `seconds` (k,).
 
     groups : (k,) labels; draws of one label have the same polygons in different triangulations
 
@@ -42,13 +42,13 @@ def solve(design: Design, seconds: Seconds, groups: Labels) -> Seconds:
     from scipy.optimize import nnls  # slow to import, and reading a profile fits nothing
 
     labels = np.unique(groups, return_inverse=True)[1]
-    return iterate(design, seconds, labels, nnls)[0]
+    return fit_iteratively(design, seconds, labels, nnls)[0]
 
 
-def iterate(
+def fit_iteratively(
     design: Design, seconds: Seconds, labels: NDArray[np.int64], least_squares: Any
 ) -> tuple[Seconds, ...]:
-    """Return the coefficients of `solve`, and the linear system of the last iteration.
+    """Return the coefficients of `fit_coefficients`, and the linear system of the last iteration.
 
     The system: the fitted times, (k,); the weighted rows, each column divided by its scale; the
     scales; the weights of the rows.
@@ -80,7 +80,7 @@ def iterate(
 
 
 def compute_loss(seconds: Seconds, predicted: Seconds, labels: NDArray[np.int64]) -> float:
-    """Return the soft L1 loss of predicted times, as `solve` weights it."""
+    """Return the soft L1 loss of predicted times, as `fit_coefficients` weights it."""
     errors = stack_deviations((seconds / predicted - 1.0)[:, None], labels)
     return float((np.sqrt(1.0 + (errors / LARGE_ERROR) ** 2) - 1.0).sum())
 
@@ -101,7 +101,7 @@ def compute_group_means(values: Seconds, labels: NDArray[np.int64]) -> Seconds:
     return np.asarray(members / members.sum(axis=1)[:, None] @ values)
 
 
-def r_squared(measured: Seconds, predicted: Seconds) -> float:
+def compute_r_squared(measured: Seconds, predicted: Seconds) -> float:
     """Return the share of the measured variance that the prediction explains."""
     residual = float(((measured - predicted) ** 2).sum())
     return 1.0 - residual / float(((measured - measured.mean()) ** 2).sum())
@@ -111,4 +111,6 @@ def compute_r_squared_within(measured: Seconds, predicted: Seconds, polygons: La
     """Return R2 after each polygon's mean (of logs) is subtracted from both."""
     labels = np.unique(np.asarray(polygons, dtype=str), return_inverse=True)[1]
     logs = np.log(measured), np.log(predicted)
-    return r_squared(*(values - compute_group_means(values, labels)[labels] for values in logs))
+    return compute_r_squared(
+        *(values - compute_group_means(values, labels)[labels] for values in logs)
+    )

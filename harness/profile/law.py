@@ -28,8 +28,8 @@ coefficients may be negative: a constraint at 0 would bias the other terms downw
 A cost is significant if it is so among all terms, by Bonferroni's correction: at most one device in
 twenty may get a false cost. All terms stay in the law: non-negative costs already leave out 60 % of
 the terms that a simulated device does not charge for, and the others share the cost of correlated
-terms. Without the terms that are not significant, errors of times of scenes relative to ear
-clipping's rose from 0.6 to 1.4 % to 2 to 7 %.
+terms. Without the insignificant terms, the errors of predicted draw times of scenes, relative to
+ear clipping's times, rose from 0.6-1.4 % to 2-7 %.
 
 Sources: S. Searle, G. Casella and C. McCulloch, "Variance Components", 1992, chapter 5; J. Imbens
 and M. Kolesar, "Robust standard errors in small samples", Review of Economics and Statistics 98(4),
@@ -49,10 +49,10 @@ from harness.profile.fitting import (
     Seconds,
     compute_group_means,
     compute_loss,
+    compute_r_squared,
     compute_r_squared_within,
-    iterate,
-    r_squared,
-    solve,
+    fit_coefficients,
+    fit_iteratively,
     stack_deviations,
 )
 from triangulators.criteria import predict
@@ -180,14 +180,16 @@ class Law:
         high = np.maximum(self.costs, self.signed_costs + width)
         return np.stack([low, np.where(self.known, high, self.bounds)], axis=1)
 
-    def saved_interval(self, spent: Seconds, base: Seconds, costs: Seconds) -> tuple[float, float]:
+    def compute_saved_interval(
+        self, spent: Seconds, base: Seconds, costs: Seconds
+    ) -> tuple[float, float]:
         """Return the 95 % interval of the share of a draw's time that another draw saves.
 
         spent, base : (t,) counts of the draw that saves and of the other; costs : (t,) costs that
         give the share itself. Delta method with the covariance of the signed costs, each draw in
         its binding stage.
         """
-        spent, base = keep_binding(np.stack([spent, base]), costs, self.form)
+        spent, base = mask_other_stages(np.stack([spent, base]), costs, self.form)
         base_s = float(base @ costs)
         ratio = float(spent @ costs) / base_s
         weights = (ratio * base - spent) / base_s  # the derivative of the share by each cost
@@ -198,37 +200,37 @@ class Law:
 
 
 def compute_interval_reach(groups: int, confidence: float) -> float:
-    """Return the half-width of an interval in standard errors, for a number of groups."""
+    """Return the half-width of an interval in standard errors, given the number of groups."""
     from scipy.special import stdtrit  # slow to import, and reading a profile needs none
 
     return DEVIATION_FACTOR * float(stdtrit(groups / 2, 0.5 + confidence / 2))
 
 
-def list_members(form: str) -> Design:
-    """Return (s, t): 1 for each of `TERMS` that counts in a stage of the form, else 0."""
+def make_stage_masks(form: str) -> Design:
+    """Return masks (s, t) of a form's stages: 1 for each of `TERMS` that the stage has, else 0."""
     stages = FORMS[form].values()
     counts = [[name == "draw" or name in terms for name in TERMS] for terms in stages]
     return np.array(counts, np.float64)
 
 
 def compute_stage_times(rows: Design, costs: Seconds, form: str) -> Design:
-    """Return the time of each stage of draws with (k, t) counts, (k, s)."""
-    return np.asarray(rows @ (list_members(form) * costs).T)
+    """Return the time of each stage for each draw, (k, s); rows : (k, t) counts of the draws."""
+    return np.asarray(rows @ (make_stage_masks(form) * costs).T)
 
 
 def predict_times(rows: Design, costs: Seconds, form: str) -> Seconds:
-    """Return the time of draws with (k, t) counts: that of their slowest stages, (k,)."""
+    """Return the time of each draw's slowest stage, (k,); rows : (k, t) counts of the draws."""
     return np.asarray(np.maximum(compute_stage_times(rows, costs, form).max(axis=1), 1e-12))
 
 
-def keep_binding(rows: Design, costs: Seconds, form: str) -> Design:
-    """Return (k, t) counts, with 0 for terms outside of a draw's binding stage."""
+def mask_other_stages(rows: Design, costs: Seconds, form: str) -> Design:
+    """Return the counts of draws, (k, t), with 0 for terms outside a draw's slowest stage."""
     binding = compute_stage_times(rows, costs, form).argmax(axis=1)
-    return np.asarray(rows * list_members(form)[binding])
+    return np.asarray(rows * make_stage_masks(form)[binding])
 
 
 def fit(design: Design, epochs: Seconds, groups: Sequence[str], form: str | None = None) -> Law:
-    """Fit a law to (k, t) rows of `TERMS` and (e, k) seconds of each epoch.
+    """Fit a law to the `TERMS` of draws, (k, t), and their times in epochs, (e, k) seconds.
 
     groups : (k,) name of the group of draws that differ only in what their kind isolates
     form : one of `FORMS`; if None, the one that predicts held-out groups best
@@ -247,7 +249,7 @@ def fit(design: Design, epochs: Seconds, groups: Sequence[str], form: str | None
     }
     form = choose_form(errors)
     costs, binding = fits[form]
-    members = list_members(form)
+    members = make_stage_masks(form)
     masked = design * members[binding]
     signed_costs, covariance, known = _estimate_covariance(masked, seconds, labels)
     bounds = 1.0 / np.maximum((design / seconds[:, None]).max(axis=0), 1e-12)
@@ -262,7 +264,7 @@ def fit(design: Design, epochs: Seconds, groups: Sequence[str], form: str | None
         binding=binding,
         shares=masked / seconds[:, None],
         errors={name: float(values.mean()) for name, values in errors.items()},
-        r2_over=r_squared(np.log(seconds), np.log(predicted[form])),
+        r2_over=compute_r_squared(np.log(seconds), np.log(predicted[form])),
         r2_within=compute_r_squared_within(seconds, predicted[form], labels.tolist()),
     )
 
@@ -274,7 +276,7 @@ def fit_form(
 
     start : binding stages to begin with; those of `make_starts` in turn if None
     """
-    members = list_members(form)
+    members = make_stage_masks(form)
     best: tuple[float, Seconds, Stages] | None = None
     tried = set()
     for begin in make_starts(design, seconds, members) if start is None else (start,):
@@ -283,7 +285,7 @@ def fit_form(
             if binding.tobytes() in tried:
                 break
             tried.add(binding.tobytes())
-            costs = solve(design * members[binding], seconds, labels)
+            costs = fit_coefficients(design * members[binding], seconds, labels)
             loss = compute_loss(seconds, predict_times(design, costs, form), labels)
             reassigned = compute_stage_times(design, costs, form).argmax(axis=1)
             if best is None or loss < best[0]:
@@ -297,8 +299,8 @@ def make_starts(design: Design, seconds: Seconds, members: Design) -> Iterator[S
     """Yield binding stages to begin a fit with.
 
     A stage takes at most the time of a draw. So the draw with the least time per count of a term
-    bounds the cost of that term. A draw is assigned to the stage whose bounds come closest to its
-    time, or to another by the factors `START_FACTORS`.
+    bounds the cost of that term. Each draw is assigned to the stage whose time by these bounds is
+    longest; for further starts, one stage's time is multiplied by each of `START_FACTORS`.
     """
     shares = design / seconds[:, None]
     bounded = shares / np.maximum(shares.max(axis=0), 1e-300)
@@ -311,7 +313,7 @@ def make_starts(design: Design, seconds: Seconds, members: Design) -> Iterator[S
 
 
 def assign_folds(groups: Sequence[str]) -> Groups:
-    """Return the fold of each draw, (k,): that of its group; -1 for draws of `ALWAYS_FITTED`."""
+    """Return a fold number for each draw, (k,): one per group, but -1 for `ALWAYS_FITTED`."""
     names = [name for name in sorted(set(groups)) if name != ALWAYS_FITTED]
     return np.array([names.index(name) if name in names else -1 for name in groups])
 
@@ -340,7 +342,10 @@ def compute_group_errors(seconds: Seconds, predicted: Seconds, folds: Groups) ->
 
 
 def choose_form(errors: Mapping[str, Seconds]) -> str:
-    """Return the form to use; errors : errors of each fold by form, the simplest form first."""
+    """Return the form to use.
+
+    errors : form -> mean error of each fold, (f,), the simplest form first
+    """
     form, *further_forms = errors
     for name in further_forms:
         smaller = errors[form] - errors[name]
@@ -361,7 +366,7 @@ def _estimate_covariance(
     The last iteration of the fit is linear in the errors: they move coefficients by
     `response` @ errors.
     """
-    signed, fitted, columns, scale, trust = iterate(design, seconds, labels, _solve_signed)
+    signed, fitted, columns, scale, trust = fit_iteratively(design, seconds, labels, _solve_signed)
     shares = design / fitted[:, None]
     unit = trust[:, None] * stack_deviations(np.eye(len(seconds)), labels)
     inverse = np.linalg.pinv(columns, rcond=MIN_SINGULAR_VALUE)
@@ -375,7 +380,7 @@ def _estimate_covariance(
     observed = np.array([errors @ within @ errors, errors @ mean @ errors])
     sources = [residual @ residual.T, residual @ same_group @ residual.T]
     expected = np.array([[(part * source).sum() for source in sources] for part in (within, mean)])
-    single, shared = np.linalg.solve(expected, observed)
+    single, shared = np.linalg.fit_coefficients(expected, observed)
     if min(single, shared) < 0:
         single, shared = observed.sum() / expected[:, 0].sum(), 0.0
     covariance = single * response @ response.T + shared * response @ same_group @ response.T
@@ -383,6 +388,7 @@ def _estimate_covariance(
 
 
 def _solve_signed(columns: Design, right: Seconds) -> tuple[Seconds]:
+    """Solve least squares with any sign; return a 1-tuple, as `nnls` also returns a residual."""
     return (np.asarray(np.linalg.lstsq(columns, right, rcond=MIN_SINGULAR_VALUE)[0], float),)
 
 

@@ -15,7 +15,7 @@ from harness.profile.draw import Draw
 from harness.rasterisers.base import Options
 from harness.results.record import Time
 from harness.settings import TimingSettings
-from harness.stats.intervals import MIN_EPOCHS, Ratio, paired_ratio
+from harness.stats.intervals import MIN_EPOCHS, Ratio, compute_paired_ratio
 from harness.stats.run_quality import assess_times
 
 CONTROL = "(control)"
@@ -64,7 +64,8 @@ class Measured:
             return f"the machine's speed changed by a factor of {self.drift:.2f} during the rounds"
         apart = min(abs(self.control.low - 1.0), abs(self.control.high - 1.0))
         if not self.control.low <= 1.0 <= self.control.high and apart > MAX_CONTROL_DIFFERENCE:
-            return f"one draw under two names took {self.control.value:.3f} times its own time"
+            factor = f"{self.control.value:.3f}"
+            return f"the same draw, timed under two names, differs by a factor of {factor}"
         return ""
 
 
@@ -72,7 +73,7 @@ MIN_LIMIT_S = 100.0
 """Minimum time limit of all rounds; the limit is twice the total budget if that is longer."""
 
 
-def settings(budget_s: float, draws: int) -> TimingSettings:
+def make_settings(budget_s: float, draws: int) -> TimingSettings:
     """Return the timing of a profile: `budget_s` per draw, in `EPOCHS` epochs."""
     return TimingSettings(
         precision=1e-4,  # never reached, so that the budget alone determines the rounds
@@ -147,12 +148,14 @@ def normalise_times(times: Mapping[str, Times], names: Sequence[str]) -> Measure
         epochs=np.exp(of_epochs + speeds.mean()),
         drift=float(np.exp(np.ptp(speeds))),
         empty=float(times[EMPTY].median_s),
-        control=paired_ratio(times[CONTROL].samples_s, times[middle].samples_s, first.epochs),
+        control=compute_paired_ratio(
+            times[CONTROL].samples_s, times[middle].samples_s, first.epochs
+        ),
         rounds=list(first.epochs),
     )
 
 
 def _make_time(times: Times) -> Time:
-    """Convert times to those of a record."""
+    """Convert the times of a drawing to the `Time` of a record."""
     time = make_samples(times, "cpu" if times.wall_s else "wall")
     return replace(time, stolen_s=times.stolen_s, timing_s=times.timing_s)

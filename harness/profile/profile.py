@@ -17,10 +17,10 @@ from harness.machine.environment import describe_processor
 from harness.profile import law as laws
 from harness.profile import stage_draws
 from harness.profile.advice import compare_aspects
-from harness.profile.counted import PX_TERMS, TERMS, design_of
+from harness.profile.counted import PX_TERMS, TERMS, make_design_rows
 from harness.profile.design import DESIGN
 from harness.profile.draw import Draw
-from harness.profile.fitting import solve
+from harness.profile.fitting import fit_coefficients
 from harness.profile.law import COSTS, FORMS, Law, make_cost_rows
 from harness.profile.measured import Measured
 
@@ -42,7 +42,7 @@ below it is refused: its optimum would follow the noise. Quiet machines reach 0.
 has 0.86 within groups."""
 
 
-def profile(
+def make_profile(
     draws: Sequence[Draw],
     counted: Sequence[Mapping[str, int]],
     measured: Measured,
@@ -51,17 +51,19 @@ def profile(
 ) -> dict[str, Any]:
     """Return a profile's content, JSON-ready.
 
-    counted : `counters` of each draw; device : name and details of the device
+    counted : `count_draw` of each draw; device : name and details of the device
     """
-    design = design_of(counted)
+    design = make_design_rows(counted)
     fitted, without_work = select_fitted(draws)
     groups = [draw.group for draw in draws]
     of_fitted = [groups[n] for n in fitted]
     law = laws.fit(design[fitted], measured.epochs[:, fitted], of_fitted)
-    # Draws bound by vertices are left out: their times depend on the order, not on the triangles.
+    # Draws bound by vertices are omitted: their times depend on the triangles' order, not shape.
     of_shape = [n for n in without_work if not law.is_bound_by_vertices[fitted.index(n)]]
     predicted = make_cost_rows([(draws[n].frame, draws[n].triangles) for n in of_shape])
-    coefficients = solve(predicted, measured.times[of_shape], [groups[n] for n in of_shape])
+    coefficients = fit_coefficients(
+        predicted, measured.times[of_shape], [groups[n] for n in of_shape]
+    )
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -98,7 +100,7 @@ def profile(
         "r2_within": law.r2_within,
         "refused": not min(law.r2_over, law.r2_within) >= MIN_R2,
         "aspects": compare_aspects(draws, design, measured),
-        "second_filling": _find_second_filling(draws, measured),
+        "second_filling": _compute_second_filling(draws, measured),
         "coefficients": dict(zip(COSTS, coefficients.tolist(), strict=True)),
         "control": [measured.control.value, measured.control.low, measured.control.high],
         "drift": measured.drift,
@@ -135,7 +137,7 @@ def read_profile(file: Path, parse: Callable[[Any], Content]) -> Content:
     Raises
     ------
     InputError
-        if the file is missing, invalid, or was refused by `profile`
+        if the file is missing, invalid, or was refused by `make_profile`
     """
     try:
         content = json.loads(atomic.read(file))
@@ -161,7 +163,7 @@ def check_profile(content: Any) -> None:
     Content of another structure raises KeyError, TypeError or AttributeError.
     """
     if not isinstance(content, dict):
-        raise ValueError("it does not hold an object")
+        raise ValueError("the content is not a JSON object")
     for name, supported in (("unit", "s"), ("format", FORMAT), ("version", VERSION)):
         value = content.get(name)
         if value != supported or isinstance(value, bool):
@@ -179,13 +181,13 @@ def check_profile(content: Any) -> None:
         ("coefficients", COSTS, content["coefficients"]),
     ):
         if {*costs} != {*names}:
-            raise ValueError(f"its {kind} are not those of version {VERSION}")
+            raise ValueError(f"the names of the {kind} differ from those of version {VERSION}")
         for name, cost in costs.items():
             is_number = isinstance(cost, int | float) and not isinstance(cost, bool)
             if not (is_number and 0 <= cost <= MAX_COST_S):
                 raise ValueError(f"the cost of {name} is {cost!r:.40}, not 0 to {MAX_COST_S:g} s")
         if not any(cost for name, cost in costs.items() if name != "draw"):
-            raise ValueError(f"all of its {kind} are 0")
+            raise ValueError(f"all {kind} are 0")
 
 
 def read_coefficients(file: Path) -> dict[str, float]:
@@ -197,18 +199,18 @@ def read_coefficients(file: Path) -> dict[str, float]:
 
 
 def read_law(content: Mapping[str, Any]) -> Law | None:
-    """Return the law refitted to a profile's stored times, in its form, or None without times."""
+    """Fit the law of a profile's form to the profile's stored times; None without times."""
     rows = [row for row in content.get("times") or () if row["kind"] != "twice"]
     if not rows:
         return None
     epochs = np.array([row["epochs"] for row in rows], np.float64).T
     if len(rows) > MAX_DRAWS or epochs.ndim != 2 or not ((epochs > 0) & (epochs < np.inf)).all():
-        raise ValueError(f"its times are not positive numbers of at most {MAX_DRAWS} draws")
-    design = design_of([row["counters"] for row in rows])
+        raise ValueError(f"times: not positive numbers of at most {MAX_DRAWS} draws")
+    design = make_design_rows([row["counters"] for row in rows])
     return laws.fit(design, epochs, [str(row["group"]) for row in rows], content["form"])
 
 
-def origin_of(device: Mapping[str, Any]) -> str:
+def describe_origin(device: Mapping[str, Any]) -> str:
     """Return the device on which a profile was measured; a software device with its processor."""
     renderer = str(device.get("details", {}).get("renderer", ""))
     name = renderer.partition("/")[0] if device["name"].startswith("gpu") else device["name"]
@@ -227,19 +229,19 @@ def is_of_this_machine(device: Mapping[str, Any]) -> bool:
 
 
 def select_fitted(draws: Sequence[Draw]) -> tuple[list[int], list[int]]:
-    """Return indices of the draws to which the law, and those to which `coefficients` are fitted.
+    """Return the indices of draws to which the law is fitted, and of those for `coefficients`.
 
-    Excluded are draws that a device may skip because later ones cover them and, for the criterion,
-    draws with arithmetic per fragment, and those that differ in what no criterion predicts: the
-    order of triangles and their positions relative to samples and tiles.
+    The law omits draws that a device may skip because later draws cover them. The coefficients also
+    omit draws with arithmetic per fragment, and draws that differ in what no criterion predicts:
+    the order of triangles, and the triangles' positions relative to samples and tiles.
     """
     fitted = [n for n, draw in enumerate(draws) if draw.kind != "twice"]
     plain = [n for n in fitted if draws[n].work == 0 and draws[n].kind not in stage_draws.KINDS]
     return fitted, plain
 
 
-def _find_second_filling(draws: Sequence[Draw], measured: Measured) -> dict[str, float]:
-    """Return, by size, the time of drawing the same triangles again, relative to the first time."""
+def _compute_second_filling(draws: Sequence[Draw], measured: Measured) -> dict[str, float]:
+    """Return, by triangle size, the time of drawing triangles again, relative to the first time."""
     net = dict(zip((d.name for d in draws), measured.times - measured.empty, strict=True))
     pairs = [d.name for d in draws if d.kind == "twice"]
     return {

@@ -12,12 +12,12 @@ import numpy as np
 from harness.metrics.decision import join_names
 from harness.profile.advice import CRITERIA, SCENES
 from harness.profile.counted import TERMS
-from harness.profile.profile import origin_of
+from harness.profile.profile import describe_origin
 from harness.style import (
     COLOURS,
+    add_legend_below,
     draw_figure,
     format_count,
-    legend_below,
     make_panels,
     make_plain_table,
 )
@@ -54,7 +54,7 @@ def format_sentences(profile: Mapping[str, Any]) -> list[str]:
 
 
 def _format_law(profile: Mapping[str, Any]) -> Iterator[str]:
-    yield f"On {origin_of(profile['device'])}:"
+    yield f"On {describe_origin(profile['device'])}:"
     terms = {term["name"]: term for term in profile["terms"]}
     stages = profile["stages"]
     yield from _format_costs([terms["draw"]])
@@ -173,10 +173,10 @@ def _format_cost(term: Mapping[str, Any]) -> str:
 
 def draw_chart(profile: Mapping[str, Any], file: Path) -> Path:
     """Draw the chart next to a profile's file, as PNG and SVG; return the PNG."""
-    return draw_figure(file.parent, file.stem, _get_figure, profile)[0]
+    return draw_figure(file.parent, file.stem, _make_figure, profile)[0]
 
 
-def _get_figure(profile: Mapping[str, Any]) -> Figure:
+def _make_figure(profile: Mapping[str, Any]) -> Figure:
     areas, device = profile["aspects"], profile["device"]
     model = name_device_model(device["name"], device.get("details", {}))
     heading = f"Are thin triangles slow on {model}? Equal area, mean of four angles"
@@ -194,5 +194,5 @@ def _get_figure(profile: Mapping[str, Any]) -> Figure:
         panel.set_xlabel("base / height")
         panel.set_title(f"{area['area']} px$^2$", fontsize=8)
     axes[0].set_ylabel("time of a triangle\nrelative to aspect 1:1")
-    legend_below(figure, axes, columns=2)
+    add_legend_below(figure, axes, columns=2)
     return figure

@@ -17,10 +17,10 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.frame import Frame, bare_frame
+from harness.frame import Frame, make_bare_frame
 from harness.grid import SUBPIXEL
 from harness.profile import placing
-from harness.profile.draw import Draw, make_jittered_mesh, unshared
+from harness.profile.draw import Draw, make_jittered_mesh, make_unshared_triangles
 from harness.profile.placing import SIDE
 
 KINDS = ("orders", "samples", "tiles", "mixed")
@@ -95,7 +95,7 @@ def _yield_orders(seed: int) -> Iterator[Draw]:
         for name, rows in orders.items():
             group = f"orders {side / SUBPIXEL:g}"
             label = f"{name} vertices per triangle, squares of {side / SUBPIXEL:g} px"
-            yield Draw("orders", label, group, bare_frame(SIDE, points), triangles[rows])
+            yield Draw("orders", label, group, make_bare_frame(SIDE, points), triangles[rows])
 
 
 def _order_patches() -> NDArray[np.int64]:
@@ -122,7 +122,8 @@ def _make_grid(
     return np.asarray((np.stack([column, row], axis=-1) * pitch + start) * SUBPIXEL, np.int64)
 
 
-def _jitter(numbers: NDArray[np.int64]) -> placing.Points:
+def _make_jitter(numbers: NDArray[np.int64]) -> placing.Points:
+    """Return offsets (k, 2) from 0 to `SAMPLE_JITTER` - 1, given 32-bit hashes (k,)."""
     return np.stack([numbers % SAMPLE_JITTER, numbers // SUBPIXEL % SAMPLE_JITTER], axis=-1)
 
 
@@ -131,21 +132,21 @@ def _make_small_triangles(
 ) -> Population:
     """Return an isolated triangle in each cell; `quarters` of four cover one sample each."""
     covers = np.arange(len(cells)) % 4 < quarters
-    corners = cells + np.where(covers, ON_SAMPLE, OFF_SAMPLE)[:, None] + _jitter(numbers)
+    corners = cells + np.where(covers, ON_SAMPLE, OFF_SAMPLE)[:, None] + _make_jitter(numbers)
     shape = np.array([[0, 0], [SMALL_SIDE, 0], [0, SMALL_SIDE]])
-    frame, triangles = unshared((corners[:, None] + shape).astype(np.int32))
+    frame, triangles = make_unshared_triangles((corners[:, None] + shape).astype(np.int32))
     return frame.points, triangles
 
 
 def _make_patches(cells: placing.Points, numbers: NDArray[np.int64], quarters: int) -> Population:
     """Return a patch in each cell; in `quarters` of four every triangle covers one sample.
 
-    Their squares are stretched to 1 by 2 px, and a sample is in each half; the others are shrunk to
-    1/8 px and lie between samples.
+    In these patches, squares are stretched to 1 by 2 px, so that each half contains a sample; in
+    the other patches, squares are shrunk to 1/8 px and lie between samples.
     """
     covers = (np.arange(len(cells)) % 4 < quarters)[:, None]
     squares = np.where(covers, (SUBPIXEL, 2 * SUBPIXEL), SMALL_SIDE // PATCH)
-    corners = cells + np.where(covers, 0, OFF_SAMPLE) + _jitter(numbers)
+    corners = cells + np.where(covers, 0, OFF_SAMPLE) + _make_jitter(numbers)
     line = PATCH + 1
     row, column = np.divmod(np.arange(line * line), line)
     points = corners[:, None] + np.stack([column, row], axis=-1) * squares[:, None]
@@ -160,14 +161,16 @@ def _yield_samples(seed: int) -> Iterator[Draw]:
     cells = _make_grid(3000, 60, (4, 4), (8, 8))
     for quarters in SHARES:
         name = f"{quarters} of 4 isolated triangles on a sample"
-        yield _draw(
+        yield _make_draw(
             "samples", name, "samples isolated", _make_small_triangles(cells, numbers, quarters)
         )
     numbers = placing.hash_numbers(seed, 912, 96)
     cells = _make_grid(96, 12, (8, 12), (8, 8))
     for quarters in SHARES[::2]:
         name = f"{quarters} of 4 patches on samples"
-        yield _draw("samples", name, "samples patches", _make_patches(cells, numbers, quarters))
+        yield _make_draw(
+            "samples", name, "samples patches", _make_patches(cells, numbers, quarters)
+        )
 
 
 def _yield_tiles(seed: int) -> Iterator[Draw]:
@@ -178,7 +181,7 @@ def _yield_tiles(seed: int) -> Iterator[Draw]:
         for name, line in TILE_LINES.items():
             start = line - side // 2, pitch + (pitch - side) // 2
             cells = _make_grid(lines * rows, lines, (64, pitch), start)
-            geometry = unshared((shape + cells[:, None]).astype(np.int32))
+            geometry = make_unshared_triangles((shape + cells[:, None]).astype(np.int32))
             yield Draw("tiles", f"boxes of {side} px {name}", f"tiles {side}", *geometry)
 
 
@@ -191,7 +194,7 @@ def _yield_mixed(seed: int) -> Iterator[Draw]:
     """
     numbers = [placing.hash_numbers(seed, number, 2200) for number in (931, 932, 933)]
     large = placing.make_triangle_shape(64 * SUBPIXEL, 64 * SUBPIXEL)(numbers[2][:28])
-    frame, triangles = unshared(
+    frame, triangles = make_unshared_triangles(
         (large + _make_grid(28, 14, (68, 68), (8, 256))[:, None]).astype(np.int32)
     )
     populations: dict[str, tuple[Population, int]] = {
@@ -203,7 +206,7 @@ def _yield_mixed(seed: int) -> Iterator[Draw]:
         "quads": ((frame.points, triangles), 1),
     }
     for name, (population, _) in populations.items():
-        yield _draw("mixed", f"{name} alone", "mixed", population)
+        yield _make_draw("mixed", f"{name} alone", "mixed", population)
     for one, other in combinations(populations, 2):
         first, second = populations[one], populations[other]
         keys = [
@@ -211,10 +214,10 @@ def _yield_mixed(seed: int) -> Iterator[Draw]:
             _compute_interleaving_keys(second, first),
         ]
         order = np.argsort(np.concatenate(keys), kind="stable")
-        joined = _join(first[0], second[0])
-        yield _draw("mixed", f"{one} and {other}, interleaved", "mixed", joined, order)
-    joined = _join(populations["vertices"][0], populations["quads"][0])
-    yield _draw("mixed", "vertices, then quads", "mixed", joined)
+        joined = _join_populations(first[0], second[0])
+        yield _make_draw("mixed", f"{one} and {other}, interleaved", "mixed", joined, order)
+    joined = _join_populations(populations["vertices"][0], populations["quads"][0])
+    yield _make_draw("mixed", "vertices, then quads", "mixed", joined)
 
 
 def _compute_interleaving_keys(
@@ -229,13 +232,14 @@ def _compute_interleaving_keys(
     return (2 * (np.arange(len(triangles)) // block) + 1) * other_blocks
 
 
-def _join(one: Population, other: Population) -> Population:
+def _join_populations(one: Population, other: Population) -> Population:
+    """Concatenate two populations, with vertex indices of the second shifted."""
     points, triangles = zip(one, other, strict=True)
     shifted = (triangles[0], triangles[1] + np.int32(len(points[0])))
     return np.concatenate(points), np.concatenate(shifted)
 
 
-def _draw(
+def _make_draw(
     kind: str,
     name: str,
     group: str,
@@ -243,5 +247,5 @@ def _draw(
     order: NDArray[np.int64] | slice = slice(None),
 ) -> Draw:
     points, triangles = population
-    frame: Frame = bare_frame(SIDE, points)
+    frame: Frame = make_bare_frame(SIDE, points)
     return Draw(kind, name, group, frame, triangles[order])

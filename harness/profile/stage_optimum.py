@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.frame import Frame
-from harness.profile.counted import COARSE, TERMS, count_triangles, design_of
+from harness.profile.counted import COARSE, TERMS, count_triangles, make_design_rows
 from harness.profile.device_costs import DeviceCosts
 from harness.profile.law import FORMS, VERTICES, compute_stage_times
 from harness.triangulating.recipes import Recipe
@@ -81,7 +81,7 @@ def minimise_slowest_stage(
     shapes = [stage for stage in device.stages if weights[stage]]
     if not shapes:
         return recipe, triangulate(recipe)
-    _, times = order_for(device, frame, triangulate(BASE))
+    _, times = order_for_slowest_stage(device, frame, triangulate(BASE))
     best: tuple[float, Recipe, FrameTriangulation, str] | None = None
     tried: set[str] = set()
     while True:
@@ -90,7 +90,7 @@ def minimise_slowest_stage(
             break
         tried.add(stage)
         candidate = replace(recipe, calibration=tuple(sorted(weights[stage].items())))
-        result, times = order_for(device, frame, triangulate(candidate))
+        result, times = order_for_slowest_stage(device, frame, triangulate(candidate))
         slowest = max(times, key=lambda name: times[name])
         if best is None or times[slowest] < best[0]:
             best = times[slowest], candidate, result, slowest
@@ -103,14 +103,14 @@ def minimise_slowest_stage(
     return candidate, result
 
 
-def order_for(
+def order_for_slowest_stage(
     device: DeviceCosts, frame: Frame, result: FrameTriangulation
 ) -> tuple[FrameTriangulation, dict[str, float]]:
-    """Return triangles with the predicted seconds of each stage.
+    """Return a triangulation in the order for its slowest stage, with the seconds of each stage.
 
-    If the stage of vertices is the slowest, the triangles are in the order of a walk.
+    If the stage of vertices is the slowest, the order is that of a walk; otherwise it is unchanged.
     """
-    times = _predict(device, frame, result)
+    times = _predict_stage_times(device, frame, result)
     slowest = max(times, key=lambda name: times[name])
     if FORMS[device.form][slowest] != VERTICES:
         return result, times
@@ -118,10 +118,12 @@ def order_for(
         None if part is None else walk(part, int(part.max()) + 1) for part in result.parts
     ]
     walked = replace(result, parts=parts)
-    return walked, _predict(device, frame, walked)
+    return walked, _predict_stage_times(device, frame, walked)
 
 
-def _predict(device: DeviceCosts, frame: Frame, result: FrameTriangulation) -> dict[str, float]:
-    design = design_of([count_triangles(frame, frame.join(result.parts))])
+def _predict_stage_times(
+    device: DeviceCosts, frame: Frame, result: FrameTriangulation
+) -> dict[str, float]:
+    design = make_design_rows([count_triangles(frame, frame.join_triangles(result.parts))])
     seconds = compute_stage_times(design, device.costs, device.form)[0]
     return dict(zip(device.stages, seconds.tolist(), strict=True))

@@ -111,7 +111,7 @@ class Sample:
 
 
 class Stopwatch:
-    """A stopwatch that runs from construction to `stop` and reads all clocks but the GPU's."""
+    """A stopwatch that runs from construction to `stop` and reads all clocks except the GPU's."""
 
     _queues = system.RunQueueClock()
 
@@ -267,6 +267,7 @@ class Rasteriser(ABC):
         return self._prepare(frame, self._check_and_order(frame, triangles, options), options)
 
     def _check_and_order(self, frame: Frame, triangles: Triangles, options: Options) -> Triangles:
+        """Raise UsageError if the drawing is unsupported; return triangles in submission order."""
         if not self.supports(options):
             raise UsageError(
                 f"{self.name} does not support these options (it has {self.limitation}); use opengl"
@@ -309,15 +310,15 @@ def sum_per_polygon(
 ) -> NDArray[np.int64]:
     """Return the sum over each polygon's triangles, (p,), of the triangles' `values` (m,)."""
     totals = np.zeros(len(frame.grid), np.int64)
-    np.add.at(totals, frame.owner(triangles), values)
+    np.add.at(totals, frame.find_owners(triangles), values)
     return totals
 
 
 def split_batches(frame: Frame, triangles: Triangles, max_lanes: int = 2**32) -> list[Triangles]:
-    """Split `triangles` into batches that shade fewer than `max_lanes` lanes: counters are 32-bit.
+    """Split `triangles` into batches that shade fewer than `max_lanes` lanes each.
 
-    A triangle is assumed to shade all quads of its bounding box. With a depth test each view is one
-    batch; a view has at most 2^28 pixels.
+    Devices count with 32 bits. A triangle is assumed to shade all quads of its bounding box. With a
+    depth test each view is one batch; a view has at most 2^28 pixels.
     """
     from harness.grid import SUBPIXEL
 
@@ -325,7 +326,7 @@ def split_batches(frame: Frame, triangles: Triangles, max_lanes: int = 2**32) ->
     sides = (corners.max(axis=1) - corners.min(axis=1)) // SUBPIXEL + 4
     lanes: NDArray[np.int64] = np.cumsum(sides.prod(axis=1))
     if frame.depths is not None:  # triangles occlude each other only within a batch
-        return [triangles[rows] for rows in frame.draws(triangles)]
+        return [triangles[rows] for rows in frame.split_by_draw(triangles)]
     if not len(lanes) or lanes[-1] < max_lanes:
         return [triangles]
     return np.split(triangles, np.flatnonzero(np.diff(lanes // (max_lanes // 2))) + 1)
@@ -349,12 +350,12 @@ def order_submission(frame: Frame, triangles: Triangles, options: Options) -> Tr
     if len(array) and not (array.min() >= 0 and array.max() < len(frame.points)):
         raise ValueError(f"vertex index out of range (0 to {len(frame.points) - 1})")
     if frame.viewing is not None and options.order == "native":
-        view = np.searchsorted(frame.viewing.piece_offsets, frame.owner(array), side="right")
+        view = np.searchsorted(frame.viewing.piece_offsets, frame.find_owners(array), side="right")
         array = array[np.lexsort((_rank_in_view(frame, frame.viewing, array), view))]
     elif frame.tiles is None:
         array = _apply_order(frame, array, options)
     else:
-        tiles = [_apply_order(frame, array[rows], options) for rows in frame.draws(array)]
+        tiles = [_apply_order(frame, array[rows], options) for rows in frame.split_by_draw(array)]
         array = np.concatenate(tiles)
     return np.ascontiguousarray(array, np.int32)
 
@@ -362,12 +363,13 @@ def order_submission(frame: Frame, triangles: Triangles, options: Options) -> Tr
 def _rank_in_view(frame: Frame, viewing: Viewing, array: Triangles) -> NDArray[np.int64]:
     """Return keys (m,) by which triangles are sorted within their view.
 
-    Front to back, the key is the sum of the vertices' depths; otherwise the k-th triangle of a face
-    gets the position of the k-th (or else the last) triangle of that face in the model's file.
+    With `viewing.front_to_back` the key is the sum of the vertices' depths. Otherwise the k-th
+    triangle of a face gets the position of the face's k-th triangle in the model's file, or of the
+    face's last triangle there if the file has fewer than k.
     """
     if viewing.front_to_back and viewing.depths is not None:
         return np.asarray(viewing.depths[array].astype(np.int64).sum(axis=1))
-    owner = frame.owner(array)
+    owner = frame.find_owners(array)
     ordered = np.argsort(owner, kind="stable")
     number = np.empty(len(array), np.int64)
     number[ordered] = np.arange(len(array)) - np.searchsorted(owner[ordered], owner[ordered])
@@ -377,6 +379,7 @@ def _rank_in_view(frame: Frame, viewing: Viewing, array: Triangles) -> NDArray[n
 
 
 def _apply_order(frame: Frame, array: Triangles, options: Options) -> Triangles:
+    """Return the triangles `array` (m, 3) of one draw in the order `options.order`."""
     if options.order == "walk":
         from triangulators.geometry.order import walk
 
@@ -386,14 +389,14 @@ def _apply_order(frame: Frame, array: Triangles, options: Options) -> Triangles:
 
         return vertex_cache_order(array, len(frame.points))
     if options.order == "morton":
-        return array[np.argsort(_interleave_bits(frame, array), kind="stable")]
+        return array[np.argsort(_compute_morton_codes(frame, array), kind="stable")]
     if options.order == "shuffled":
         return np.random.default_rng(options.seed).permutation(array)
     return array
 
 
-def _interleave_bits(frame: Frame, triangles: Triangles) -> NDArray[np.uint64]:
-    """Return the positions (m,) of the triangles' centres along a Z-order curve."""
+def _compute_morton_codes(frame: Frame, triangles: Triangles) -> NDArray[np.uint64]:
+    """Return the Morton codes (m,) of the triangles' centres: positions on a Z-order curve."""
     centre = frame.points[triangles].astype(np.int64).sum(axis=1) // 3
     octets = np.maximum(centre, 0).astype("<u4")[..., None].view(np.uint8)
     bits = np.unpackbits(octets, axis=-1, bitorder="little")  # (m, 2, 32), bits of x first

@@ -37,7 +37,7 @@ JOB_PIXELS = 16384 * LANES
 
 
 class BoundingBox(GLRasteriser):
-    """A workgroup per triangle, several for a huge triangle; its lanes share the box's pixels."""
+    """A workgroup per triangle, several for a huge one; lanes divide the box's pixels."""
 
     name = "bounding-box"
     counters: ClassVar[tuple[str, ...]] = ("bbox_tests", "hits")
@@ -71,7 +71,7 @@ class BoundingBox(GLRasteriser):
 
 
 class Scanline(BoundingBox):
-    """A workgroup per triangle, several for a huge triangle; its lanes share the rows."""
+    """A workgroup per triangle, several for a huge one; lanes divide the box's rows."""
 
     name = "scanline"
     counters: ClassVar[tuple[str, ...]] = ("rows", "hits")
@@ -82,7 +82,7 @@ class _DispatchedJobs(Drawing):
     """Triangles on the device, cut by rows into jobs of at most JOB_PIXELS."""
 
     def __init__(self, owner: Context, program: Any, frame: Frame, triangles: Triangles) -> None:
-        jobs = split_rows(frame, triangles)
+        jobs = split_into_jobs(frame, triangles)
         self.context = owner
         self.program = program
         self.size = (frame.width, frame.height)
@@ -108,8 +108,8 @@ class _DispatchedJobs(Drawing):
         return self.context.time_draws(repeats, self.run, self.context.ctx.memory_barrier)
 
 
-def split_rows(frame: Frame, triangles: Triangles) -> NDArray[np.int32]:
-    """Cut triangles into jobs of rows, (k, 4): triangle, first row, last row, padding."""
+def split_into_jobs(frame: Frame, triangles: Triangles) -> NDArray[np.int32]:
+    """Cut bounding boxes of triangles into jobs, (k, 4): triangle, first row, last row, padding."""
     corners = frame.points[triangles]
     first = (corners.min(axis=1) + SUBPIXEL // 2 - 1) // SUBPIXEL
     last = (corners.max(axis=1) - SUBPIXEL // 2) // SUBPIXEL

@@ -110,7 +110,7 @@ class Context:
             )
 
     def make_header(self, *extensions: str) -> str:
-        """Return a shader's first lines, which require `extensions`, and more in old contexts."""
+        """Return a shader's first lines: version and `extensions`; more extensions if outdated."""
         modern = self.ctx.version_code >= MODERN
         needed = extensions if modern else (*OLDER_EXTENSIONS, *extensions)
         lines = [f"#extension {name} : require" for name in needed]
@@ -218,7 +218,7 @@ class Context:
         return value.value
 
     def measure(self, targets: Mapping[str, int], draw: Callable[[], None]) -> dict[str, int]:
-        """Call `draw` once; return the result of a query of each of OpenGL's `targets`, by name."""
+        """Call `draw` once; return what each of OpenGL's query `targets` counted, by name."""
         with self.create_queries(len(targets)) as queries:
             for target, query in zip(targets.values(), queries, strict=True):
                 self.begin_query(target, query)

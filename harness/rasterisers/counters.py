@@ -99,7 +99,7 @@ _registered = dict(COUNTERS)
 """Built-in counters, then counters registered by third-party rasterisers."""
 
 
-def describe(name: str) -> Counter:
+def get_counter(name: str) -> Counter:
     """Return the counter called `name`; for an unregistered name, lower is better."""
     return _registered.get(name) or Counter(name, name.replace("_", " "))
 
@@ -109,7 +109,7 @@ def register(counters: Iterable[Counter]) -> None:
     _registered.update({counter.name: counter for counter in counters} | COUNTERS)
 
 
-def sort_key(name: str) -> tuple[int, str]:
+def get_sort_key(name: str) -> tuple[int, str]:
     """Return the sort key of a counter: built-in, then registered, then unknown counters."""
     return list(_registered).index(name) if name in _registered else len(_registered), name
 
@@ -134,18 +134,22 @@ class Estimate:
 ESTIMATES = {
     # Q shaded quads have 4 Q lanes, and a polygon of area S covers S of them on average.
     "helper_lanes_by_quads": Estimate("helper_lanes", "4Q - S", {"expected_quads": 4, "area": -1}),
-    # To first order 4 Q - S equals H + T: half-perimeters, plus one for each triangle.
+    # To first order, helper lanes are H + T: sum of half-perimeters (px) plus number of triangles.
     "helper_lanes_by_half_perimeter": Estimate(
         "helper_lanes", "H + T", {"half_perimeter": 1, "triangles": 1}
     ),
-    # Every pixel centre in a bounding box is tested; A + S is the area of the bounding boxes.
+    # Every pixel centre in a bounding box is tested. The boxes' area is the area S of the triangles
+    # plus the overdraw A, the area of the boxes outside the triangles.
     "bbox_tests_by_overdraw": Estimate("bbox_tests", "A + S", {"overdraw": 1, "area": 1}),
 }
-"""Estimates by column; of several for a counter, the estimate that is exact on average is first."""
+"""Estimates by column name; of several for a counter, the first is exact on average."""
 
 
 def compute_estimates(columns: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return each estimate whose terms are in `columns`; all names begin with `prefix`."""
+    """Return the values of the estimates whose terms are all in `columns`, by name.
+
+    prefix : start of the names of columns and of returned names
+    """
     estimates = {}
     for name, estimate in ESTIMATES.items():
         values: dict[str, Any] = {term: columns.get(prefix + term) for term in estimate.terms}

@@ -49,10 +49,10 @@ SWIFTSHADER = (
 
 BACKENDS = {"darwin": ("Metal",), "win32": ("DX12", "Vulkan")}
 LINUX = ("Vulkan", "GL")
-"""Backends of WebGPU, best first, as browsers choose them: by system, and `LINUX` for others."""
+"""Backends of WebGPU, best first, as browsers choose them: by `sys.platform`, or else `LINUX`."""
 
 REPORTED = {"DX12": "D3D12", "GL": "OpenGL"}
-"""Names of backends in adapters' properties, by the name that requests them, if different."""
+"""Names of backends in an adapter's properties, by requested name, if the two names differ."""
 
 ADAPTERS = {
     ("llvmpipe", "Vulkan"): "lavapipe",
@@ -70,7 +70,7 @@ Reports = Sequence[Mapping[str, Any]]
 
 
 class Kind(NamedTuple):
-    """A kind of device to probe for; of kinds with one name, the first available kind is used.
+    """A kind of device to probe for; of kinds with the same name, the first available is used.
 
     environment, arguments : environment variables and arguments of `probe.py`
     """
@@ -144,17 +144,18 @@ def identify_software_adapter(adapter: Mapping[str, str]) -> str | None:
 
 @cache
 def list_egl_devices() -> Devices:
-    """List the devices that open through EGL."""
+    """Return the devices that EGL opens, and the problems of the others."""
     return _list_devices(list(_list_egl_kinds()))
 
 
 @cache
 def list_webgpu_devices() -> Devices:
-    """List WebGPU's adapters."""
+    """Return the adapters of WebGPU as devices, and the problems of unavailable devices."""
     return _list_devices(list(_list_webgpu_kinds()))
 
 
 def _list_devices(kinds: Sequence[Kind]) -> Devices:
+    """Probe for each kind; return the available devices, and problems of the others."""
     answers = run_probes([(kind.arguments, kind.environment) for kind in kinds])
     devices: list[Device] = []
     problems: list[str] = []
@@ -194,7 +195,7 @@ DRIVER_PATHS = (
     "dev/dri",
     "dev/nvidia*",
 )
-"""Patterns below the root of paths that change when a driver or device is added or removed."""
+"""Paths, with wildcards and without "/", that change when drivers or devices are (un)installed."""
 
 VARIABLES = re.compile(
     r"(LD|LIBGL|MESA|GALLIUM|EGL|__EGL|__GLX|__NV|NVIDIA|CUDA|VK|LP|ZINK|WGPU|WAYLAND)_|DISPLAY$|"
@@ -216,7 +217,9 @@ def run_probes(probes: Sequence[Probe]) -> list[dict[str, Any]]:
 
     Probes whose answer is not cached run at the same time.
     """
-    files = [system.cache_file(CACHE_FOLDER) / f"{_cache_key(*probe)}.json" for probe in probes]
+    files = [
+        system.get_cache_file(CACHE_FOLDER) / f"{_hash_inputs(*probe)}.json" for probe in probes
+    ]
     cached = [_read_answer(file) for file in files]
     running = [
         subprocess.Popen(
@@ -238,7 +241,7 @@ def run_probes(probes: Sequence[Probe]) -> list[dict[str, Any]]:
 
 def clear_cache() -> None:
     """Delete all cached answers."""
-    shutil.rmtree(system.cache_file(CACHE_FOLDER), ignore_errors=True)
+    shutil.rmtree(system.get_cache_file(CACHE_FOLDER), ignore_errors=True)
 
 
 def _read_answer(file: Path) -> dict[str, Any] | None:
@@ -248,8 +251,8 @@ def _read_answer(file: Path) -> dict[str, Any] | None:
         return None
 
 
-def _cache_key(arguments: tuple[str, str], environment: Mapping[str, str]) -> str:
-    """Return a digest of everything that an answer depends on."""
+def _hash_inputs(arguments: tuple[str, str], environment: Mapping[str, str]) -> str:
+    """Return a hash of all inputs of a probe: arguments, environment, drivers, devices, program."""
     paths = [path for pattern in DRIVER_PATHS for path in sorted(ROOT.glob(pattern))]
     paths.append(Path(sysconfig.get_path("platlib")))
     content = (

@@ -1,4 +1,4 @@
-"""OpenGL on an EGL device: one pass counts by atomic operations, another draws only, for timing."""
+"""OpenGL on an EGL device: counting with atomic operations, and plain drawing for timing."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -199,11 +199,12 @@ class OpenGL(GLRasteriser):
         return totals
 
     def _draw_in_order(self, mesh: "Mesh", number: int) -> None:
+        """Draw the mesh's `number` triangles with shaders/count_in_order.frag.glsl."""
         columns, rows = (mesh.frame.width + 1) // 2, (mesh.frame.height + 1) // 2
         last = self.context.create_buffer(np.zeros(1 + columns * rows, np.uint32))
         last.bind_to_storage_buffer(1)
         mesh.program["columns"] = columns
-        mesh.begin()
+        mesh.clear_depths()
         # A draw per triangle: softpipe draws no pixels if a shader reads gl_PrimitiveID.
         for triangle in range(number):
             mesh.program["triangle"] = triangle + 1
@@ -232,7 +233,7 @@ class Mesh(Drawing):
         self.frame = frame
         self.options = options
         self.counting = counting
-        self.draws = frame.draws(triangles)
+        self.draws = frame.split_by_draw(triangles)
         self.textured = options.texture > 0 and not counting
         self.program = owner.get_program(counting=counting, deep=deep, textured=self.textured)
         size = (frame.width, frame.height)
@@ -281,14 +282,14 @@ class Mesh(Drawing):
         for rows in self.draws:
             self.draw_rows(rows, instances)
 
-    def begin(self) -> None:
+    def clear_depths(self) -> None:
         """Clear the depths before a tile or a view, if there is a depth test."""
         if self.frame.depths is not None:
             self.context.clear(context.DEPTH_BUFFER_BIT)
 
     def draw_rows(self, rows: slice, instances: int = 1) -> None:
         """Submit the triangles `rows` in a call that draws `instances` instances."""
-        self.begin()
+        self.clear_depths()
         if self.counting:
             self.program["start"] = rows.start
         count = 3 * (rows.stop - rows.start)

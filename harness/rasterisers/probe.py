@@ -1,4 +1,4 @@
-"""Program that lists the devices of EGL or WebGPU; it runs in the environment of a kind of device.
+"""Program that lists the devices of EGL or WebGPU; `devices.py` runs it for each kind of device.
 
 `probe.py egl hardware` opens each hardware device of EGL, `probe.py egl software` the first
 software device; `probe.py webgpu BACKEND,BACKEND` (Vulkan, Metal, DX12, GL) lists adapters without
@@ -18,7 +18,7 @@ ADAPTER = ("vendor", "architecture", "device", "description", "adapter_type", "b
 """Reported properties of a WebGPU adapter."""
 
 
-def egl_devices() -> list[dict[str, Any]]:
+def list_egl_devices() -> list[dict[str, Any]]:
     """List EGL's devices by index, and whether each is software, without opening them.
 
     Raises
@@ -59,14 +59,14 @@ def open_device(index: int) -> dict[str, str]:
     return {name: info[f"GL_{name.upper()}"] for name in ("vendor", "renderer", "version")}
 
 
-def egl(kind: str) -> dict[str, Any]:
+def probe_egl(kind: str) -> dict[str, Any]:
     """Return the EGL devices that open, {"devices": [...], "problems": [...]}.
 
     kind : "hardware" for all hardware devices, "software" for the first software device
     """
     result: dict[str, Any] = {"devices": [], "problems": []}
     try:
-        listed = egl_devices()
+        listed = list_egl_devices()
     except OSError as error:
         result["problems"].append(str(error))
         return result
@@ -79,7 +79,7 @@ def egl(kind: str) -> dict[str, Any]:
     return result
 
 
-def webgpu(backends: str) -> dict[str, Any]:
+def probe_webgpu(backends: str) -> dict[str, Any]:
     """Return the adapters of comma-separated backends, {"devices": [...], "problems": [...]}."""
     try:
         import wgpu
@@ -94,4 +94,4 @@ def webgpu(backends: str) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    print(json.dumps({"egl": egl, "webgpu": webgpu}[sys.argv[1]](sys.argv[2])))
+    print(json.dumps({"egl": probe_egl, "webgpu": probe_webgpu}[sys.argv[1]](sys.argv[2])))

@@ -27,7 +27,7 @@ from harness.rasterisers.base import (
     Stopwatch,
     Triangles,
 )
-from harness.rasterisers.reference import polygon_colours
+from harness.rasterisers.reference import choose_polygon_colours
 from harness.rasterisers.spans import DEEPEST
 from triangulators.devices import is_software, matches
 
@@ -44,8 +44,9 @@ LOWEST, TALLEST = 0.005, 0.035
 """Heights of roofs, as shares of the viewport's width."""
 
 GOLDEN = 0.6180339887498949
-"""Step of the heights of successive roofs, modulo 1: spreads them evenly."""
+"""Step of the heights of successive roofs, modulo 1: spreads the heights evenly."""
 WALL_SHADE = 0.55
+"""Brightness of walls, relative to the roof."""
 
 SKY = (0.93, 0.95, 0.98, 1.0)
 
@@ -145,7 +146,7 @@ class _SceneDrawing(Drawing):
         )
         pose = np.eye(4)
         pose[:3, 3] = frame.width / 2, frame.height / 2, 1.0
-        draws = [triangles[rows] for rows in frame.draws(triangles)]
+        draws = [triangles[rows] for rows in frame.split_by_draw(triangles)]
         self.scenes = [
             self._make_scene(project_triangles(frame, rows), camera, pose) for rows in draws
         ]
@@ -177,7 +178,7 @@ class _SceneDrawing(Drawing):
 
 
 def compute_camera_pose(width: float, height: float) -> np.ndarray:
-    """Return the (4, 4) pose of a camera that looks at the city's centre from the south."""
+    """Return the (4, 4) camera-to-world matrix of a view of the city's centre from the south."""
     plan = np.cos(ELEVATION) * np.array([np.cos(AZIMUTH), np.sin(AZIMUTH)])
     backward = np.array([*plan, np.sin(ELEVATION)])
     right = np.cross([0.0, 0.0, 1.0], backward)
@@ -204,7 +205,7 @@ def extrude_polygons(frame: Frame, triangles: Triangles) -> Solid:
     plan = frame.points / SUBPIXEL
     roof = np.column_stack([plan, heights])
     ground = np.column_stack([plan, np.zeros(len(plan))])
-    paint = polygon_colours(owner).view(np.uint8).reshape(-1, 4) / 255
+    paint = choose_polygon_colours(owner).view(np.uint8).reshape(-1, 4) / 255
     dark = paint * [WALL_SHADE, WALL_SHADE, WALL_SHADE, 1.0]
 
     # Walls have separate vertices, which have the wall's colour instead of the roof's.
@@ -233,7 +234,7 @@ def project_triangles(frame: Frame, triangles: Triangles) -> Solid:
         used, faces = np.zeros(1, np.int64), np.zeros(3, np.int64)  # pyrender rejects empty meshes
     points = np.column_stack([frame.points[used] / SUBPIXEL, frame.depths[used] / -DEEPEST])
     owner = np.searchsorted(frame.grid.vertex_offsets, used, side="right").astype(np.int32) - 1
-    paint = polygon_colours(owner.astype(np.int32)).view(np.uint8).reshape(-1, 4) / 255
+    paint = choose_polygon_colours(owner.astype(np.int32)).view(np.uint8).reshape(-1, 4) / 255
     return Solid(
         points.astype(np.float32), paint.astype(np.float32), faces.reshape(-1, 3).astype(np.uint32)
     )

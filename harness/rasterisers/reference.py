@@ -36,7 +36,7 @@ COUNTED = (*SHADED, "blocks", "bbox_tests")
 def predict(
     points: NDArray[np.int32], triangles: Triangles, window: NDArray[np.int64] = UNBOUNDED
 ) -> dict[str, NDArray[np.int64]]:
-    """Return the counters of each triangle, (m,) by name, computed from coordinates.
+    """Return the exact counters of each triangle, (m,) by name, computed on the CPU.
 
     Pixels outside the window (`Frame.window`) do not count. The counters are
 
@@ -56,7 +56,7 @@ def predict(
 def _derive_shaded(
     fragments: NDArray[np.int64], quads: NDArray[np.int64], partial: NDArray[np.int64]
 ) -> dict[str, NDArray[np.int64]]:
-    """Return all counters of `SHADED`, (m,) by name, from three counters (m,) of triangles."""
+    """Return all counters of `SHADED`, (m,) by name, given three of them for each triangle."""
     covering = (fragments > 0).astype(np.int64)
     values = (fragments, quads, 4 * quads - fragments, partial, covering)
     return dict(zip(SHADED, values, strict=True))
@@ -73,11 +73,11 @@ def predict_visible(
     picture : (height, width), row 0 at the bottom; receives the colours of polygons
     """
     assert frame.depths is not None
-    draws = frame.draws(triangles)
+    draws = frame.split_by_draw(triangles)
     begins = np.array([0, *(rows.stop for rows in draws)], np.int64)
     if picture is None:
         picture = np.zeros((frame.height, frame.width), np.uint32)
-    paint = polygon_colours(frame.owner(triangles))
+    paint = choose_polygon_colours(frame.find_owners(triangles))
     arrays = (frame.points, frame.depths, triangles, begins, paint, frame.window)
     fragments, quads, partial, ties = spans.count_visible(*arrays, picture).T
     return _derive_shaded(fragments, quads, partial) | {"depth_ties": ties}
@@ -94,13 +94,15 @@ def count_outline_quads(
     """
     sizes = [0 if part is None else len(part) for part in parts]
     bounds = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-    counts = spans.outline_quads(frame.points, frame.join(parts), bounds, frame.window)
+    counts = spans.count_outline_quads(
+        frame.points, frame.join_triangles(parts), bounds, frame.window
+    )
     return np.where([part is None for part in parts], -1, counts)
 
 
 def count_quads(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDArray[np.int64]:
     """Return the number of quads that each polygon's triangles, `parts[k]` (m, 3), shade, (p,)."""
-    triangles = frame.join(parts)
+    triangles = frame.join_triangles(parts)
     return sum_per_polygon(
         frame, triangles, predict(frame.points, triangles, frame.window)["quads"]
     )
@@ -127,10 +129,12 @@ class Reference(CpuRasteriser):
 
 
 class _FillDrawing(Drawing):
+    """Triangles that each draw fills into a picture in memory."""
+
     def __init__(self, frame: Frame, triangles: Triangles) -> None:
         self.frame = frame
         self.triangles = triangles
-        self.colours = polygon_colours(frame.owner(triangles))
+        self.colours = choose_polygon_colours(frame.find_owners(triangles))
         self.picture = np.zeros((frame.height, frame.width), np.uint32)
         self._rasterise(self.triangles[:0])  # compile the kernel
 
@@ -148,8 +152,8 @@ class _FillDrawing(Drawing):
             spans.fill(frame.points, triangles, self.colours, self.picture, frame.window)
 
 
-def polygon_colours(polygons: NDArray[np.int32]) -> NDArray[np.uint32]:
-    """Return an opaque colour for each of the polygon numbers (m,): RGBA, little-endian uint32."""
+def choose_polygon_colours(polygons: NDArray[np.int32]) -> NDArray[np.uint32]:
+    """Return an opaque colour (RGBA, little-endian uint32) for each of the polygon numbers (m,)."""
     mixed = (polygons.astype(np.uint32) + np.uint32(1)) * np.uint32(2654435761)
     return (mixed >> np.uint32(8)) | np.uint32(0xFF404040)
 
@@ -209,16 +213,18 @@ def count_tiles(
     counts = np.zeros((len(triangles), 2), np.int64)
     corners = np.zeros((3, 2), np.int64)
     for t in range(len(triangles)):
-        min_column, max_column, bottom, top = tile_box(points, triangles[t], side, window, corners)
+        min_column, max_column, bottom, top = find_tile_box(
+            points, triangles[t], side, window, corners
+        )
         counts[t, 0] = max(0, max_column - min_column + 1) * max(0, top - bottom + 1)
         for row in range(bottom, top + 1):
-            low, high = tile_span(corners, row, side, min_column, max_column)
+            low, high = find_tile_span(corners, row, side, min_column, max_column)
             counts[t, 1] += max(0, high - low + 1)
     return counts
 
 
 @njit(error_model="numpy")
-def tile_box(
+def find_tile_box(
     points: NDArray[np.int32],
     triangle: NDArray[np.int32],
     side: int,
@@ -252,12 +258,13 @@ def tile_box(
 
 
 @njit(error_model="numpy", inline="always")
-def tile_span(
+def find_tile_span(
     corners: NDArray[np.int64], row: int, side: int, min_column: int, max_column: int
 ) -> tuple[int, int]:
-    """Return the first and last column of the tiles of a row that no edge of the triangle excludes.
+    """Return the first and last column of the tiles of `row` that meet the triangle's interior.
 
-    Only columns from `min_column` to `max_column` are considered.
+    corners : (3, 2) the triangle's vertices in 1/256 px, counter-clockwise
+    min_column, max_column : columns of the bounding box; others are not considered
     """
     for k in range(3):
         x, y = corners[k, 0], corners[k, 1]

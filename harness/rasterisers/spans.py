@@ -34,16 +34,16 @@ _HALF = 128
 
 
 @njit(inline="always")
-def pixel_range(low: int, high: int) -> tuple[int, int]:
-    """Return the first and last pixel whose centre lies in [low, high], in 1/256 px.
+def find_pixel_range(low: int, high: int) -> tuple[int, int]:
+    """Return the first and last pixel whose centre lies in [low, high] (1/256 px).
 
-    If no centre lies there, the first is greater than the last.
+    If the interval contains no centre, the first pixel is greater than the last.
     """
     return -((_HALF - low) // _UNIT), (high - _HALF) // _UNIT
 
 
 @njit(error_model="numpy")
-def setup(
+def set_up_edges(
     points: Points, triangle: NDArray[np.int32], edges: Edges, window: Window
 ) -> tuple[int, int, int, int, bool]:
     """Write a triangle's edge functions to `edges`, and return its bounding box in the window.
@@ -51,13 +51,13 @@ def setup(
     A row of `edges` (3, 3) is constant, per_row, per_column: constant + per_row*y - per_column*x is
     the edge function at the centre of pixel (x, y), less 1 if the top-left rule excludes the edge
     itself, so that a pixel is inside if no edge function is negative. Returns (first row, last row,
-    first column, last column, whether the triangle has an area); only with an area `edges` is set.
+    first column, last column, whether the area is positive); without an area `edges` is not set.
     """
     ax, ay = np.int64(points[triangle[0], 0]), np.int64(points[triangle[0], 1])
     bx, by = np.int64(points[triangle[1], 0]), np.int64(points[triangle[1], 1])
     cx, cy = np.int64(points[triangle[2], 0]), np.int64(points[triangle[2], 1])
-    min_x, max_x = pixel_range(int(min(ax, bx, cx)), int(max(ax, bx, cx)))
-    first, last = pixel_range(int(min(ay, by, cy)), int(max(ay, by, cy)))
+    min_x, max_x = find_pixel_range(int(min(ax, bx, cx)), int(max(ax, bx, cx)))
+    first, last = find_pixel_range(int(min(ay, by, cy)), int(max(ay, by, cy)))
     min_x, max_x = max(min_x, window[0]), min(max_x, window[2])
     first, last = max(first, window[1]), min(last, window[3])
     doubled = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
@@ -77,9 +77,10 @@ def setup(
 
 @njit(error_model="numpy", inline="always")
 def find_span(edges: Edges, y: int, min_x: int, max_x: int) -> tuple[int, int]:
-    """Return the first and last covered pixel of row `y`; no pixel is covered if first > last.
+    """Return the first and last pixel of row `y` that a triangle covers, or first > last if none.
 
-    Only pixels from `min_x` to `max_x` are considered.
+    edges : edge functions from `set_up_edges`
+    min_x, max_x : columns of the bounding box; others are not considered
     """
     for k in range(3):
         value = edges[k, 0] + edges[k, 1] * y
@@ -106,7 +107,7 @@ def count_triangles(points: Points, triangles: Triangles, window: Window) -> NDA
     edges = np.zeros((3, 3), np.int64)
     spans = np.zeros((4, 2), np.int64)
     for t in range(len(triangles)):
-        first, last, min_x, max_x, solid = setup(points, triangles[t], edges, window)
+        first, last, min_x, max_x, solid = set_up_edges(points, triangles[t], edges, window)
         counts[t, BBOX_TESTS] = max(0, last - first + 1) * max(0, max_x - min_x + 1)
         if not solid or min_x > max_x:
             continue
@@ -127,7 +128,7 @@ def count_triangles(points: Points, triangles: Triangles, window: Window) -> NDA
 
 
 @njit(error_model="numpy")
-def outline_quads(
+def count_outline_quads(
     points: Points, triangles: Triangles, bounds: NDArray[np.int64], window: Window
 ) -> NDArray[np.int64]:
     """Return the number of 2x2 blocks in which each polygon covers a pixel of the window, (p,).
@@ -142,8 +143,8 @@ def outline_quads(
         if len(part) == 0:
             continue
         corners = points[part.ravel()]
-        min_x, max_x = pixel_range(int(corners[:, 0].min()), int(corners[:, 0].max()))
-        first, last = pixel_range(int(corners[:, 1].min()), int(corners[:, 1].max()))
+        min_x, max_x = find_pixel_range(int(corners[:, 0].min()), int(corners[:, 0].max()))
+        first, last = find_pixel_range(int(corners[:, 1].min()), int(corners[:, 1].max()))
         min_x, max_x = max(min_x, window[0]), min(max_x, window[2])
         first, last = max(first, window[1]), min(last, window[3])
         if min_x > max_x or first > last:
@@ -151,7 +152,7 @@ def outline_quads(
         column, row = min_x >> 1, first >> 1
         touched = np.zeros(((last >> 1) - row + 1, (max_x >> 1) - column + 1), np.bool_)
         for t in range(len(part)):
-            bottom, top, west, east, solid = setup(points, part[t], edges, window)
+            bottom, top, west, east, solid = set_up_edges(points, part[t], edges, window)
             if not solid:
                 continue
             for line in range(bottom, top + 1):
@@ -199,7 +200,7 @@ def fill(
     edges = np.zeros((3, 3), np.int64)
     height, width = picture.shape
     for t in range(len(triangles)):
-        first, last, min_x, max_x, solid = setup(points, triangles[t], edges, window)
+        first, last, min_x, max_x, solid = set_up_edges(points, triangles[t], edges, window)
         if not solid:
             continue
         min_x, max_x = max(min_x, 0), min(max_x, width - 1)
@@ -210,21 +211,22 @@ def fill(
 
 
 @njit(error_model="numpy")
-def shade(
+def count_lanes_per_pixel(
     points: Points,
     triangles: Triangles,
     covered: NDArray[np.int64],
     helpers: NDArray[np.int64],
     window: Window,
 ) -> None:
-    """Add the numbers of covering and helper lanes at each pixel to `covered` and `helpers`.
+    """Add, at each pixel, the triangles that cover it and the helper lanes shaded for it.
 
-    Both arrays are (height, width), with row 0 at the bottom; height and width must be even.
+    covered, helpers : (height, width) sums of triangles and of helper lanes; row 0 at the bottom,
+        height and width even
     """
     edges = np.zeros((3, 3), np.int64)
     rows = np.zeros((2, 2), np.int64)
     for t in range(len(triangles)):
-        first, last, min_x, max_x, solid = setup(points, triangles[t], edges, window)
+        first, last, min_x, max_x, solid = set_up_edges(points, triangles[t], edges, window)
         if not solid:
             continue
         for bottom in range(first & ~1, last + 1, 2):
@@ -253,12 +255,11 @@ DEEPEST = float(1 << 24)
 """Depth of the background; only smaller depths are drawn."""
 
 STEPS = 16.0
-"""Rounding error of a device's depth, in steps of the depth buffer."""
+"""Constant term of the tolerated rounding error of a device's depth, in depth-buffer steps."""
 
 SHARE = 2.0**-20
-"""Further rounding error, as a share of the change of a triangle's plane across the picture.
-
-Single precision has 24 bits; the slope is accurate to about 22."""
+"""Variable term of that error, as a share of the change of the triangle's depth plane across the
+picture. Single precision has 24 bits; the slope of a plane is accurate to about 22."""
 
 
 @njit(error_model="numpy")
@@ -289,7 +290,7 @@ def count_visible(
     for view in range(len(begins) - 1):
         nearest[:], slack[:] = DEEPEST, -1.0
         for t in range(begins[view], begins[view + 1]):
-            first, last, min_x, max_x, solid = setup(points, triangles[t], edges, window)
+            first, last, min_x, max_x, solid = set_up_edges(points, triangles[t], edges, window)
             min_x, max_x = max(min_x, 0), min(max_x, width - 1)
             if not solid or min_x > max_x:
                 continue
@@ -327,7 +328,7 @@ def count_visible(
 def _fit_plane(
     points: Points, depths: NDArray[np.int32], triangle: NDArray[np.int32]
 ) -> tuple[float, float, float, float, float]:
-    """Return x, y and depth of a vertex, and the change of depth over 1/256 px in x and y."""
+    """Return x, y, depth of the first vertex, and the change of depth per 1/256 px in x and y."""
     a, b, c = triangle
     x0, y0, z0 = float(points[a, 0]), float(points[a, 1]), float(depths[a])
     bx, by, bz = points[b, 0] - x0, points[b, 1] - y0, depths[b] - z0

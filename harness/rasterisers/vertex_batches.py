@@ -56,7 +56,7 @@ def count_batches(
     max_triangles: int = NVIDIA.max_triangles,
     cache_size: int = UNLIMITED,
 ) -> tuple[int, int]:
-    """Return vertex batches and transformed vertices of triangles (m, 3) in their order.
+    """Return the numbers of vertex batches and transformed vertices of triangles (m, 3).
 
     Raises
     ------
@@ -65,8 +65,8 @@ def count_batches(
     """
     if max_vertices < 3 or max_triangles < 1 or cache_size < 3:
         raise ValueError(
-            f"a batch needs 3 vertices and 1 triangle, and a cache 3 vertices, not "
-            f"{max_vertices}, {max_triangles} and {cache_size}"
+            f"max_vertices {max_vertices}, max_triangles {max_triangles}, cache_size {cache_size}: "
+            "out of range (at least 3, 1 and 3)"
         )
     if not len(triangles):
         return 0, 0
@@ -104,10 +104,10 @@ def _count(
 def count_vertices(
     frame: Frame, triangles: NDArray[np.int32], reuse: VertexReuse = NVIDIA
 ) -> dict[str, int]:
-    """Return the counters of triangles (m, 3) in submission order, over all draws of the frame.
+    """Return the batch counters of triangles (m, 3) in submission order, over all draws.
 
     Each map tile, and each view of a model, is a separate draw, which begins a batch.
     """
-    counts = [count_batches(triangles[rows], *reuse) for rows in frame.draws(triangles)]
+    counts = [count_batches(triangles[rows], *reuse) for rows in frame.split_by_draw(triangles)]
     batches, transformed = np.array(counts, np.int64).sum(axis=0).tolist()
     return {"vertex_batches": batches, "transformed_vertices": transformed}

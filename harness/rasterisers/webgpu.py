@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import NoRasteriserError
-from harness.frame import Frame, bare_frame
+from harness.frame import Frame, make_bare_frame
 from harness.grid import SUBPIXEL, coarsen
 from harness.rasterisers import devices
 from harness.rasterisers.base import (
@@ -39,8 +39,8 @@ MAX_LANES = 2**30
 """Maximum lanes of one counting draw, 2**28 quads, so that counters stay at or below 3 * 2**30."""
 
 KEEP_ALPHA = 7
-"""Write red, green and blue: llvmpipe discards a tile's collected storage writes when an opaque
-triangle covers the tile, and a draw that keeps alpha does not count as opaque."""
+"""Channels written while counting, all except alpha: llvmpipe discards a tile's collected storage
+writes when an opaque triangle covers the tile, and a draw that keeps alpha is not opaque."""
 WRITE_ALL = 15
 
 STEPS = (1, 2, 4, 8, 16)
@@ -79,7 +79,7 @@ skip triangles that later opaque triangles hide, so they get a pass per draw, no
 
 
 class WebGPU(Rasteriser):
-    """WebGPU without a window; its shaders cannot detect helper lanes: 4 * quads - fragments."""
+    """WebGPU without a window; helper lanes are computed, as 4 * quads - fragments."""
 
     name = "webgpu"
     shades_fragments = True
@@ -119,7 +119,7 @@ class WebGPU(Rasteriser):
         self.gpu = adapter.request_device_sync(
             required_features=list(features), required_limits=limits
         )
-        from wgpu.backends.wgpu_native import lib  # the standard has no unit of timestamps
+        from wgpu.backends.wgpu_native import lib  # WebGPU has no function for the timestamps' unit
 
         period_ns = float(lib.wgpuQueueGetTimestampPeriod(self.gpu.queue._internal))
         self.period_ns = period_ns if features else None
@@ -158,7 +158,7 @@ class WebGPU(Rasteriser):
         rows = np.arange(3 * PROBES, dtype=np.int32).reshape(-1, 3)
         for step in STEPS:
             points = coarsen(corners.astype(np.int32), step)
-            frame = bare_frame(PROBE_PX, points, 3)
+            frame = make_bare_frame(PROBE_PX, points, 3)
             counted = self._count(frame, rows, Options())
             expected = predict(points, rows)
             if all((counted[name] == expected[name]).all() for name in SHADED):
@@ -177,12 +177,13 @@ class WebGPU(Rasteriser):
         return dict(zip(SHADED, values, strict=True))
 
     def _count_batch(self, frame: Frame, part: Triangles) -> NDArray[np.uint32]:
+        """Draw triangles (m, 3); return four counters for each polygon, see shaders/count.wgsl."""
         corners = frame.points[part].reshape(len(part), 6)
-        rows = np.column_stack([corners, frame.owner(part)]).astype(np.int32)
+        rows = np.column_stack([corners, frame.find_owners(part)]).astype(np.int32)
         triangles = self.create_buffer(rows, "VERTEX")
         counts = self.create_buffer(np.zeros(4 * len(frame.grid), np.uint32), "STORAGE|COPY_SRC")
         covering = self.create_buffer(np.zeros(len(part) // 32 + 1, np.uint32), "STORAGE")
-        size = self.create_buffer(_get_subpixel_size(frame), "UNIFORM")
+        size = self.create_buffer(_get_size_in_subpixels(frame), "UNIFORM")
         encoder = self.gpu.create_command_encoder()
         render = begin_pass(encoder, self.get_target(frame))
         render.set_pipeline(self._count_pipeline)
@@ -277,7 +278,8 @@ def _find_adapter(device: Device) -> Any:
     )
 
 
-def _get_subpixel_size(frame: Frame) -> NDArray[np.float32]:
+def _get_size_in_subpixels(frame: Frame) -> NDArray[np.float32]:
+    """Return width and height of the viewport in 1/256 px."""
     return np.array([SUBPIXEL * frame.width, SUBPIXEL * frame.height], np.float32)
 
 
@@ -293,7 +295,7 @@ class _UploadedTriangles(Drawing):
     def __init__(self, owner: WebGPU, frame: Frame, triangles: Triangles, work: int) -> None:
         numbers = np.arange(len(frame.grid), dtype=np.uint32)
         view = np.zeros(4, np.float32)
-        view[:2] = _get_subpixel_size(frame)
+        view[:2] = _get_size_in_subpixels(frame)
         view.view(np.uint32)[2] = work
         self._points = owner.create_buffer(frame.points.astype(np.int32), "VERTEX")
         self._polygons = owner.create_buffer(np.repeat(numbers, frame.grid.vertex_counts), "VERTEX")
@@ -302,7 +304,7 @@ class _UploadedTriangles(Drawing):
         self._pipeline = owner.draw
         self._group = owner.create_bind_group(owner.draw, self._view)
         self.gpu = owner.gpu
-        self._draws = frame.draws(triangles)
+        self._draws = frame.split_by_draw(triangles)
         self._scissor = frame.scissor or (0, 0, frame.width, frame.height)
         self.target = owner.get_target(frame)
         label = "{vendor} {device}".format_map(owner.device.details).lower()

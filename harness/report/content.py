@@ -14,9 +14,9 @@ from harness.metrics.decision import Decided, Decision, Standing, decide_all, fo
 from harness.metrics.groups import RecordGroup
 from harness.metrics.per_polygon import (
     Columns,
+    compute_rank_correlation,
     compute_rms_error,
     pair_ratios,
-    rank_correlation,
     read_columns,
 )
 from harness.metrics.per_view import describe_views
@@ -55,13 +55,18 @@ MAX_VALUES = 600_000
 """Maximum number of per-polygon values in a report."""
 
 MIN_POLYGONS = 12
+"""Minimum number of polygons that are sampled in each view, if the view has as many."""
 
 MAX_TRIANGLES = 1_500_000
 """Maximum number of triangles in a report's heatmaps, over all triangulators and views."""
 
 
 class PackedTriangles(TypedDict):
-    """Number of triangles of each polygon; base64 of uint32 indices of their polygon's points."""
+    """Triangles of the sampled polygons.
+
+    counts : number of triangles of each polygon
+    rows : base64 of uint32 vertex indices, which start at 0 in each polygon
+    """
 
     counts: list[int]
     rows: str
@@ -90,7 +95,7 @@ class GroupContent(TypedDict):
 
     correlations : measure -> criterion -> rank correlation
     estimated : estimate -> rank correlation (`rank`) and RMS error (`error`) of ratios to the base
-    answer : the recommended triangulator; judged : the criterion that predicts best; as sentences
+    answer, judged : sentences about the recommended triangulator, and about the best criterion
     """
 
     scene: str
@@ -221,7 +226,7 @@ class _Polygons:
         columns = read_columns(self.run, record) if record.is_ok else None
         if columns is None:
             return None
-        view = drawings.view_name(record.id.view)
+        view = drawings.get_view_file_stem(record.id.view)
         if view not in self._samples:
             self._add_view(view, record, len(columns[f"{PREDICTED}triangles"]))
         predicted = self.views[view]["predicted"]
@@ -251,8 +256,8 @@ class _Polygons:
         self.views[name] = view
 
     def sample_counters(self, record: Record, columns: Columns) -> dict[str, list[int]]:
-        """Return the counters of the sampled polygons."""
-        sample = self._samples[drawings.view_name(record.id.view)]
+        """Return a case's counters of the polygons that are sampled in the case's view."""
+        sample = self._samples[drawings.get_view_file_stem(record.id.view)]
         return {name: columns[name][sample].astype(int).tolist() for name in list_costs(columns)}
 
 
@@ -267,7 +272,7 @@ def _make_group(group: RecordGroup, decision: Decision | None, polygons: _Polygo
     counted = list_costs(columns[base_name]) if base_name in columns else []
     correlations = {
         measure: {
-            criterion: _round(rank_correlation(*pairs))
+            criterion: _round(compute_rank_correlation(*pairs))
             for criterion in list_predictions()
             if base_name and f"{PREDICTED}{criterion}" in columns[base_name]
             for pairs in [pair_ratios(columns, base_name, criterion, measure)]
@@ -283,7 +288,7 @@ def _make_group(group: RecordGroup, decision: Decision | None, polygons: _Polygo
         "scene": group.id.scene,
         "rasteriser": group.id.rasteriser,
         "device": group.id.device_name,
-        "view": drawings.view_name(group.id.view),
+        "view": drawings.get_view_file_stem(group.id.view),
         "condition": group.id.condition,
         "base": base_name,
         "measures": counted,
@@ -291,7 +296,7 @@ def _make_group(group: RecordGroup, decision: Decision | None, polygons: _Polygo
         "correlations": correlations,
         "estimated": {
             name: {
-                "rank": _round(rank_correlation(*pairs)),
+                "rank": _round(compute_rank_correlation(*pairs)),
                 "error": _round(compute_rms_error(*pairs)),
             }
             for name, estimate in ESTIMATES.items()
@@ -327,6 +332,7 @@ def _make_case(
 
 
 def _get_display_key(group: RecordGroup) -> tuple[bool, bool, bool]:
+    """Return a sort key: timed GPUs first, then timed opengl devices, then other timed devices."""
     timed = any(record.time for record in group.measured)
     gpu = bool(group.measured) and group.id.device.startswith("gpu")
     main = bool(group.measured) and group.id.rasteriser == "opengl"
@@ -363,8 +369,8 @@ def pack_drawing(geometry: Geometry, numbers: NDArray[np.int64]) -> Drawing:
 
     numbers : indices of the polygons in `geometry`
 
-    The returned `points` are base64 of int32 x, y in 1/256 px, y up, polygon by polygon, and
-    `sizes` the polygons' vertex counts.
+    In the result, `points` is base64 of int32 x, y in 1/256 px, y up, polygon by polygon, and
+    `sizes` has the polygons' vertex counts.
     """
     offsets = geometry.grid.vertex_offsets
     starts, sizes = offsets[numbers], geometry.grid.vertex_counts[numbers]
@@ -405,7 +411,7 @@ def list_facts(run: Run) -> list[Row]:
 
 
 def list_key_facts(run: Run) -> list[tuple[str, str]]:
-    """Return (name, value) of the known facts that affect times most, and of the run's origin."""
+    """Return (name, value) of the facts that affect times most, and of the run's origin."""
     machine = run.facts.get("environment") or {}
     scene = run.facts.get("scene") or {}
     rows = [("processor", read_processor(run.facts)), ("system", machine.get("kernel"))]

@@ -27,10 +27,10 @@ from harness.study.correlations import (
     correlate_within,
     estimate_median,
     get_label,
+    get_predictor_column,
     list_predictors,
-    to_column,
 )
-from harness.study.subjects import MEASURES, count_triangulations
+from harness.study.subjects import MEASURES, evaluate_triangulations
 from harness.workers.worker import Worker
 
 FILE = "correlations.csv"
@@ -80,7 +80,10 @@ def read_study_matrices(folder: Path) -> list[Matrix]:
 def make_run_matrices(
     correlations: Iterable[tuple[tuple[str, str, str], Mapping[str, float | None]]],
 ) -> list[Matrix]:
-    """Return a run's matrix from (rasteriser, device, measure) and criterion -> correlation."""
+    """Return a list with a run's matrix, [] without correlations.
+
+    correlations : pairs of (rasteriser, device, measure) and criterion -> rank correlation
+    """
     cells = [
         (target, criterion, [value, None, None])
         for target, values in correlations
@@ -97,7 +100,10 @@ def _make_matrix(statistic: str, cells: Iterable[Cell]) -> Matrix:
         "statistic": statistic,
         "title": STATISTICS.get(statistic, statistic.replace("_", " ")),
         "rows": [
-            {"name": name, "title": list_predictors().get(to_column(name), name.replace("_", " "))}
+            {
+                "name": name,
+                "title": list_predictors().get(get_predictor_column(name), name.replace("_", " ")),
+            }
             for name in rows
         ],
         "columns": [
@@ -109,8 +115,8 @@ def _make_matrix(statistic: str, cells: Iterable[Cell]) -> Matrix:
 
 
 def _sort_key(criterion: str) -> tuple[int, str]:
-    names = [*list_predictors(), to_column(criterion)]
-    return names.index(to_column(criterion)), criterion
+    names = [*list_predictors(), get_predictor_column(criterion)]
+    return names.index(get_predictor_column(criterion)), criterion
 
 
 Correlations = Mapping[str, Mapping[str, float | None]]
@@ -150,7 +156,7 @@ def format_best_criterion(
 
 
 def format_study_answer(matrices: Sequence[Mapping[str, Any]]) -> str | None:
-    """Return a sentence about a study's first matrix, or None without a correlation.
+    """Return a sentence about the best criterion in a study's first matrix, or None if empty.
 
     The measure is helper lanes, otherwise bounding-box tests, otherwise the first measure.
     """
@@ -163,7 +169,7 @@ def format_study_answer(matrices: Sequence[Mapping[str, Any]]) -> str | None:
     rows = {
         row["title"]: cells[index]
         for row, cells in zip(matrix["rows"], matrix["cells"], strict=True)
-        if to_column(row["name"]) in list_predictions()
+        if get_predictor_column(row["name"]) in list_predictions()
         and cells[index]
         and cells[index][0] is not None
     }
@@ -182,6 +188,7 @@ def format_study_answer(matrices: Sequence[Mapping[str, Any]]) -> str | None:
 
 
 SPREAD = "spread.csv"
+"""File in a run's folder with criteria and counters of many triangulations per polygon."""
 
 
 def write_spread(run: Run) -> Path | None:
@@ -193,7 +200,7 @@ def write_spread(run: Run) -> Path | None:
         view = record.id.view
         if record.is_ok and (geometry := drawings.read(run, view)) is not None:
             with Worker("criteria evaluation worker") as worker:
-                rows = worker.call(count_triangulations, geometry, view)
+                rows = worker.call(evaluate_triangulations, geometry, view)
             if not rows:
                 return None
             # Equal triangulations under several names count once.

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from harness.metrics.groups import RecordGroup, group_run
 from harness.metrics.per_polygon import (
     Columns,
+    compute_rank_correlation,
     compute_ratios,
     compute_rms_error,
     pair_ratios,
-    rank_correlation,
     read_columns,
 )
 from harness.metrics.registry import PREDICTED, find_metric, list_costs, list_predictions
@@ -26,10 +26,10 @@ from harness.style import (
     COLOURS,
     MAX_VECTOR_MARKS,
     TWO_COLUMNS,
+    add_legend_below,
     choose_looks,
     draw_figure,
     draw_scatter,
-    legend_below,
     make_grid,
 )
 
@@ -79,7 +79,8 @@ def draw_predictions(run: Run, group: RecordGroup) -> Figure | None:
     ranks = {
         name: rank
         for name in list_predictions()
-        if (rank := rank_correlation(*pair_ratios(columns, base, name, measure))) is not None
+        if (rank := compute_rank_correlation(*pair_ratios(columns, base, name, measure)))
+        is not None
     }
     best = max((n for n in ranks if n != PAPER), key=ranks.__getitem__, default=PAPER)
     estimates = [
@@ -106,7 +107,7 @@ def draw_predictions(run: Run, group: RecordGroup) -> Figure | None:
         "one mark per polygon and triangulator",
         fontsize=9,
     )
-    legend_below(figure, axes[:1], min(4, len(columns) - 1))
+    add_legend_below(figure, axes[:1], min(4, len(columns) - 1))
     return figure
 
 
@@ -115,7 +116,7 @@ def _format_fit(x: Marks, y: Marks, *, in_unit: bool) -> str:
 
     in_unit : whether x and y both have the counter's unit
     """
-    rank, error = rank_correlation(x, y), compute_rms_error(x, y)
+    rank, error = compute_rank_correlation(x, y), compute_rms_error(x, y)
     text = "" if rank is None else f"rank correlation {rank:.2f}"
     if not in_unit or error is None:
         return text

@@ -7,12 +7,12 @@ from typing import Any, TypedDict
 import numpy as np
 
 from harness.errors import InputError
-from harness.frame import OWN_VIEWS, View, frame_of_grid
+from harness.frame import OWN_VIEWS, View, make_grid_frame
 from harness.metrics.decision import Decided
 from harness.profile.device_costs import (
     DeviceCosts,
     compute_saved,
-    count_orders,
+    count_native_and_walk,
     describe_stage,
     format_saving,
     predict_draws,
@@ -24,7 +24,12 @@ from harness.results.run_folder import STORED_PROFILE, Run
 
 
 class PredictedRow(TypedDict):
-    """Predicted cost: milliseconds with triangles in the triangulator's order and in walk order."""
+    """Predicted cost of a triangulator.
+
+    draw_ms, walk_ms : draw time with the triangles in native order, and in the order of a walk
+    saved : saved share of the base's time, with the interval, as text; "" for the base
+    stage : the device's stage that takes longest
+    """
 
     name: str
     draw_ms: float
@@ -46,7 +51,7 @@ class Prediction(TypedDict):
     """Predicted costs of a run on a device.
 
     device : the device on which the profile was measured, with the processor if it is software
-    has_stages : True if the profile tells apart the stages of a draw
+    has_stages : True if the device's law has several stages
     skipped : why views are missing, or ""
     """
 
@@ -88,13 +93,15 @@ def _predict_view(
     device: DeviceCosts,
 ) -> PredictedView | None:
     """Return predicted costs of the triangulators that drew as many polygons as the base."""
-    frame = replace(frame_of_grid(view.resolution, geometry.grid), view=view)
-    drawn = {name: np.unique(frame.owner(rows)) for name, rows in geometry.triangles.items()}
+    frame = replace(make_grid_frame(view.resolution, geometry.grid), view=view)
+    drawn = {name: np.unique(frame.find_owners(rows)) for name, rows in geometry.triangles.items()}
     if base not in drawn:
         return None
     names = [base, *(n for n in seconds if n != base and n in drawn)]
     names = [name for name in names if np.array_equal(drawn[name], drawn[base])]
-    draws = predict_draws([count_orders(frame, geometry.triangles[n]) for n in names], device)
+    draws = predict_draws(
+        [count_native_and_walk(frame, geometry.triangles[n]) for n in names], device
+    )
     costs: dict[str, dict[str, Any]] = {
         name: draw | {"triangulate_s": seconds.get(name)}
         for name, draw in zip(names, draws, strict=True)

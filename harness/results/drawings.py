@@ -40,9 +40,10 @@ class Geometry:
 
 
 def write(writer: RunFolder, frame: Frame, triangles: Mapping[str, NDArray[np.int32]]) -> None:
-    """Store the frame and each triangulator's (m, 3) rows of `frame.points` in the run folder.
+    """Store a frame and its triangulations in the run folder.
 
-    Stored triangulations of the same frame are retained.
+    triangles : triangulator -> (m, 3) vertex indices into `frame.points`; other triangulations of
+        the same frame that are already stored are retained
     """
     stored = read(Run(writer.path, {}, []), frame.view)
     if stored is not None and np.array_equal(stored.points, frame.points):
@@ -50,7 +51,7 @@ def write(writer: RunFolder, frame: Frame, triangles: Mapping[str, NDArray[np.in
     arrays = (frame.points, frame.grid.vertex_offsets, frame.source, frame.grid.ring_offsets[1:])
     columns: dict[str, NDArray[Any]] = dict(zip(_COLUMNS, arrays, strict=True))
     named = {_TRIANGLES + name: rows for name, rows in triangles.items()}
-    writer.write_arrays(view_name(frame.view), columns | named, FOLDER)
+    writer.write_arrays(get_view_file_stem(frame.view), columns | named, FOLDER)
 
 
 def read(run: Run, view: View) -> Geometry | None:
@@ -68,7 +69,7 @@ def read(run: Run, view: View) -> Geometry | None:
     Geometry or None
         None if the geometry is not stored, or damaged.
     """
-    arrays = read_arrays(run, view_name(view), FOLDER)
+    arrays = read_arrays(run, get_view_file_stem(view), FOLDER)
     if arrays is None or not {*_COLUMNS} <= set(arrays):
         return None
     triangles = {
@@ -82,6 +83,6 @@ def read(run: Run, view: View) -> Geometry | None:
     return Geometry(grid, source, triangles)
 
 
-def view_name(view: View) -> str:
-    """Return the file name of a view: 1024px-30deg-box."""
+def get_view_file_stem(view: View) -> str:
+    """Return the file name of a view, without suffix: 1024px-30deg-box."""
     return f"{view.resolution}px-{view.rotation:g}deg-{view.fit}"

@@ -234,7 +234,7 @@ _PARTS: dict[str, Any] = {
 """Types of the parts of `run.json` that are read; the other parts are not checked."""
 
 
-def check_facts(facts: dict[str, Any], problems: list[str]) -> RunFacts:
+def select_valid_facts(facts: dict[str, Any], problems: list[str]) -> RunFacts:
     """Return the content of `run.json` without its invalid parts.
 
     problems : receives a line for each invalid part

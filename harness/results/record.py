@@ -44,20 +44,20 @@ _UNUSUAL = {
 """Field of a view or of options -> default value, and the text for another value."""
 
 
-def printable(text: object) -> str:
+def make_printable(text: object) -> str:
     """Return `text` as one line without control characters, for terminals and XML."""
     line = " ".join(str(text).split())
     return "".join(letter if letter.isprintable() else "\ufffd" for letter in line)
 
 
-def full_name(triangulator: str, number: int | None, *, upright: bool) -> str:
+def format_full_name(triangulator: str, number: int | None, *, upright: bool) -> str:
     """Return a triangulator's name with its number and mark, e.g. `random#7@0`."""
     suffix = "" if number is None else f"{NUMBER_MARK}{number}"
     return f"{triangulator}{suffix}{UPRIGHT_MARK if upright else ''}"
 
 
 def split_name(name: str) -> tuple[str, int | None, bool]:
-    """Return the parts of a name that `full_name` wrote: triangulator, number, upright."""
+    """Return the parts of a name that `format_full_name` wrote: triangulator, number, upright."""
     match = _NAME.fullmatch(name)
     assert match is not None  # the pattern matches every text
     number = match["number"]
@@ -97,7 +97,7 @@ class CaseGroup:
     def __str__(self) -> str:
         """Return `city 1024 px, opengl on llvmpipe`."""
         device = f"{self.rasteriser} on {self.device_name}"
-        return printable(f"{self.scene} {self.condition}, {device}")
+        return make_printable(f"{self.scene} {self.condition}, {device}")
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ class CaseId:
     def name(self) -> str:
         """The triangulator's full name: `random#7@0`, `BASE fan` of the other version."""
         mark = BASE_MARK if self.version else ""
-        return mark + full_name(self.triangulator, self.number, upright=self.upright)
+        return mark + format_full_name(self.triangulator, self.number, upright=self.upright)
 
     @property
     def device_name(self) -> str:
@@ -156,7 +156,7 @@ class CaseId:
 
     def __str__(self) -> str:
         """Return `fan, city 1024 px, opengl on llvmpipe`."""
-        return printable(f"{self.name}, {self.group}")
+        return make_printable(f"{self.name}, {self.group}")
 
     def __lt__(self, other: Self) -> bool:
         """Order cases by group, then by the triangulator's name."""
@@ -172,8 +172,8 @@ class Time:
     wall_s, waited_s : if `timer` is "cpu": wall time, and time that threads waited for a core
     empty_s, reference_s : times of an empty draw and of the reference triangle
     epochs, processes : number of rounds in each epoch and in each process
-    repeats : number of draws in a sample, whose time is divided by it
-    disturbed : number of samples in which threads waited for a core too long
+    repeats : number of draws in a sample; samples are times of a batch, divided by this number
+    disturbed : number of samples that `find_undisturbed` excludes
     stolen_s, others_s, timing_s : totals over all rounds: core time that the host took, CPU time of
         other processes, duration
     round_group : identifier of the rounds; cases with equal identifiers can be paired
@@ -200,7 +200,7 @@ class Time:
     warnings: tuple[str, ...] = ()
 
     def is_paired_with(self, other: "Time") -> bool:
-        """Return whether both were timed in the same rounds."""
+        """Return whether `other` was timed in the same rounds."""
         same = bool(self.round_group) and self.round_group == other.round_group
         return same and len(self.samples_s) == len(other.samples_s) > 0
 
@@ -263,7 +263,7 @@ class Record:
     key: str = ""
 
     def __post_init__(self) -> None:
-        """Use the identity's key unless the file has a different key."""
+        """Set `key` from the identity, unless the key was read from a file."""
         if not self.key:
             object.__setattr__(self, "key", self.id.key)
 
@@ -283,7 +283,7 @@ class Record:
         return self.polygons + self.polygons_skipped + self.polygons_failed
 
     def with_id(self, **changes: Any) -> "Record":
-        """Return the record with a changed identity; `key` still names the arrays."""
+        """Return the record with changed fields of `id`, and the same `key`, which names files."""
         return replace(self, id=replace(self.id, **changes))
 
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from harness import atomic
 from harness.errors import InputError, StorageError
-from harness.results.parsing import FieldError, check_facts, parse_json, parse_record
+from harness.results.parsing import FieldError, parse_json, parse_record, select_valid_facts
 from harness.results.record import CaseId, Record, RunFacts
 
 SCHEMA_VERSION = 1
@@ -38,10 +38,10 @@ STORED_PROFILE = "profile.json"
 """File with the profile of `run --profile`."""
 
 WRITTEN = "written"
-"""Part of the facts of a complete run: length and digest of its records, and `ARRAYS`."""
+"""Key of `run.json` in a complete run: length and digest of the file of records, and `ARRAYS`."""
 
 ARRAYS = "arrays"
-"""Digests of the array files."""
+"""Key in `WRITTEN` of the array files' digests."""
 
 POLYGONS = "polygons"
 """Folder of each case's per-polygon columns."""
@@ -158,7 +158,7 @@ def select_latest(run: Run) -> Run:
 
 
 def read_latest(path: Path, warn: Callable[[str], None]) -> Run:
-    """Read the latest records of the run at `path` as `read_run`; pass each problem to `warn`."""
+    """Return the run at `path` with the last record of each case; pass each problem to `warn`."""
     run = select_latest(read_run(path))
     for problem in run.problems:
         warn(problem)
@@ -202,9 +202,9 @@ def read_facts(folder: Path, problems: list[str]) -> RunFacts:
         problems.append(f"{file} is not JSON: {error}")
         return {}
     if not isinstance(facts, dict):
-        problems.append(f"{file} does not hold an object")
+        problems.append(f"{file}: invalid (not a JSON object); ignored")
         return {}
-    return check_facts(facts, problems)
+    return select_valid_facts(facts, problems)
 
 
 def read_counted(path: Path) -> dict[str, Record]:
@@ -273,7 +273,7 @@ def read_arrays(run: Run, key: str, folder: str = POLYGONS) -> dict[str, NDArray
         return None
 
 
-def file_stem(text: str) -> str:
+def make_file_stem(text: str) -> str:
     """Return a file name: letters and digits of any alphabet, `-`, `_`, `.`; others become `-`."""
     return "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in text)
 

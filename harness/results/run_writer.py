@@ -87,6 +87,7 @@ class _RecordFile:
         self._bytes += len(line)
 
     def close(self) -> None:
+        """Close the file, which unlocks it."""
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1
@@ -95,7 +96,7 @@ class _RecordFile:
 class RunFolder:
     """The folder of a run, open for writing.
 
-    remedy : for a folder that cannot be resumed, the advice after a full disk
+    remedy : advice in the error about a full disk, by default --resume
     """
 
     def __init__(self, path: Path, remedy: str = "") -> None:

@@ -46,7 +46,7 @@ class Counting(PartWork):
     """Options common to both kinds of census.
 
     triangulators : full names; the first is the base of the gains
-    noun : name of the counted things
+    noun : plural of the counted objects, footprints or polygons
     """
 
     title: ClassVar[str] = "counting"
@@ -76,7 +76,7 @@ class Census(Counting):
         """Cut a file by rows."""
         return cut_file(path, self.layer, self.where)
 
-    def make(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
+    def write_part(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
         """Count the rows."""
         counter = _Counter(self.triangulators, threads)
         for chunk in read_chunks(
@@ -102,7 +102,7 @@ class TileCensus(Counting):
         """Cut an archive by tiles."""
         return cut_tiles(path, self.selection.zooms)
 
-    def make(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
+    def write_part(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
         """Count the tiles."""
         counter = _Counter(self.triangulators, threads)
         assert part.rows is not None
@@ -125,7 +125,7 @@ class _Batch(NamedTuple):
 
 @dataclass
 class _Counter:
-    """Counts of a part, and `waiting`, polygons of tiles that are not counted yet."""
+    """Counts of a part, and `waiting`, the polygons of tiles that are not counted yet."""
 
     triangulators: tuple[str, ...]
     threads: int | None
@@ -143,7 +143,9 @@ class _Counter:
         if not len(polygons):
             return
         labels = [chunk.labels[source] for source in chunk.cleaned.source.tolist()]
-        counted, table = self.count([_Batch(FOOTPRINTS, polygons, labels)], census.units_per_pixel)
+        counted, table = self.count_batch(
+            [_Batch(FOOTPRINTS, polygons, labels)], census.units_per_pixel
+        )
         centres = shapely.get_coordinates(shapely.centroid(polygons[counted]))
         if chunk.projection is not None:
             centres = chunk.projection.inverse(centres)
@@ -187,19 +189,20 @@ class _Counter:
             # Polygons extend at most one tile beyond the edge of their tile.
             margin = -(-side // MARGIN_STEP_PX) * MARGIN_STEP_PX
             window = np.array([margin, margin, margin + side - 1, margin + side - 1], np.int64)
-            self.count(self.waiting, 1.0, margin, window)
+            self.count_batch(self.waiting, 1.0, margin, window)
         self.waiting = []
 
-    def count(
+    def count_batch(
         self,
         batch: Sequence[_Batch],
         units_per_pixel: float,
         margin: int | None = None,
         window: NDArray[np.int64] = UNBOUNDED,
     ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-        """Triangulate p polygons by each triangulator, and add the counts to the groups.
+        """Triangulate p polygons by each of t triangulators, and add the counts to the groups.
 
-        Returns flags (p,) of the polygons that all triangulated, and counts (t, p, len(MEASURES)).
+        Returns flags (p,) of the polygons that every triangulator triangulated, and the counts of
+        all polygons, (t, p, len(MEASURES)).
         """
         sizes = [len(part.polygons) for part in batch]
         polygons = np.concatenate([part.polygons for part in batch])
@@ -227,7 +230,7 @@ class _Counter:
         for group, k in number.items():
             members = (groups == k) & counted
             dropped = int(times[(groups == k) & ~drawn].sum())
-            sums = _sum_up(counts[:, members], polygons[members], times[members], dropped)
+            sums = _sum_counts(counts[:, members], polygons[members], times[members], dropped)
             self.counted.add(group, sums)
         return counted, counts
 
@@ -271,7 +274,7 @@ def scale_to_pixels(
     return snapped.pieces, snapped.source
 
 
-def _sum_up(
+def _sum_counts(
     table: NDArray[np.float64], polygons: NDArray[Any], times: NDArray[np.int64], dropped: int
 ) -> Sums:
     """Sum the counts (t, p, len(MEASURES)) of p polygons.

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 SHARES = (0.01, 0.05, 0.10, 0.20, 0.30, 0.50)
-"""Gains for which the table has a column: the share of footprints that gain at least that."""
+"""Gains g for which the table has a column: the share of footprints that gain at least g."""
 
 QUANTILES = (0.05, 0.25, 0.50, 0.75, 0.95)
 
@@ -33,7 +33,7 @@ MAX_CELLS = 4000
 """Upper bound of the cells along a side of the map; a larger map is drawn coarser."""
 
 
-def make_rows(sums: Sums, triangulators: Sequence[str]) -> pd.DataFrame:
+def make_gain_rows(sums: Sums, triangulators: Sequence[str]) -> pd.DataFrame:
     """Return a row for each triangulator and measure: totals, total gain, distribution of gains.
 
     Shares and quantiles are exact to the width of a bin, 0.5 %: a quantile is the lower bound of
@@ -61,13 +61,13 @@ def make_rows(sums: Sums, triangulators: Sequence[str]) -> pd.DataFrame:
     return table
 
 
-def write(folder: Path, counted: Counted, census: Census | TileCensus) -> list[str]:
+def write_census(folder: Path, counted: Counted, census: Census | TileCensus) -> list[str]:
     """Write census.csv and plots into `folder`; return the names written; raises OSError.
 
     Footprints also get cells.csv and a map, damaged tiles damaged.csv.
     """
     names = census.triangulators
-    written = {"census.csv": _make_lines(counted, census)}
+    written = {"census.csv": _make_census_table(counted, census)}
     if counted.damaged:
         written["damaged.csv"] = pd.DataFrame(counted.damaged, columns=["tile", "reason"])
     if isinstance(census, Census):
@@ -84,11 +84,11 @@ def write(folder: Path, counted: Counted, census: Census | TileCensus) -> list[s
     return [*written, "plots/"]
 
 
-def _make_lines(counted: Counted, census: Census | TileCensus) -> pd.DataFrame:
-    """Return the rows of census.csv, for map tiles those of each zoom and layer."""
+def _make_census_table(counted: Counted, census: Census | TileCensus) -> pd.DataFrame:
+    """Return the content of census.csv, for map tiles with rows for each zoom and layer."""
     tables = []
     for (zoom, layer), sums in _sort_groups(counted):
-        table = make_rows(sums, census.triangulators)
+        table = make_gain_rows(sums, census.triangulators)
         if isinstance(census, TileCensus):
             table = table.drop(columns="footprints")
             about = {"zoom": zoom, "layer": layer}
@@ -116,7 +116,7 @@ def make_table(counted: Counted, census: Census | TileCensus) -> Table:
     title = f"{sums.count('polygons'):,} footprints: helper lanes, compared with {base}"
     headings = (">in all", ">median", ">gain 10 %", ">gain 30 %", ">lose 1 %")
     table = make_plain_table(title, "triangulator", *headings)
-    every = make_rows(sums, census.triangulators).query("measure == 'helper_lanes'")
+    every = make_gain_rows(sums, census.triangulators).query("measure == 'helper_lanes'")
     for row in every.iloc[1:].to_dict("records"):
         table.add_row(
             row["triangulator"],

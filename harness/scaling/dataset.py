@@ -121,7 +121,7 @@ class PartWork:
         """Cut a file into slices; raise SceneError or OSError if the file is unreadable."""
         raise NotImplementedError
 
-    def make(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
+    def write_part(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
         """Write a part's file atomically, with a content that is independent of times."""
         raise NotImplementedError
 
@@ -130,7 +130,7 @@ class PartWork:
         """Return the result in a part's file, or None if invalid."""
         raise NotImplementedError
 
-    def do(self, part: FilePart, out: str, threads: int | None = 1) -> PartResult:
+    def process(self, part: FilePart, out: str, threads: int | None = 1) -> PartResult:
         """Write a part's file into the folder `out`, unless the file exists; return the result.
 
         threads : number of threads, by default the number of cores
@@ -151,18 +151,18 @@ class PartWork:
         if (existing := self.read(path)) is not None:
             return existing
         try:
-            done = self.make(part, path, threads)
+            done = self.write_part(part, path, threads)
         except SceneError as error:
             raise InputError(str(error)) from error
         except OSError as error:
             if (existing := self.read(path)) is not None:  # written by another process
                 return existing
             raise StorageError(format_os_error(error)) from error
-        _release()
+        _release_memory()
         return replace(done, seconds=time.perf_counter() - begun)
 
 
-def _release() -> None:
+def _release_memory() -> None:
     """Return cached memory of libraries to the system."""
     with contextlib.suppress(ImportError):
         import pyarrow as pa
@@ -172,8 +172,8 @@ def _release() -> None:
         ctypes.CDLL(None).malloc_trim(0)
 
 
-def files(pattern: str) -> list[Path]:
-    """Return the files of a name, a folder or a pattern such as 'parts/*.parquet'.
+def list_files(pattern: str) -> list[Path]:
+    """Return the absolute paths of a file, a folder's files, or a pattern's, as parts/*.parquet.
 
     A folder of map tiles counts as one file. Raises UsageError if no file matches.
     """
@@ -203,7 +203,7 @@ class Summary:
     parts, parts_done : number of parts, and of parts with a result
     fresh : parts that this command processed
     counts : number of dropped, repaired and failed polygons by (kind, reason)
-    set_aside : reason for each file or part without a result
+    set_aside : reason by file or part that has no result
     pruned : rows skipped because the row group's statistics exclude the condition
     seconds : wall time of this command
     certified : fields of `Certified` of each part that has them
@@ -251,7 +251,7 @@ class Dataset:
         }
         self._unreadable: dict[str, str] = {}
         self._pruned = 0
-        paths = files(pattern)
+        paths = list_files(pattern)
         with translate_errors(self.out, "run the same command again"):
             self.out.mkdir(parents=True, exist_ok=True)
         self._cut(paths)
@@ -283,7 +283,7 @@ class Dataset:
                 self.parts.append(FilePart(str(file), rows, size, about | self._about))
 
     def _read_results(self, part_keys: set[str]) -> None:
-        """Read the results in `out` into `done`; refuse incompatible ones."""
+        """Read the results in `out` into `done`; raise an error if a result is incompatible."""
         identities: dict[str, set[str]] = {}
         for part in self.parts:
             identities.setdefault(part.about["source"], set()).add(part.about["identity"])
@@ -324,7 +324,8 @@ class Dataset:
     ) -> Summary:
         """Process the missing parts, write the manifest, and return a summary.
 
-        A part that fails repeatedly is set aside. The manifest is written in any case.
+        A part that fails repeatedly is listed in `Summary.set_aside`. The manifest is written even
+        if parts fail or the command is interrupted.
 
         on_success : called when a part succeeds
         """
@@ -332,7 +333,8 @@ class Dataset:
         missing = {part.key: part for part in self.missing}
         threads = executor.threads_per_task
         tasks = {
-            key: (self.work.do, (part, str(self.out), threads)) for key, part in missing.items()
+            key: (self.work.process, (part, str(self.out), threads))
+            for key, part in missing.items()
         }
         total = sum(part.size or 1 for part in missing.values())
         unit = self.work.unit if all(part.size for part in missing.values()) else "parts"
@@ -357,7 +359,7 @@ class Dataset:
                 self._write_manifest(summary)
             except HarnessError as error:  # parts are usable without the manifest
                 summary.set_aside[str(self.out / MANIFEST)] = str(error)
-        self._tidy()
+        self._remove_temporary_folders()
         return summary
 
     def _summarise(self, fresh: int, set_aside: dict[str, str], begun: float) -> Summary:
@@ -401,8 +403,8 @@ class Dataset:
                 rows = table.to_csv(index=False, lineterminator="\n")
                 atomic.write(self.out / LEFT_OUT, rows.encode(), forced=True)
 
-    def _tidy(self) -> None:
-        """Remove temporary folders of finished parts that killed processes have left.
+    def _remove_temporary_folders(self) -> None:
+        """Remove temporary folders that killed processes left for parts that are now finished.
 
         Files of other parts may belong to a running command.
         """

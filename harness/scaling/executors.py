@@ -235,7 +235,7 @@ def run_task(task: bytes) -> TaskResult:
     Task and value stay pickled in the Dask worker, whose imports would otherwise take 200 MB.
     """
     try:
-        return TaskResult(_process().call(_run_pickled, task, timeout_s=TASK_TIMEOUT_S))
+        return TaskResult(_get_process().call(_run_pickled, task, timeout_s=TASK_TIMEOUT_S))
     except HarnessError as error:
         return TaskResult(failed=str(error))
 
@@ -245,7 +245,7 @@ def _run_pickled(task: bytes) -> bytes:
     return pickle.dumps(function(*arguments))
 
 
-def _process() -> Worker:
+def _get_process() -> Worker:
     from harness.workers.worker import get_shared_worker  # not needed without Dask
 
     # Dask starts workers as daemons, which may not start processes. No public setting lets them

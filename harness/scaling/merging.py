@@ -14,7 +14,7 @@ from harness.metrics.processors import find_mixed_processors, format_processors
 from harness.results import drawings
 from harness.results.parsing import record_to_json
 from harness.results.record import HOST_MARK, CaseGroup, Record, RunFacts
-from harness.results.run_folder import POLYGONS, Run, file_stem, read_arrays
+from harness.results.run_folder import POLYGONS, Run, make_file_stem, read_arrays
 from harness.results.run_writer import RunFolder
 
 STATUSES = ("ok", "skipped", "failed")
@@ -37,7 +37,7 @@ def set_host(run: Run, host: str) -> Run:
     IncompatibleRunsError, UsageError
         if the host's name is invalid, or a device has a host already
     """
-    if not host or file_stem(host) != host:
+    if not host or make_file_stem(host) != host:
         raise UsageError(f"host {host!r}: invalid name; give letters, digits, hyphens and dots")
     for record in run.records:
         if record.id.host or HOST_MARK in record.id.device:
@@ -50,7 +50,7 @@ def set_host(run: Run, host: str) -> Run:
     return replace(run, records=records, facts={**run.facts, "devices": devices})
 
 
-def merge(runs: Sequence[Run], out: Path) -> int:
+def merge_runs(runs: Sequence[Run], out: Path) -> int:
     """Merge runs into a new run folder; return the number of records.
 
     Raises
@@ -86,7 +86,7 @@ def merge(runs: Sequence[Run], out: Path) -> int:
     return len(sources)
 
 
-def _describe(record: Record) -> str:
+def _describe_case(record: Record) -> str:
     case = record.id
     return f"{record.name}, {case.group.condition}, {case.rasteriser} on {case.device_name}"
 
@@ -97,18 +97,18 @@ def _select_records(runs: Iterable[Run]) -> list[_Source]:
     for run in sorted(runs, key=lambda run: str(run.path)):
         for record in run.records:
             new, old = _Source(record, run), sources.get(record.id.key)
-            if old is None or _rank(new) < _rank(old):
+            if old is None or _get_priority(new) < _get_priority(old):
                 sources[record.id.key] = new
             elif old.record.status == record.status == "ok" and old.record != record:
                 raise IncompatibleRunsError(
-                    f"records of one case differ: {_describe(record)} ({old.run.path} and "
+                    f"records of one case differ: {_describe_case(record)} ({old.run.path} and "
                     f"{run.path}); if the runs are of different hosts, name the hosts with --hosts"
                 )
     return list(sources.values())
 
 
-def _rank(source: _Source) -> tuple[int, str]:
-    """Return the sort key of a case's records, of which the first is used; equal if measured."""
+def _get_priority(source: _Source) -> tuple[int, str]:
+    """Return the sort key by which one of a case's records is selected; equal if both are ok."""
     record = source.record
     content = "" if record.is_ok else json.dumps(record_to_json(record), sort_keys=True)
     return STATUSES.index(record.status), content
@@ -126,12 +126,13 @@ def _refuse_other_counters(records: Iterable[Record]) -> None:
             differing = [n for n in names if record.counters.get(n) != other.counters.get(n)]
             name = min(differing, default="triangles")
             raise IncompatibleRunsError(
-                f"counters differ between hosts: {name} of {_describe(record)} and on "
+                f"counters differ between hosts: {name} of {_describe_case(record)} and on "
                 f"{other.id.device_name}; use the same version of raster-harness and of the driver"
             )
 
 
 def _refuse_other_scenes(runs: Sequence[Run]) -> None:
+    """Raise an error if no run has a record, or the runs' scenes differ or are unknown."""
     if not any(run.records for run in runs):
         raise InputError("runs: no records to merge; give complete runs")
     hashes = {(run.facts.get("scene") or {}).get("hash") for run in runs}
@@ -171,7 +172,7 @@ def _merge_facts(runs: Sequence[Run]) -> RunFacts:
     plan = {
         **plans[0],
         "triangulators": names[0] if same else sorted(set().union(*names)),
-        **{which: _unite(plan.get(which) for plan in plans) for which in _LISTS},
+        **{which: _list_distinct(plan.get(which) for plan in plans) for which in _LISTS},
     }
     hosts = [
         {name: facts.get(name) for name in _HOST_FACTS}
@@ -185,7 +186,7 @@ def _merge_facts(runs: Sequence[Run]) -> RunFacts:
         **first,
         "plan": plan,
         "warnings": sorted({w for facts in in_order for w in facts.get("warnings") or []}),
-        "frames": _unite(facts.get("frames") for facts in in_order),
+        "frames": _list_distinct(facts.get("frames") for facts in in_order),
         "devices": dict(sorted(devices.items())),
         "interrupted": any(facts.get("interrupted") for facts in in_order),
         "merged": hosts,
@@ -196,7 +197,8 @@ _HOST_FACTS = ("created", "environment", "cpu", "state", "seconds", "warnings")
 _LISTS = ("rasterisers", "devices", "views", "options")
 
 
-def _unite(lists: Iterable[Any]) -> list[Any]:
+def _list_distinct(lists: Iterable[Any]) -> list[Any]:
+    """Return the distinct entries of several lists, sorted by their JSON."""
     unique = {_format_value(entry): entry for entries in lists for entry in entries or []}
     return [unique[text] for text in sorted(unique)]
 

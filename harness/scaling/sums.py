@@ -28,15 +28,17 @@ MEASURES = ("fragments", "triangles", *GAINED)
 """Sums over a footprint's triangles."""
 
 BINS = 400
-"""Bins of a gain, 0.5 % each, from -100 % to 100 %; the first includes lower gains."""
+"""Number of bins of a gain's histogram, 0.5 % each, from -100 % (or less) to 100 %."""
 
 COUNTS = ("polygons", "vertices", "tiles", "dropped", "repaired")
-"""`tiles` have a polygon; `dropped` polygons cannot be drawn; `repaired` ones were invalid."""
+"""Counts of `Sums`. `tiles` are tiles with a polygon; `dropped` polygons cannot be drawn;
+`repaired` polygons were invalid."""
 
 Group = tuple[int | None, str]
 """Zoom and layer of polygons of map tiles; all footprints are one group."""
 
 FOOTPRINTS: Group = (None, "")
+"""The group of all footprints."""
 
 
 class Sums(NamedTuple):
@@ -88,7 +90,7 @@ class Counted:
         self.groups[group] = sums if old is None else Sums(*map(np.add, old, sums))
 
     def sum_groups(self) -> Sums:
-        """Return the sum of all groups, at least one."""
+        """Return the sum of all groups, of which there is at least one."""
         return Sums(*(sum(values) for values in zip(*self.groups.values(), strict=True)))
 
     def save(self, path: Path, done: PartResult) -> None:

@@ -47,7 +47,7 @@ class Triangulating(PartWork):
         except (OSError, KeyError, TypeError, ValueError, pa.ArrowException):
             return None
 
-    def make(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
+    def write_part(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
         """Triangulate the rows."""
         report = Report(certified=Certified.create(self.triangulator) if self.certify else None)
         with Output(path, forced=True) as output:

@@ -28,11 +28,14 @@ UNKNOWN = (float("nan"), float("nan"))
 """Interval whose ends cannot be determined from the values."""
 
 
-def median_interval(samples: list[float], confidence: float = CONFIDENCE) -> tuple[float, float]:
+def compute_median_interval(
+    samples: list[float], confidence: float = CONFIDENCE
+) -> tuple[float, float]:
     """Return the exact order-statistics confidence interval of the median, by default of 95 %.
 
-    No assumption is made about the distribution. For fewer than six samples the result is their
-    range, whose confidence is lower. Source: David & Nagaraja, Order Statistics, section 7.1.
+    No assumption is made about the distribution. For fewer than six samples the result is the
+    samples' range, whose confidence is lower. Source: David & Nagaraja, Order Statistics, section
+    7.1.
     """
     from scipy.special import bdtr
 
@@ -47,7 +50,7 @@ def median_interval(samples: list[float], confidence: float = CONFIDENCE) -> tup
     return ordered[k - 1], ordered[n - k]
 
 
-def student_interval(
+def compute_student_interval(
     values: Sequence[float] | NDArray[np.float64], confidence: float = CONFIDENCE
 ) -> tuple[float, float, float]:
     """Return the mean of independent values and the ends of Student's interval.
@@ -67,7 +70,7 @@ def student_interval(
     return middle, middle - float(reach), middle + float(reach)
 
 
-def mean_interval(values: NDArray[np.float64], seed: int = 0) -> tuple[float, float]:
+def compute_mean_interval(values: NDArray[np.float64], seed: int = 0) -> tuple[float, float]:
     """Return the studentised bootstrap's 95 % confidence interval of the mean of (n,) values.
 
     The interval is asymmetric if the values are skewed, unlike Student's. The result is `UNKNOWN`
@@ -86,17 +89,17 @@ def mean_interval(values: NDArray[np.float64], seed: int = 0) -> tuple[float, fl
     return _find_interval_ends(mean, error, t)
 
 
-def ratio_interval(
+def compute_ratio_interval(
     values: NDArray[np.float64], base: NDArray[np.float64], seed: int = 0
 ) -> tuple[float, float]:
     """Return the studentised bootstrap's 95 % interval of sum(values) / sum(base), both (n,).
 
     Each value is resampled together with its base; a ratio's standard error is the jackknife's.
-    The result is `UNKNOWN` in the cases of `mean_interval`; if an element of `base` is negative, or
-    all are 0; and if an end of the interval lies outside the range of the ratios value / base by
-    more than the width of that range. The last happens if resamples of a few values are so similar
-    that their standard errors are almost 0. Source: B. Efron and R. Tibshirani, An Introduction to
-    the Bootstrap, 11 and 12.5.
+    The result is `UNKNOWN` in the cases of `compute_mean_interval`; if an element of `base` is
+    negative, or all are 0; and if an end of the interval lies outside the range of the ratios
+    value / base by more than the width of that range, which happens if resamples of a few values
+    are so similar that their standard errors are almost 0. Source: B. Efron and R. Tibshirani, An
+    Introduction to the Bootstrap, 11 and 12.5.
     """
     n = len(values)
     if n < MIN_VALUES or (base < 0).any() or not base.any():
@@ -119,7 +122,11 @@ def ratio_interval(
 
 
 def _find_interval_ends(value: float, error: float, t: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the interval of an estimate from its standard error and the t of each resample."""
+    """Return the studentised bootstrap's interval of an estimate.
+
+    error : standard error of the estimate
+    t : Student's t of each resample; NaN (0 / 0) counts as 0
+    """
     low, high = np.quantile(np.where(np.isnan(t), 0.0, t), [TAIL, 1 - TAIL], method="inverted_cdf")
     if not (np.isfinite(low) and np.isfinite(high)):
         return UNKNOWN
@@ -141,8 +148,8 @@ def _estimate_errors(
 
 
 def find_median_interval(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Return `median_interval` of (n,) values, or `UNKNOWN` for fewer than `MIN_VALUES`."""
-    return UNKNOWN if len(values) < MIN_VALUES else median_interval(values.tolist())
+    """Return `compute_median_interval` of (n,) values, or `UNKNOWN` for fewer than `MIN_VALUES`."""
+    return UNKNOWN if len(values) < MIN_VALUES else compute_median_interval(values.tolist())
 
 
 Verdict = Literal["faster", "slower", "not significant"]
@@ -207,7 +214,7 @@ def split_rounds(
     return [np.arange(fold, rounds, folds) for fold in range(folds)]
 
 
-def paired_ratio(
+def compute_paired_ratio(
     samples: Sequence[float] | NDArray[np.float64],
     base: Sequence[float] | NDArray[np.float64],
     epochs: Sequence[int] | None = None,
@@ -253,7 +260,7 @@ def paired_ratio(
 
     Examples
     --------
-    >>> paired_ratio([2.0, 2.1, 1.9, 2.0, 2.0, 2.0], [4.0, 4.2, 3.8, 4.0, 4.0, 4.0]).value
+    >>> compute_paired_ratio([2.0, 2.1, 1.9, 2.0, 2.0, 2.0], [4.0, 4.2, 3.8, 4.0, 4.0, 4.0]).value
     0.5
     """
     if len(samples) != len(base) or len(samples) == 0:
@@ -271,9 +278,9 @@ def paired_ratio(
         owners = np.searchsorted(np.cumsum(process_rounds), ends)
         medians = np.array([medians[owners == owner].mean() for owner in np.unique(owners)])
     if len(process_rounds) > 1 or len(medians) >= MIN_EPOCHS:
-        value, low, high = np.exp(student_interval(medians, confidence)).tolist()
+        value, low, high = np.exp(compute_student_interval(medians, confidence)).tolist()
         return Ratio(value, low, high, count)
-    low, high = median_interval(ratios.tolist(), confidence)
+    low, high = compute_median_interval(ratios.tolist(), confidence)
     return Ratio(float(np.median(ratios)), low, high, count)
 
 
@@ -294,7 +301,7 @@ def add_run_scatter(ratio: Ratio, candidates: int = 1) -> Ratio:
     The new half-width, of the log ratio, is the root of the sum of squares of the old half-width
     and the half-width that `RUN_SCATTER` alone would give.
 
-    candidates : number of ratios, as for `paired_ratio`
+    candidates : number of ratios, as for `compute_paired_ratio`
     """
     middle, low, high = np.log([ratio.value, ratio.low, ratio.high])
     quantile = NormalDist().inv_cdf(0.5 + CONFIDENCE ** (1 / max(1, candidates)) / 2)

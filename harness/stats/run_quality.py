@@ -28,7 +28,7 @@ QUIET: Final = "quiet"
 DISTURBED: Final = "disturbed"
 UNTRUSTED: Final = "not to be trusted"
 STATES: tuple[State, ...] = get_args(State)
-"""From the best to the worst."""
+"""The states of a machine, from the best to the worst."""
 
 MAX_WAITED_SHARE = 0.02
 """Maximum share of an undisturbed sample's time spent waiting for a core."""
@@ -184,7 +184,10 @@ def assess_records(records: Iterable[Record], draws: Sequence[Mapping[str, Any]]
 
 
 def _find_disturbances(drawings: Mapping[str, Time]) -> dict[str, State]:
-    """Return a clause for each disturbance of a device's samples, with the state it implies."""
+    """Return a clause for each disturbance of a device's samples, with the implied state.
+
+    drawings : times by label of the drawing
+    """
     problems: dict[str, State] = {}
     masks = {name: find_undisturbed(time) for name, time in drawings.items()}
     count = sum(len(quiet) for quiet in masks.values())
@@ -224,7 +227,7 @@ def _find_disturbances(drawings: Mapping[str, Time]) -> dict[str, State]:
 
 
 def _level_processes(time: Time) -> NDArray[np.float64]:
-    """Return the samples (r,), scaled so that those of each process have the same median.
+    """Return the samples (r,), scaled so that the samples of each process have the same median.
 
     Processes differ in memory layout, which must not count as two modes.
     """

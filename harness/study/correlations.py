@@ -19,16 +19,16 @@ from rich.console import Console
 from rich.table import Table
 
 from harness.metrics.groups import IDENTIFYING
-from harness.metrics.per_polygon import spearman
+from harness.metrics.per_polygon import compute_spearman
 from harness.metrics.registry import find_metric, list_costs, list_predictions
 from harness.results.record import Record
 from harness.stats.intervals import UNKNOWN, find_median_interval
 from harness.style import (
+    add_legend_below,
     draw_figure,
-    legend_below,
+    draw_scatter_over_medians,
     make_panels,
     make_plain_table,
-    scatter_over_medians,
 )
 from triangulators.criteria import AUXILIARY_FEATURES
 
@@ -97,7 +97,7 @@ def correlate_within(table: pd.DataFrame, criterion: str, measure: str) -> pd.Se
     values: dict[str, list[float]] = {}
     for (polygon, *_), rows in table.dropna(subset=[criterion, measure]).groupby(views):
         x, y = (rows[name].to_numpy(float) for name in (criterion, measure))
-        coefficient = spearman(x, y) if len(rows) >= MIN_TRIANGULATIONS else float("nan")
+        coefficient = compute_spearman(x, y) if len(rows) >= MIN_TRIANGULATIONS else float("nan")
         values.setdefault(str(polygon), []).append(coefficient)
     return pd.Series({polygon: np.mean(views) for polygon, views in values.items()}, dtype=float)
 
@@ -108,13 +108,13 @@ def list_predictors() -> dict[str, str]:
     return {name: metric.title for name, metric in list_predictions().items()} | exact
 
 
-def to_name(predictor: str) -> str:
+def get_predictor_name(predictor: str) -> str:
     """Return the name of a predictor on the command line and in files."""
     return predictor.replace("_", "-")
 
 
-def to_column(criterion: str) -> str:
-    """Return the column of a predictor, which has underscores."""
+def get_predictor_column(criterion: str) -> str:
+    """Return the column of a predictor, given the name on the command line."""
     return criterion.replace("-", "_")
 
 
@@ -188,9 +188,9 @@ def correlate(table: pd.DataFrame) -> pd.DataFrame:
             x, y = (complete[name].to_numpy(float) for name in (criterion, measure))
             views = complete.groupby(["polygon", *VIEW]).ngroups
             within = estimate_median(correlate_within(complete, criterion, measure))
-            key = (*device, to_name(criterion), measure)
+            key = (*device, get_predictor_name(criterion), measure)
             rows.append((*key, "spearman_within", *within))
-            rows.append((*key, "spearman_pooled", spearman(x, y), *UNKNOWN, views))
+            rows.append((*key, "spearman_pooled", compute_spearman(x, y), *UNKNOWN, views))
     return pd.DataFrame(rows, columns=[*names, *ENDS])
 
 
@@ -207,13 +207,13 @@ def compare_criteria(table: pd.DataFrame) -> pd.DataFrame:
         for first, second in combinations(correlations, 2):
             estimate = estimate_median(correlations[first] - correlations[second])
             if estimate.polygons:
-                key = (*device, measure, to_name(first), to_name(second))
+                key = (*device, measure, get_predictor_name(first), get_predictor_name(second))
                 rows.append((*key, *estimate, estimate.verdict))
     return pd.DataFrame(rows, columns=[*names, *ENDS, "verdict"])
 
 
 def correlate_by_resolution(table: pd.DataFrame) -> pd.DataFrame:
-    """Return `correlate` of each resolution, with that column; empty if there is only one."""
+    """Return `correlate` of each resolution, with a column of it; empty for a single resolution."""
     if table.empty or table["resolution"].nunique() < 2:
         return pd.DataFrame()
     parts = [correlate(part).assign(resolution=size) for size, part in table.groupby("resolution")]
@@ -238,6 +238,7 @@ def write_correlations(table: pd.DataFrame, folder: Path) -> pd.DataFrame:
 
 
 PAPER = "overdraw"
+"""Criterion that the paper proposes."""
 
 
 def print_matrix(correlations: pd.DataFrame, console: Console) -> None:
@@ -268,23 +269,24 @@ def plot_study(correlations: pd.DataFrame, table: pd.DataFrame, folder: Path) ->
         rows = table[(table["rasteriser"] == rasteriser) & (table["device"] == device)]
         name = f"predicted-vs-measured-{rasteriser}-{device}"
         files += draw_figure(
-            folder / "plots", name, _scatter, rows, part, f"{rasteriser} on {device}"
+            folder / "plots", name, _draw_scatter, rows, part, f"{rasteriser} on {device}"
         )
     return files
 
 
 def _group_within(correlations: pd.DataFrame) -> Iterable[tuple[Any, pd.DataFrame]]:
+    """Yield (rasteriser, device) with the rows of rank correlations within polygons."""
     within = correlations[correlations["statistic"] == "spearman_within"]
     return within.groupby(["rasteriser", "device"], sort=False)
 
 
-def _scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure:
+def _draw_scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure:
     """Draw measures against predictions, both divided by the polygon's median to remove its size.
 
     The main counter and the time with the least work have two panels each: for the paper's
     criterion, and for the criterion with the best rank correlation. Exact counts are not criteria.
     """
-    values = part.set_index([part["criterion"].map(to_column), "measure"])["value"]
+    values = part.set_index([part["criterion"].map(get_predictor_column), "measure"])["value"]
     measured = list(dict.fromkeys(part["measure"]))
     times = [name for name in measured if name.startswith(TIME)]
     pairs = []
@@ -299,7 +301,7 @@ def _scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure:
     )
     figure, axes = make_panels(len(pairs), (3.2, 3.1), title_lines, across=2)
     for panel, (criterion, measure) in zip(axes, pairs, strict=True):
-        x, y = scatter_over_medians(panel, rows, criterion, measure, ["polygon", "resolution"])
+        x, y = draw_scatter_over_medians(panel, rows, criterion, measure, ["polygon", "resolution"])
         drawn = np.isfinite(x) & np.isfinite(y)
         # The slope is fitted: a part of the cost (covered pixels) is not predicted, so it is not 1.
         if np.ptp(x[drawn]) > 0:
@@ -309,5 +311,5 @@ def _scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure:
         panel.set_title(f"rank correlation {coefficient:.3f}", fontsize=8)
         panel.set_xlabel(f"predicted by {list_predictors()[criterion]}, over median")
         panel.set_ylabel(f"measured {get_label(measure)},\nover median")
-    legend_below(figure, axes, columns=4)
+    add_legend_below(figure, axes, columns=4)
     return figure

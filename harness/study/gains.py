@@ -36,7 +36,7 @@ def make_gain_table(runs: Sequence[Run], bases: Sequence[str]) -> pd.DataFrame:
     runs : if several runs have the same view, the first is used, because times of different runs
         are not paired
 
-    Cases that skipped polygons have no ratio; textured cases are left out.
+    Cases that skipped polygons have no ratio; textured cases are omitted.
     """
     rows = []
     seen: set[CaseGroup] = set()
@@ -59,6 +59,7 @@ def make_gain_table(runs: Sequence[Run], bases: Sequence[str]) -> pd.DataFrame:
 def _make_row(
     group: RecordGroup, record: Record, base: Record | None, name: str
 ) -> dict[str, object] | None:
+    """Return the row of a record and the base called `name`, or None without a usable ratio."""
     ratio = group.compare(record, base)
     if ratio is None or base is None or not ratio.quiet:
         return None
@@ -85,7 +86,7 @@ def _make_row(
 def list_faster(table: pd.DataFrame, base: str) -> pd.DataFrame:
     """Return one row per scene, device, view and shading, with a column `faster`.
 
-    The column names the triangulators that are significantly faster than `base`, with their gains.
+    The column `faster` lists the triangulators significantly faster than `base`, and their gains.
     """
     rows = table[(table["base"] == base) & (table["triangulator"] != base)]
     columns = zip(rows["triangulator"], rows["time_ratio"], rows["verdict"], strict=True)

@@ -1,4 +1,4 @@
-"""Pareto fronts of the paper's criteria A and D, and the draw times of the triangulations.
+"""Pareto fronts of the paper's criteria A (overdraw) and D (shape), with draw times.
 
 For a single polygon, the complete Pareto front is computed. For a scene, the weights of the mixture
 are swept. This gives exactly the vertices of the convex hull of the scene's front in the two
@@ -41,10 +41,10 @@ COMPARED = (
 """Triangulators that are compared with the front, if installed."""
 
 STEPS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
-"""Ratios beta/alpha between the ends of the sweep, A alone and D alone."""
+"""Ratios of D's weight (beta) to A's weight (alpha) between the sweep's ends, A or D alone."""
 
 MAX_POINTS = 15
-"""Maximum measured points of a front; a longer front is sampled evenly, with both ends."""
+"""Maximum number of points of a front that are measured; a longer front is sampled evenly."""
 
 ALL = "all"
 """Value in the column `polygon` of rows about the complete scene."""
@@ -65,7 +65,7 @@ SWEEP = (name_mixture(1, 0), *(name_mixture(1, step) for step in STEPS), name_mi
 """The sweep, from A alone to D alone."""
 
 WITH_C = name_mixture(1, 1, 1)
-"""Mixture with C, whose weight has no effect on the triangulations."""
+"""Mixture with the paper's criterion C (complexity), whose weight has no effect on the result."""
 
 
 CRITERIA = ("overdraw", "shape", "complexity", "half_perimeter", "edge_length", "triangles")
@@ -206,7 +206,7 @@ def mark_undominated(
     return np.asarray(~(not_larger & smaller).any(axis=1))
 
 
-def print_table(table: pd.DataFrame, scene: str, console: Console) -> None:
+def print_pareto_table(table: pd.DataFrame, scene: str, console: Console) -> None:
     """Print for each polygon, rasteriser and device how many points are faster or slower.
 
     The points of a complete scene are the steps of its sweep.
@@ -229,7 +229,9 @@ def print_table(table: pd.DataFrame, scene: str, console: Console) -> None:
 def make_triangulation_table(
     polygon: Polygon, mode: Literal["conforming", "paper"]
 ) -> pd.DataFrame:
-    """Return one row per triangulation, by overdraw: `CRITERIA`, `conforming`, `diagonals`.
+    """Return one row per triangulation, sorted by overdraw; columns `CRITERIA` and two more.
+
+    conforming : whether the triangulation has no T-junctions
 
     diagonals : pairs of vertex numbers, "1-3 3-5"
 
@@ -251,6 +253,7 @@ def make_triangulation_table(
 
 
 def _list_diagonals(triangles: NDArray[np.int32], count: int) -> list[tuple[int, int]]:
+    """Return the vertex pairs of edges other than the outline's; count : number of vertices."""
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     pairs = np.unique(edges, axis=0).tolist()
     return [(a, b) for a, b in pairs if b - a not in (1, count - 1)]

@@ -24,8 +24,8 @@ from harness.metrics.groups import group_records
 from harness.metrics.per_polygon import Column
 from harness.metrics.registry import list_costs, list_predictions
 from harness.results.record import Record, Time
-from harness.stats.intervals import MIN_VALUES, UNKNOWN, mean_interval, split_rounds
-from harness.study.correlations import TIME, get_label, make_criterion_table, to_column
+from harness.stats.intervals import MIN_VALUES, UNKNOWN, compute_mean_interval, split_rounds
+from harness.study.correlations import TIME, get_label, get_predictor_column, make_criterion_table
 from harness.study.subjects import MIN_QUADS
 from harness.style import format_latex_table, format_markdown_table, get_family
 
@@ -71,7 +71,7 @@ def compute_regret_interval(low: Column, high: Column) -> tuple[float, float]:
 
     low, high : lower and upper estimates of each polygon, (p,)
     """
-    ends = mean_interval(low)[0], mean_interval(high)[1]
+    ends = compute_mean_interval(low)[0], compute_mean_interval(high)[1]
     return (max(0.0, ends[0]), ends[1]) if np.isfinite(ends).all() else UNKNOWN
 
 
@@ -133,14 +133,20 @@ def _list_choices(records: Sequence[Record]) -> Iterator[tuple[str, str, int]]:
 
 
 def _compare_counts(values: Sequence[float]) -> tuple[int, list[tuple[float, float]]]:
-    """Return the index of the minimum, and (regret, regret) of each; NaN if the minimum is 0."""
+    """Return the index of the minimum, and lower and upper estimate of each regret, here equal.
+
+    Regrets of values above a minimum of 0 are NaN.
+    """
     best = min(values)
     regrets = [0.0 if v == best else v / best - 1.0 if best else np.nan for v in values]
     return values.index(best), [(regret, regret) for regret in regrets]
 
 
 def _compare_times(times: Sequence[Time]) -> tuple[int, list[tuple[float, float]]]:
-    """Return the index of the minimum of times of the same rounds, and estimates of each regret."""
+    """Return the index of the minimum time, and lower and upper estimate of each regret.
+
+    times : of the same rounds
+    """
     rounds, first = min(len(time.samples_s) for time in times), times[0]
     samples = np.array([time.samples_s[:rounds] for time in times])
     relative = samples / np.array(first.reference_s[:rounds])
@@ -193,7 +199,7 @@ def write_paper_table(correlations: pd.DataFrame, regrets: pd.DataFrame, folder:
     both with 95 % intervals; criteria are sorted by rank correlation.
     """
     ranks = correlations[correlations["statistic"] == "spearman_within"].dropna(subset=["value"])
-    ranks = ranks[ranks["criterion"].map(to_column).isin(list_predictions())]
+    ranks = ranks[ranks["criterion"].map(get_predictor_column).isin(list_predictions())]
     of_criteria = regrets[regrets["kind"] == "criterion"]
     cells = {
         (

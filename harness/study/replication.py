@@ -20,7 +20,11 @@ from harness.study.correlations import TIME, TOO_FEW
 
 BEST, USUAL, DELAUNAY = "optimal:half-perimeter", "ear-clipping", "delaunay"
 TURNED = "@0"
+"""Suffix of triangulators that triangulate at 0 degrees, before the scene is rotated."""
+
 CHOICE = (USUAL, DELAUNAY, "refined", "optimal:overdraw", BEST)
+"""Triangulators of the study of draw times, from which a user may choose."""
+
 ROTATED_TRIANGULATORS = tuple(f"{name}{TURNED}" for name in (USUAL, "optimal:overdraw", BEST))
 """Triangulators of the study of rotation: triangulated at 0 degrees, then turned."""
 
@@ -103,10 +107,10 @@ class Claim(NamedTuple):
 def _find_row(
     table: pd.DataFrame | None, *, boxes: bool = False, **values: str
 ) -> pd.Series[Any] | None:
-    """Return the row with these values, of the largest view, or None.
+    """Return the row whose columns have `values`, in the largest viewport, or None.
 
-    boxes : of the rasteriser that scans bounding boxes; otherwise of OpenGL, or of the CPU
-        reference, which has the same counters
+    boxes : True for a row of the rasteriser that scans bounding boxes; otherwise the row is of
+        OpenGL, or if missing of the CPU reference, which has the same counters
     """
     if table is None:
         return None
@@ -120,7 +124,10 @@ def _find_row(
 
 
 def _make_finding(row: pd.Series[Any] | None, *names: str, **fields: Any) -> Finding | None:
-    """Return the finding of a row: `names` are the columns of value, low and high."""
+    """Return the finding in a row, or None without a row.
+
+    names : columns of the value and of its interval's lower and upper end
+    """
     if row is None:
         return None
     too_few = row.get("polygons", MIN_VALUES) < MIN_VALUES
@@ -141,7 +148,10 @@ def _check_correlation(
 
 
 def _check_h_against_a(evidence: Evidence, measure: str) -> Finding | None:
-    """Check that H has a higher rank correlation than A, by differences within each polygon."""
+    """Check that half-perimeters H have a higher rank correlation than overdraw A.
+
+    The difference of both correlations is taken within each polygon.
+    """
     h, a = "half-perimeter", "overdraw"
     of_h, of_a = (_check_correlation(evidence, name, measure) for name in (h, a))
     if of_h is None or of_a is None:
@@ -158,6 +168,7 @@ def _check_h_against_a(evidence: Evidence, measure: str) -> Finding | None:
 
 
 def _check_shape_is_last(evidence: Evidence) -> Finding | None:
+    """Check that the shape D has the lowest rank correlation with helper lanes in `RANKED`."""
     checks = (_check_correlation(evidence, name, "helper_lanes") for name in RANKED)
     findings = [finding for finding in checks if finding is not None]
     if len(findings) < len(RANKED):
@@ -202,7 +213,7 @@ def _check_rotation(evidence: Evidence, triangulator: str, *, below: bool) -> Fi
 
 CLAIMS = (
     Claim(
-        "Within a polygon, Q predicts helper lanes: rank correlation of 0.95 or more",
+        "Within a polygon, Q predicts helper lanes: rank correlation of at least 0.95",
         Q_RANKS_LANES,
         lambda e: _check_correlation(e, "expected-quads", "helper_lanes", 0.95),
     ),
@@ -217,7 +228,8 @@ CLAIMS = (
         lambda e: _check_h_against_a(e, f"{TIME}0"),
     ),
     Claim(
-        "A predicts the tests of a rasteriser that scans bounding boxes: rank correlation >= 0.999",
+        "A predicts the pixel tests of a rasteriser that scans bounding boxes: rank correlation of"
+        " at least 0.999",
         A_RANKS_TESTS,
         lambda e: _check_correlation(e, "overdraw", "bbox_tests", 0.999, boxes=True),
     ),
@@ -237,7 +249,8 @@ CLAIMS = (
         lambda e: _check_faster(e.get("choice"), DELAUNAY),
     ),
     Claim(
-        "They are also faster in the same order of triangles: the gain is that of the diagonals",
+        "H-optimal triangulations are faster than Delaunay also if both are in the order of a walk,"
+        " so the gain is due to the diagonals",
         H_AGAINST_DELAUNAY_WALKED,
         lambda e: _check_faster(e.get("walked"), DELAUNAY),
     ),
@@ -253,7 +266,8 @@ CLAIMS = (
         lambda e: _check_rotation(e, BEST, below=True),
     ),
     Claim(
-        "Rotated after triangulation, A-optimal ones lose their advantage: 0.95 or more",
+        "Rotated after triangulation, A-optimal triangulations have more than 0.95 of ear"
+        " clipping's helper lanes",
         A_TURNED,
         lambda e: _check_rotation(e, "optimal:overdraw", below=False),
     ),
@@ -266,15 +280,15 @@ def evaluate_claims(evidence: Evidence) -> list[tuple[Claim, Finding | None]]:
 
 
 def read_evidence(folder: Path) -> Evidence:
-    """Return the tables of a study's folder."""
+    """Return the tables of `TABLES` that exist in a study's folder."""
     files = {name: folder / file for name, file in TABLES.items()}
     return {name: pd.read_csv(file) for name, file in files.items() if file.is_file()}
 
 
 def format_page(data_sets: Sequence[tuple[str, Evidence]], conditions: str) -> str:
-    """Return a page of findings in Markdown.
+    """Return a page in Markdown with the finding for each claim and data set.
 
-    data_sets : (name, evidence)
+    data_sets : (name, evidence) of each data set
     conditions : text about the machine and device
     """
     lines = ["# Findings on other data", "", conditions, ""]

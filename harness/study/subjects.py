@@ -4,9 +4,9 @@ A criterion is evaluated within a polygon, so each polygon is a separate scene t
 viewport. The polygon is triangulated in many ways: by common methods, with the minimum and the
 maximum of each criterion, and at random, uniformly over all triangulations.
 
-An ordinary run has too few triangulations of each polygon to evaluate a criterion. For its report,
-`count_triangulations` triangulates some polygons of a view in about 25 ways. These are counted by
-the exact CPU reference at the polygons' positions in the frame, and not timed.
+An ordinary run has too few triangulations of each polygon to evaluate a criterion. For the run's
+report, `evaluate_triangulations` makes about 25 triangulations of some polygons of a view. The
+exact CPU reference counts the triangulations at the polygons' positions in the frame, untimed.
 """
 
 from collections.abc import Iterator, Sequence
@@ -106,21 +106,22 @@ def choose_triangulators(design: StudySize, polygon: Polygon) -> tuple[Recipe, .
 POLYGONS = 24
 RANDOM = 20
 MAX_VERTICES = 60
-"""Limits of `count_triangulations`: polygons, random triangulations of each polygon, and vertices
-of a polygon, because random triangulations of larger polygons are slow."""
+"""Limits of `evaluate_triangulations`: polygons, random triangulations of each polygon, and
+vertices of a polygon, because random triangulations of larger polygons are slow."""
 
 COUNTED = (
     "ear-clipping",
     "delaunay",
     *(f"{end}:{name}" for name in ("half-perimeter", "overdraw") for end in ("optimal", "worst")),
 )
+"""Triangulators of `evaluate_triangulations`, in addition to random triangulations."""
 
 MEASURES = Reference.counters
 """Counters of the reference rasteriser, with which criteria can be correlated."""
 
 
-def count_triangulations(geometry: drawings.Geometry, view: View) -> list[dict[str, Any]]:
-    """Return criteria and counters of many triangulations of polygons, sampled evenly by size."""
+def evaluate_triangulations(geometry: drawings.Geometry, view: View) -> list[dict[str, Any]]:
+    """Return criteria and counters of triangulations of polygons, which are sampled by size."""
     sizes = geometry.grid.vertex_counts
     simple = geometry.grid.ring_counts == 1
     rows = []

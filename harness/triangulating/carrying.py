@@ -16,7 +16,9 @@ from triangulators.polygon_arrays import offsets_of
 from triangulators.verify import verify
 
 
-def carry_over(before: FrameTriangulation, upright: Frame, turned: Frame) -> FrameTriangulation:
+def carry_to_rotated_frame(
+    before: FrameTriangulation, upright: Frame, turned: Frame
+) -> FrameTriangulation:
     """Return the triangulation of `upright`'s polygons for the same polygons in `turned`.
 
     Polygons whose vertices were merged by snapping in only one frame fail, with the reason. A thin
@@ -92,9 +94,9 @@ def carry_to_views(frame: Frame, flat: FrameTriangulation, recipe: Recipe) -> Fr
 def _replace_faces(
     frame: Frame, viewing: Viewing, parts: Sequence[Rows | None], recipe: Recipe
 ) -> dict[int, Rows]:
-    """Return, by source, the triangles of faces for which `parts` is not used.
+    """Return the triangles that replace `parts`, by number of the face in `Viewing.source`.
 
-    These are as in the output of the command `triangulate`: a face without a gain keeps the
+    As in the output of the command `triangulate`, a face whose cost would not decrease keeps the
     model's triangles, and a face that is not a polygon gets flipped diagonals.
 
     parts : triangles (m, 3) of each polygon

@@ -74,7 +74,7 @@ class ModelDatabase:
     def __init__(
         self, path: Path | None = None, warn: Callable[[str], None] = _LOG.warning
     ) -> None:
-        self.path = path or system.database_path()
+        self.path = path or system.get_database_path()
         self._warn = warn
         try:
             make_folder(self.path.parent)
@@ -113,8 +113,8 @@ class ModelDatabase:
         """Delete all entries; return their number."""
         return self._attempt(self._delete_all, 0)
 
-    def info(self) -> dict[str, tuple[int, int]]:
-        """Return the number of cached triangulations and bytes of each triangulator."""
+    def count_entries(self) -> dict[str, tuple[int, int]]:
+        """Return (number of cached triangulations, bytes) by triangulator."""
         query = "SELECT triangulator, COUNT(*), SUM(LENGTH(value)) FROM model GROUP BY triangulator"
         rows: list[tuple[str, int, int]] = self._attempt(
             lambda: self._database.execute(query).fetchall(), []

@@ -23,7 +23,7 @@ from shapely import Polygon
 import triangulators
 from harness.errors import UsageError
 from harness.machine.user_modules import allow_user_module
-from harness.results.record import BASE_MARK, NUMBER_MARK, UPRIGHT_MARK, full_name
+from harness.results.record import BASE_MARK, NUMBER_MARK, UPRIGHT_MARK, format_full_name
 from triangulators import criteria, registry
 from triangulators.errors import TriangulationError, suggest, summarize_error
 from triangulators.polygon_arrays import PolygonArray
@@ -61,7 +61,7 @@ class Recipe:
     def __str__(self) -> str:
         """Return the full name, which records have as `triangulator`."""
         mark = BASE_MARK if self.other else ""
-        return mark + full_name(self.base, self.number, upright=self.upright)
+        return mark + format_full_name(self.base, self.number, upright=self.upright)
 
     @property
     def builtin(self) -> bool:
@@ -111,7 +111,8 @@ class Recipe:
         """Triangulate the polygons of a batch that compiled code can solve, on one thread.
 
         Returns triangles (m, 3) of each polygon, and flags (p,) of the polygons that were solved.
-        The others need `triangulate`; by a third-party triangulator, none is solved here.
+        The remaining polygons need `triangulate`; no polygon is solved for a third-party
+        triangulator, which has no batch function.
         """
         if not self.builtin:
             return [], np.zeros(len(polygons), np.bool_)
@@ -125,8 +126,8 @@ class Recipe:
         """Return (m, 3) triangles; raise as `triangulators.triangulate` does."""
         return self.triangulate_with_gap(polygon)[0]
 
-    def gap_of_batch(self, vertices: int) -> float | None:
-        """Return the gap to the optimum of a polygon that a batch solved, or None without gaps.
+    def get_batch_gap(self, vertices: int) -> float | None:
+        """Return the gap to the optimum of a polygon that `attempt` solved, or None without gaps.
 
         Up to `LIMIT` vertices, a batch has only optima; for larger polygons the gap is unknown.
         """

@@ -58,7 +58,7 @@ def triangulate_polygons(
         for k, vertices in enumerate(arrays.vertex_counts.tolist()):
             timed = cached[k]
             if k in valid:
-                gap = recipe.gap_of_batch(vertices) if timed is None else timed.gap
+                gap = recipe.get_batch_gap(vertices) if timed is None else timed.gap
                 result.seconds += 0.0 if timed is None else timed.seconds
                 result.cached += timed is not None
                 result.add(triangles[k], checks.get(k, (0, ""))[0])
@@ -155,7 +155,7 @@ def _triangulate_one(recipe: Recipe, polygon: Polygon, result: FrameTriangulatio
 def _check_unconfirmed(
     polygons: PolygonArray, triangles: dict[int, Rows]
 ) -> dict[int, tuple[int, str]]:
-    """Return the results of `check_triangles` for polygons that a quick pass does not confirm."""
+    """Return the results of `check_triangles` for polygons that a quicker test does not confirm."""
     unconfirmed = find_unconfirmed(polygons, triangles)
     return {k: check_triangles(polygons[k], triangles[k]) for k in unconfirmed}
 
@@ -183,7 +183,7 @@ _warm: set[str] = set()
 
 
 def make_small_polygons() -> Iterator[Polygon]:
-    """Yield polygons of all kinds for which triangulators may have separate code."""
+    """Yield a polygon for each code path that triangulators may have: holes, many vertices."""
     square = box(0, 0, 8, 8).exterior
     holes = [box(x, 3, x + 2, 5).exterior for x in (1, 5)]
     yield Polygon(square)

@@ -123,7 +123,7 @@ def serve(
     environment : all variables of the process
     limits : None if the process runs only built-in code
     """
-    _prepare(output, environment, limits)
+    _set_up_process(output, environment, limits)
     if limits is not None and sys.platform == "linux":
         _wait_for_child(connection)
     pid = os.getpid()
@@ -140,7 +140,7 @@ def serve(
         except EOFError:
             break
         except HarnessError as error:
-            answer = (False, error if limits is None else _sanitise(error))
+            answer = (False, error if limits is None else _make_safe_error(error))
         except BaseException as error:  # a task's sys.exit must not end the run
             answer = (False, make_failure(error))
         if os.getpid() != pid:  # a fork made by the task; the parent answers
@@ -157,7 +157,7 @@ def serve(
     os._exit(0)  # without clean-up, in which drivers and plugins may crash or hang
 
 
-def _prepare(output: str, environment: Mapping[str, str], limits: Limits | None) -> None:
+def _set_up_process(output: str, environment: Mapping[str, str], limits: Limits | None) -> None:
     """Set the environment, limits, process group, signals, output and log of a new process."""
     os.environ.clear()
     os.environ.update(environment)
@@ -166,7 +166,7 @@ def _prepare(output: str, environment: Mapping[str, str], limits: Limits | None)
     # A process group, so that descendants are killed as well and Ctrl-C reaches only the parent.
     system.start_process_group()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    system.end_with(os.getppid())
+    system.end_with_parent(os.getppid())
     descriptor = os.open(output, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
     for stream, number in ((sys.__stdout__, 1), (sys.__stderr__, 2)):
         os.dup2(descriptor, stream.fileno() if stream else number)
@@ -180,7 +180,7 @@ def _wait_for_child(connection: Connection) -> None:
     waiting = os.getpid()
     child = os.fork()
     if child == 0:
-        system.end_with(waiting)
+        system.end_with_parent(waiting)
         return
     connection.close()  # an open copy would hide that the child has ended
     _, status = os.waitpid(child, 0)
@@ -193,7 +193,7 @@ def _wait_for_child(connection: Connection) -> None:
     os._exit(abs(code))
 
 
-def _sanitise(error: HarnessError) -> HarnessError:
+def _make_safe_error(error: HarnessError) -> HarnessError:
     """Return an error of third-party code, truncated, as a class of the harness."""
     kind = type(error) if type(error).__module__.startswith("harness.") else TaskError
     return kind(truncate(str(error)))

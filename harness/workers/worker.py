@@ -188,14 +188,14 @@ class Worker:
                 suspended = system.is_suspended(self._process.pid or 0)
                 if suspended and before:
                     self._end(at_once=True)
-                    self._fail(f"{self.name} was suspended (SIGSTOP) and killed", written)
+                    self._raise_failure(f"{self.name} was suspended (SIGSTOP) and killed", written)
             # The process may have answered before it ended; then there is a message to read.
             if self._process.exitcode is not None and not self._connection.poll(0):
                 self._raise_crash(written)
             if timeout_s is not None and waited > timeout_s:
                 self._end(at_once=True)
                 reason = f"{self.name} exceeded the time limit of {timeout_s:g} s and was killed"
-                self._fail(reason, written, TaskTimeoutError)
+                self._raise_failure(reason, written, TaskTimeoutError)
             if tick:
                 tick(waited)
         try:
@@ -208,16 +208,20 @@ class Worker:
             ) from error
 
     def _raise_crash(self, written: int) -> NoReturn:
+        """Raise TaskError with the exit code or signal of the process, which has ended."""
         assert self._process is not None
         self._process.join(END_TIMEOUT_S)
         cause = system.describe_exit(self._process.exitcode)
         if self._server is not None and not system.is_running(self._server):
             cause = "the fork server was killed, by this process or another"
         self._end(at_once=True)
-        self._fail(f"{self.name} crashed: {cause}", written)
+        self._raise_failure(f"{self.name} crashed: {cause}", written)
 
-    def _fail(self, reason: str, written: int, kind: type[TaskError] = TaskError) -> NoReturn:
-        message = self._quote(reason, written)
+    def _raise_failure(
+        self, reason: str, written: int, kind: type[TaskError] = TaskError
+    ) -> NoReturn:
+        """Raise an error with the reason, and with the output of the process after `written`."""
+        message = self._add_last_output(reason, written)
         _LOG.info("%s", message)
         raise kind(message)
 
@@ -245,7 +249,8 @@ class Worker:
             system.describe_exit(process.exitcode),
         )
 
-    def _quote(self, reason: str, written: int) -> str:
+    def _add_last_output(self, reason: str, written: int) -> str:
+        """Return the reason with the last lines of output after the first `written` bytes."""
         with contextlib.suppress(OSError), self._output.open("rb") as file:
             size = file.seek(0, os.SEEK_END)
             file.seek(max(written, size - 4 * MAX_OUTPUT_CHARACTERS))

@@ -36,10 +36,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from harness.frame import View, frame_of
+from harness.frame import View, make_scene_frame
 from harness.measuring.loading import load_scene
 from harness.profile import law
-from harness.profile.counted import TERMS, count_triangles, design_of
+from harness.profile.counted import TERMS, count_triangles, make_design_rows
 from harness.progress import Reporter
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
@@ -83,13 +83,13 @@ def count_scene(scene_name: str) -> Path:
     scene = load_scene(scene_name, 0, Reporter(quiet=True))
     rows = []
     for resolution in SIZES[scene_name]:
-        frame = frame_of(scene, View(resolution))
+        frame = make_scene_frame(scene, View(resolution))
         for name in TRIANGULATORS:
             if name not in UNMEASURED.get(scene_name, ()):
                 recipe = parse(name)
                 result = triangulate_polygons(recipe, frame.polygons)
                 case = {"scene": scene_name, "resolution": resolution, "triangulator": str(recipe)}
-                rows.append(case | count_triangles(frame, frame.join(result.parts)))
+                rows.append(case | count_triangles(frame, frame.join_triangles(result.parts)))
     file = H200 / f"counters-{scene_name}.csv"
     pd.DataFrame(rows).to_csv(file, index=False)
     return file
@@ -155,7 +155,7 @@ def read_law(profile: str) -> tuple[str, Costs]:
 
 def predict_by_form(form: str, costs: Costs, table: pd.DataFrame) -> NDArray[np.float64]:
     """Return the seconds of each draw by a law of one of `law.FORMS`."""
-    rows = design_of(table.to_dict("records"))
+    rows = make_design_rows(table.to_dict("records"))
     return law.predict_times(rows, np.array([costs[name] for name in TERMS]), form)
 
 
@@ -229,14 +229,14 @@ def compare_forms() -> Iterator[dict[str, object]]:
     is_fitted = city["resolution"] == ARITHMETIC_FITTED
     part, rest = city[is_fitted], city[~is_fitted]
     seconds = np.exp([np.log(row["epochs"]).mean() for row in stored])
-    rows = design_of([*(row["counters"] for row in stored), *part.to_dict("records")])
+    rows = make_design_rows([*(row["counters"] for row in stored), *part.to_dict("records")])
     groups = [*(row["group"] for row in stored), *("city " + part["triangulator"])]
     times = np.r_[seconds, part["seconds"]]
     fitted = law.fit(rows, times[None], groups)
     labels = np.unique(groups, return_inverse=True)[1]
     for form in law.FORMS:
         costs, _ = law.fit_form(rows, times, labels, form)
-        predicted = law.predict_times(design_of(rest.to_dict("records")), costs, form)
+        predicted = law.predict_times(make_design_rows(rest.to_dict("records")), costs, form)
         errors = measure_errors(rest, predicted)
         yield {
             "form": form,

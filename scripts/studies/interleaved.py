@@ -62,7 +62,7 @@ def make_row(folder: Path) -> dict[str, object]:
     """Return the state of a run, the exit code of `compare` and the outcomes of the times."""
     base, head = read_run(folder / "base"), read_run(folder)
     comparison = compare_runs(base, head)
-    times = {case.id.name: case.time for case in comparison.compared() if case.time}
+    times = {case.id.name: case.time for case in comparison.list_compared() if case.time}
     waited = [record.time for record in head.records if record.time]
     slowed = times.pop(SLOWED)
     outcomes = [time.outcome for time in times.values()]

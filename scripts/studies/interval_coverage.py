@@ -29,7 +29,7 @@ from harness.frame import View
 from harness.metrics.break_even import compute_break_even
 from harness.metrics.decision import decide
 from harness.metrics.groups import compute_time_ratio, group_records
-from harness.metrics.per_polygon import spearman
+from harness.metrics.per_polygon import compute_spearman
 from harness.rasterisers.base import Options
 from harness.results.record import CaseId, Record, Time
 from harness.stats.intervals import (
@@ -37,10 +37,10 @@ from harness.stats.intervals import (
     RUN_SCATTER,
     UNKNOWN,
     add_run_scatter,
-    mean_interval,
-    median_interval,
-    paired_ratio,
-    ratio_interval,
+    compute_mean_interval,
+    compute_median_interval,
+    compute_paired_ratio,
+    compute_ratio_interval,
 )
 from harness.study.correlations import estimate_median
 from harness.study.regret import compute_regret_interval, estimate_regret
@@ -70,7 +70,7 @@ def compute_share_interval(shares: NDArray[np.float64]) -> tuple[float, float]:
         return 0.0, reach
     if (shares == 1).all():
         return 1 - reach, 1.0
-    low, high = mean_interval(shares)
+    low, high = compute_mean_interval(shares)
     return max(0.0, low), min(1.0, high)
 
 
@@ -227,7 +227,7 @@ def _simulate_tiles(number: int, rng: np.random.Generator) -> Trial:
     resamples = rng.integers(number, size=(999, number))
     ratios = values[resamples].sum(axis=1) / base[resamples].sum(axis=1)
     low, high = np.quantile(ratios, [0.025, 0.975])
-    return Trial(ratio_interval(values, base), (low, high), 0.7 + slope * spread)
+    return Trial(compute_ratio_interval(values, base), (low, high), 0.7 + slope * spread)
 
 
 def _resample(values: Values, number: int, rng: np.random.Generator) -> Trial:
@@ -281,7 +281,7 @@ def _simulate_criteria(polygons: int, rng: np.random.Generator) -> Trial:
         noise = rng.uniform(0.1, 1.0)
         for column in columns:
             column.append((true_values + noise * rng.standard_normal(20), true_values))
-    first, second = (np.array([spearman(*pair) for pair in column]) for column in columns)
+    first, second = (np.array([compute_spearman(*pair) for pair in column]) for column in columns)
     estimate = estimate_median(first - second)
     return Trial(
         (estimate.low, estimate.high), _percentile_interval(first - second, rng, np.median), 0.0
@@ -298,8 +298,8 @@ def _simulate_ratio(epochs: int, repeats: int, rng: np.random.Generator) -> Tria
     if repeats > 1:
         logs = logs + process
     ones = np.ones(len(logs))
-    interval = paired_ratio(np.exp(logs), ones, [10] * (epochs * repeats), parts)
-    simpler = paired_ratio(np.exp(logs), ones, [10] * (epochs * repeats))
+    interval = compute_paired_ratio(np.exp(logs), ones, [10] * (epochs * repeats), parts)
+    simpler = compute_paired_ratio(np.exp(logs), ones, [10] * (epochs * repeats))
     return Trial((interval.low, interval.high), (simpler.low, simpler.high), 1.0)
 
 
@@ -309,7 +309,7 @@ def _simulate_any_run(epochs: int, rng: np.random.Generator) -> Trial:
     epoch = np.repeat(0.003 * rng.standard_normal(epochs), 10)
     logs = RUN_SCATTER * rng.standard_normal() + epoch
     logs = logs + 0.01 * rng.standard_normal(len(epoch))
-    simpler = paired_ratio(np.exp(logs), np.ones(len(logs)), [10] * epochs)
+    simpler = compute_paired_ratio(np.exp(logs), np.ones(len(logs)), [10] * epochs)
     interval = add_run_scatter(simpler)
     return Trial((interval.low, interval.high), (simpler.low, simpler.high), 1.0)
 
@@ -321,7 +321,7 @@ def _simulate_machine_in_use(machine: Machine, tail: bool, rng: np.random.Genera
     assert base.time is not None
     assert head.time is not None
     interval = compute_time_ratio(head, base)
-    simpler = paired_ratio(head.time.samples_s, base.time.samples_s)
+    simpler = compute_paired_ratio(head.time.samples_s, base.time.samples_s)
     assert interval is not None
     return Trial((interval.low, interval.high), (simpler.low, simpler.high), 0.9)
 
@@ -348,7 +348,7 @@ def _simulate_median_time(heavy: float, rng: np.random.Generator) -> Trial:
     samples *= 1 + longer * rng.pareto(1.2, 72)
     # Median of the mixture; nearly all of its longer samples are above all other samples.
     truth = float(np.exp(0.01 * NormalDist().inv_cdf(0.5 / (1 - heavy)))) if heavy else 1.0
-    return Trial(median_interval(samples.tolist()), None, truth)
+    return Trial(compute_median_interval(samples.tolist()), None, truth)
 
 
 DRAW_S, LONGER_S, ONCE_S = 1e-3, 0.1, 0.02
@@ -371,7 +371,7 @@ def _simulate_break_even(
         time = Time(
             samples_s=tuple(samples.tolist()),
             median_s=float(np.median(samples)),
-            ci95_s=median_interval(samples.tolist()),
+            ci95_s=compute_median_interval(samples.tolist()),
             epochs=tuple(DRAW_EPOCHS),
             round_group="one",
         )
@@ -421,7 +421,7 @@ def _simulate_shares(groups: int, rng: np.random.Generator) -> Trial:
 
 
 def _mean_interval(values: Values, rng: np.random.Generator) -> Ends:
-    return mean_interval(values, int(rng.integers(1 << 31)))
+    return compute_mean_interval(values, int(rng.integers(1 << 31)))
 
 
 def _percentile_interval(

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 
 from harness.measuring.timing import EMPTY, TimerTest, Times, time_together
 from harness.profile import design, law, measured
-from harness.profile.counted import TERMS, counters, design_of
+from harness.profile.counted import TERMS, count_draw, make_design_rows
 from harness.profile.draw import Draw
 from harness.profile.profile import select_fitted
 from harness.rasterisers.base import Sample
@@ -115,7 +115,7 @@ class Design(NamedTuple):
 def make_design(seed: int = 0) -> Design:
     """Return the design without the draws that fill pixels twice."""
     draws = [draw for draw in design.make_draws(seed) if draw.kind != "twice"]
-    return Design(design_of([counters(draw) for draw in draws]), [draw.group for draw in draws])
+    return Design(make_design_rows([count_draw(draw) for draw in draws]), [draw.group for draw in draws])
 
 
 def fit_device(layout: Design, seed: int, budget_s: float = 0.3) -> FittedDevice:
@@ -133,7 +133,7 @@ def fit_device(layout: Design, seed: int, budget_s: float = 0.3) -> FittedDevice
     def prepare(order: Sequence[str]) -> dict[str, Drawing]:
         return {name: Drawing(seconds[name], clock, random) for name in order}
 
-    timing = measured.settings(budget_s, 0)
+    timing = measured.make_settings(budget_s, 0)
     processes = []
     speeds: list[float] = []
     for number in range(timing.processes):
@@ -174,7 +174,7 @@ class Residuals(NamedTuple):
 def recreate_draws(profile: dict[str, Any]) -> tuple[list[Draw], list[dict[str, Any]]]:
     """Return the draws of a profile, made again, and the seconds stored in the profile."""
     step = profile["device"]["details"].get("step") or 1
-    draws = [design.snap(draw, step) for draw in design.make_draws(profile["seed"])]
+    draws = [design.snap_draw(draw, step) for draw in design.make_draws(profile["seed"])]
     stored_draws = {(row["kind"], row["name"]): row for row in profile["times"]}
     draws = [draw for draw in draws if (draw.kind, draw.name) in stored_draws]
     return draws, [stored_draws[draw.kind, draw.name] for draw in draws]
@@ -186,7 +186,7 @@ def compute_residuals(profile: dict[str, Any]) -> Residuals:
     indices, _ = select_fitted(draws)
     retained = [draws[index] for index in indices]
     layout = Design(
-        design_of([counters(draw) for draw in retained]), [draw.group for draw in retained]
+        make_design_rows([count_draw(draw) for draw in retained]), [draw.group for draw in retained]
     )
     times = np.array([np.log(stored_draws[index]["epochs"]).mean() for index in indices])
     fitted = law.fit(layout.rows, np.exp(times)[None], layout.groups)
@@ -234,13 +234,13 @@ def make_stage_costs(layout: Design, form: str, random: np.random.Generator) -> 
     Each stage has at least one cost.
     """
     costs = make_costs(layout, random)
-    for members in law.list_members(form)[:, 1:] if form != "sum" else ():
+    for members in law.make_stage_masks(form)[:, 1:] if form != "sum" else ():
         stage = np.flatnonzero(members) + 1
         if not costs[stage].any():
             costs[stage[0]] = 1.0 / layout.rows[:, stage[0]].max()
         times = layout.rows[:, stage] @ costs[stage]
         costs[stage] *= MAX_TERM_S / np.median(times[times > 0]) * MAX_IMBALANCE ** -random.random()
-    return np.asarray(costs * law.list_members(form).any(axis=0))
+    return np.asarray(costs * law.make_stage_masks(form).any(axis=0))
 
 
 def main() -> None:

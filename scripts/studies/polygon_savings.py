@@ -11,7 +11,7 @@ import argparse
 
 import numpy as np
 
-from harness.frame import View, frame_of
+from harness.frame import View, make_scene_frame
 from harness.rasterisers.reference import predict
 from scenes import load
 from triangulators import triangulate
@@ -25,12 +25,14 @@ def main() -> None:
     parser.add_argument("--scene", default="city")
     parser.add_argument("--pixels", type=int, default=1024)
     options = parser.parse_args()
-    frame = frame_of(load(options.scene, attributes=False), View(options.pixels))
+    frame = make_scene_frame(load(options.scene, attributes=False), View(options.pixels))
     columns = []
     for name in TRIANGULATORS:
-        triangles = frame.join([triangulate(polygon, name) for polygon in frame.polygons])
+        triangles = frame.join_triangles([triangulate(polygon, name) for polygon in frame.polygons])
         quads = predict(frame.points, triangles)["quads"]
-        columns.append(np.bincount(frame.owner(triangles), quads, len(frame.source)).astype(int))
+        columns.append(
+            np.bincount(frame.find_owners(triangles), quads, len(frame.source)).astype(int)
+        )
     print(",".join(("polygon", "scale", *TRIANGULATORS)))
     for number, *quads in zip(frame.source, *columns, strict=True):
         print(",".join(map(str, (number, f"{frame.scale:.9g}", *quads))))

@@ -47,14 +47,14 @@ from harness.measuring.pool import Backend, MeasuringPool
 from harness.measuring.timing import EMPTY, REFERENCE
 from harness.profile import profile as profiles
 from harness.profile.advice import recommend
-from harness.profile.counted import TERMS, count_triangles, counters, design_of
-from harness.profile.fitting import compute_r_squared_within, r_squared
+from harness.profile.counted import TERMS, count_triangles, count_draw, make_design_rows
+from harness.profile.fitting import compute_r_squared_within, compute_r_squared
 from harness.profile.law import COSTS, make_cost_rows, predict_times
 from harness.profile.measured import Measured
 from harness.progress import Reporter
 from harness.rasterisers.base import Options, order_submission
 from harness.settings import StudySize, TimingSettings
-from harness.stats.intervals import Ratio, mean_interval, paired_ratio
+from harness.stats.intervals import Ratio, compute_mean_interval, compute_paired_ratio
 from harness.study.regret import compute_regret_interval, estimate_regret
 from harness.study.subjects import choose_polygons
 from harness.triangulating.recipes import parse
@@ -144,9 +144,9 @@ def refit(profile: dict[str, Any]) -> dict[str, Any]:
         control=Ratio(*profile["control"], rounds=0),
         rounds=profile["rounds"],
     )
-    counted = [counters(draw) for draw in draws]
+    counted = [count_draw(draw) for draw in draws]
     device_and_seed = profile["device"], profile["seed"]
-    content = profiles.profile(draws, counted, times, *device_and_seed)
+    content = profiles.make_profile(draws, counted, times, *device_and_seed)
     content["advice"] = profile.get("advice")
     if content["form"] != "sum":
         with closing(MeasuringPool(Worker, timeout_s=600)) as pool:
@@ -224,7 +224,7 @@ def judge_scene(
         mean = max(0.0, float((below + above).mean() / 2))
         differences = (logs[name] - logs[best]).to_numpy()
         # The interval of a triangulator compared with itself has no width.
-        interval = mean_interval(differences) if differences.any() else (0.0, 0.0)
+        interval = compute_mean_interval(differences) if differences.any() else (0.0, 0.0)
         shares = {"regret": mean, "low": low, "high": high}
         shares |= dict(zip(EXCESS_COLUMNS, np.expm1([differences.mean(), *interval]), strict=True))
         yield {
@@ -252,7 +252,7 @@ def triangulate_polygons(
             recipe = parse(name, seed=options.seed, calibration=coefficients)
             parts = pool.triangulate(recipe, frame.polygons).parts
             if all(part is not None for part in parts):
-                triangles = order_submission(frame, frame.join(parts), WALK)
+                triangles = order_submission(frame, frame.join_triangles(parts), WALK)
                 draws.append((frame, triangles))
                 polygons.append(str(number))
                 triangulators.append(name)
@@ -285,7 +285,7 @@ def time_draws(
         empty_s.append(group[EMPTY].median_s)
         for member in members:
             samples = group[str(member)].samples_s
-            ratio = paired_ratio(samples, reference.samples_s).value
+            ratio = compute_paired_ratio(samples, reference.samples_s).value
             halves = _compute_halves(np.divide(samples, reference.samples_s), reference.epochs)
             table.loc[member] = [ratio, *halves]
     table["seconds"] *= float(np.median(reference_s))
@@ -324,7 +324,7 @@ def _compute_halves(rounds: NDArray[np.float64], epochs: Sequence[int]) -> list[
 def predict_by_law(profile: dict[str, Any], table: pd.DataFrame) -> NDArray[np.float64]:
     """Return the seconds of draws by the law of a profile from exact counters, without `draw`."""
     costs = {term["name"]: term["cost"] for term in profile["terms"]} | {"draw": 0.0}
-    rows = design_of(table[list(DRAW_COUNTERS)].assign(work=0).to_dict("records"))
+    rows = make_design_rows(table[list(DRAW_COUNTERS)].assign(work=0).to_dict("records"))
     return predict_times(rows, np.array([costs[name] for name in TERMS]), profile["form"])
 
 
@@ -340,7 +340,7 @@ def format_r_squared(
     name: str, seconds: NDArray[np.float64], predicted: NDArray[np.float64], polygons: list[str]
 ) -> dict[str, str]:
     """Return R2 of log time over all draws and within polygons, as columns."""
-    over = r_squared(np.log(seconds), np.log(predicted))
+    over = compute_r_squared(np.log(seconds), np.log(predicted))
     within = compute_r_squared_within(seconds, predicted, polygons)
     return {f"{name}_over": f"{over:.4f}", f"{name}_within": f"{within:.4f}"}
 

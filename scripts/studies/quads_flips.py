@@ -29,7 +29,7 @@ COUNTERS = ("helper_lanes", "covering_triangles", "batches")
 
 def count(frame: Frame, triangulations: Sequence[np.ndarray]) -> dict[str, int]:
     """Return the sums of COUNTERS of a drawn frame."""
-    triangles = frame.join(triangulations)
+    triangles = frame.join_triangles(triangulations)
     sums = {name: int(values.sum()) for name, values in predict(frame.points, triangles).items()}
     return {name: sums[name] for name in COUNTERS[:-1]} | {"batches": count_batches(triangles)[0]}
 

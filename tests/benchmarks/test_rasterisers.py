@@ -12,7 +12,7 @@ import shapely
 from shapely import Polygon
 
 import scenes
-from harness.frame import Frame, View, bare_frame, make_frame
+from harness.frame import Frame, View, make_bare_frame, make_frame
 from harness.grid import SUBPIXEL, to_grid
 from harness.measuring import tasks
 from harness.rasterisers import Device, Options, Triangles, find_device, get
@@ -35,7 +35,7 @@ def test_reference_fills_100_million_bounding_box_pixels_a_second(benchmark, sid
     number = 2_000_000 // side**2 + 500
     low = rng.integers(1, 1024 - side, (number, 1, 2))
     points = low * SUBPIXEL + rng.integers(0, side * SUBPIXEL, (number, 3, 2))
-    frame = bare_frame(1024, points.reshape(-1, 2).astype(np.int32), 3)
+    frame = make_bare_frame(1024, points.reshape(-1, 2).astype(np.int32), 3)
     triangles = np.arange(len(frame.points), dtype=np.int32).reshape(-1, 3)
     tests = int(predict(frame.points, triangles)["bbox_tests"].sum())
     with REFERENCE.prepare(frame, triangles, Options()) as drawing:
@@ -87,7 +87,7 @@ def make_case(scene: str, size: int) -> tuple[Frame, dict[str, Triangles]]:
     else:
         frame = make_frame(scenes.load(scene).polygons, View(size))
     triangulations = {
-        name: frame.join([triangulate(polygon, name) for polygon in frame.polygons])
+        name: frame.join_triangles([triangulate(polygon, name) for polygon in frame.polygons])
         for name in TRIANGULATORS
     }
     return frame, triangulations

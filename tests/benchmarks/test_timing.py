@@ -10,11 +10,11 @@ import pytest
 from numpy.typing import NDArray
 
 from harness import rasterisers
-from harness.frame import Frame, View, bare_frame, make_frame
+from harness.frame import Frame, View, make_bare_frame, make_frame
 from harness.measuring import tasks
 from harness.measuring.timing import TimingSettings
 from harness.rasterisers.base import Device, Options
-from harness.stats.intervals import Ratio, paired_ratio
+from harness.stats.intervals import Ratio, compute_paired_ratio
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
 from harness.workers.worker import Worker
@@ -39,7 +39,7 @@ def llvmpipe() -> Iterator[tuple[Device, Worker]]:
 def city() -> tuple[Frame, NDArray[np.int32]]:
     frame = make_frame(load("city:buildings=100").polygons, View(512))
     result = triangulate_polygons(parse("delaunay"), frame.polygons)
-    return frame, frame.join(result.parts)
+    return frame, frame.join_triangles(result.parts)
 
 
 def compare(
@@ -55,7 +55,7 @@ def compare(
     test = worker.call(tasks.open_device, "opengl", device).timer
     pair = {"first": (frame, first, options), "second": (frame, second, options)}
     group = worker.call(tasks.time_group, "opengl", device, pair, settings, test, seed)
-    return paired_ratio(group["first"].samples_s, group["second"].samples_s)
+    return compute_paired_ratio(group["first"].samples_s, group["second"].samples_s)
 
 
 def test_equal_triangulations_rarely_differ_significantly(llvmpipe, city):
@@ -72,7 +72,7 @@ def test_equal_triangulations_rarely_differ_significantly(llvmpipe, city):
 
 def test_three_percent_more_fragment_work_is_detected(llvmpipe):
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0.119], [1, 0.119]]) * 480 * 256 + 4096
-    frame = bare_frame(512, square.astype(np.int32))
+    frame = make_bare_frame(512, square.astype(np.int32))
     base = np.array([[0, 1, 2], [0, 2, 3]] * 4, np.int32)
     extended = np.vstack([base, np.array([[0, 1, 5], [0, 5, 4]], np.int32)])
     device, worker = llvmpipe

@@ -93,7 +93,7 @@ def test_inconclusive_times_are_skipped_tests(comparison):
     tree = etree.fromstring(to_junit(comparison).encode())
     noisy = {
         f"{case.id.name}: time"
-        for case in comparison.compared()
+        for case in comparison.list_compared()
         if case.time is not None and case.time.outcome == "inconclusive"
     }
     skipped = {t.get("name") for t in tree.iter("testcase") if t.find("skipped") is not None}
@@ -213,7 +213,7 @@ def test_html_plots_times_with_intervals(tmp_path):
             drawn[name] = [
                 float(number) for number in re.search(pattern, cells, re.DOTALL).groups()
             ]
-    times = {case.id.name: case.time for case in comparison.compared()}
+    times = {case.id.name: case.time for case in comparison.list_compared()}
     times.pop("fan")  # it was not timed
     assert drawn.keys() == times.keys()
     reach = max(abs(end - 1) for time in times.values() for end in (time.low, time.high))

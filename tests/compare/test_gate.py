@@ -14,7 +14,7 @@ from harness.compare.comparison import _has_other_device, compare_runs, compare_
 from harness.compare.matching import Match, find_changed_hardware
 from harness.compare.model import CaseChange, Settings, parse_threshold
 from harness.compare.outputs import to_html, to_json, to_junit, to_markdown
-from harness.compare.times import classify
+from harness.compare.times import classify_change
 from harness.compare.wording import build_tables, format_headline
 from harness.errors import IncompatibleRunsError, UsageError
 from harness.metrics.groups import IDENTIFYING
@@ -82,7 +82,7 @@ def test_counters_of_the_binner_and_of_the_order_are_gated(tmp_path):
         comparison = compared(tmp_path / name, counted(before), counted(after))
         assert comparison.exit_code == 1
         assert f"{name.replace('_', ' ')} {before[name]:,} → " in format_headline(comparison)
-        assert all(case.regressions()[0].metric == name for case in comparison.cases)
+        assert all(case.list_regressed_counters()[0].metric == name for case in comparison.cases)
 
 
 @pytest.mark.parametrize(("share", "worst"), [(0.2, "fan"), (2.0, "delaunay")])
@@ -100,7 +100,7 @@ def test_headline_names_the_largest_growth_of_counters_or_times(tmp_path, share,
     edits = {"delaunay": slow, "fan": costlier(0.5)}
     other = write_run(tmp_path / "head", seed=2, edits=edits)
     comparison = compare_runs(read_run(one), read_run(other), Settings(gates=("counters", "time")))
-    assert {case.id.name for case in comparison.regressed()} == {"delaunay", "fan"}
+    assert {case.id.name for case in comparison.list_regressed_cases()} == {"delaunay", "fan"}
     assert format_headline(comparison).startswith(f"Regression: {worst}, city")
 
 
@@ -180,7 +180,7 @@ def test_regression_is_reported_only_with_exit_code_1(scenario, name, gates):
     else:
         assert all("egress" in text or "<error" in text or "<failure" in text for text in texts)
     if "time" not in gates:
-        timed = any(case.time is not None for case in comparison.compared())
+        timed = any(case.time is not None for case in comparison.list_compared())
         assert ("not gated" in to_junit(comparison)) == timed
 
 
@@ -238,8 +238,8 @@ def test_drift_equal_to_the_threshold_is_tolerated(tmp_path):
 
 def test_an_improvement_must_exceed_the_threshold_too():
     bound = math.log1p(0.25)
-    assert classify(-bound, -bound, -bound, -bound, 0.25) == ("unchanged", "")
-    assert classify(-1.001 * bound, -1.001 * bound, -0.3, -0.2, 0.25) == ("improved", "")
+    assert classify_change(-bound, -bound, -bound, -bound, 0.25) == ("unchanged", "")
+    assert classify_change(-1.001 * bound, -1.001 * bound, -0.3, -0.2, 0.25) == ("improved", "")
 
 
 @pytest.mark.parametrize("name", ["now-skipped", "cut-short", "empty-run", "corrupt-line"])
@@ -247,7 +247,10 @@ def test_an_improvement_must_exceed_the_threshold_too():
 def test_incomplete_plan_is_a_regression(scenario, name, gates):
     comparison = scenario(name, Settings(gates=gates))
     assert comparison.exit_code == 1
-    assert {case.status for case in comparison.regressed()} <= {"now-skipped", "not-done"}
+    assert {case.status for case in comparison.list_regressed_cases()} <= {
+        "now-skipped",
+        "not-done",
+    }
 
 
 def test_missing_case_without_a_plan_is_a_regression(tmp_path):
@@ -255,7 +258,7 @@ def test_missing_case_without_a_plan_is_a_regression(tmp_path):
     head = write_run(tmp_path / "head", seed=2, cut_short=("fan",))
     (head / "run.json").unlink()
     comparison = compare_runs(base, read_run(head))
-    assert [case.id.name for case in comparison.regressed()] == ["fan"]
+    assert [case.id.name for case in comparison.list_regressed_cases()] == ["fan"]
 
 
 def test_planned_rasteriser_without_records_is_a_regression(tmp_path):
@@ -274,7 +277,7 @@ def test_planned_rasteriser_without_records_is_a_regression(tmp_path):
         stream.write(text)
     head = write_run(tmp_path / "head", seed=2, facts=facts)
     comparison = compare_runs(read_run(first), read_run(head))
-    assert {case.id.rasteriser for case in comparison.regressed()} == {"theirs"}
+    assert {case.id.rasteriser for case in comparison.list_regressed_cases()} == {"theirs"}
     facts = {"plan": plan(rasterisers=["opengl"])}
     narrower = write_run(tmp_path / "narrower", seed=2, facts=facts)
     assert compare_runs(read_run(first), read_run(narrower)).exit_code == 0
@@ -314,7 +317,7 @@ def test_moved_scene_file_matches_the_plan(tmp_path):
     base = read_run(write_run(tmp_path / "base", seed=1))
     moved = {"plan": plan(scene="elsewhere")}
     head = read_run(write_run(tmp_path / "head", seed=2, cut_short=("fan",), facts=moved))
-    assert [case.id.name for case in compare_runs(base, head).regressed()] == ["fan"]
+    assert [case.id.name for case in compare_runs(base, head).list_regressed_cases()] == ["fan"]
 
 
 def test_only_cases_measured_in_both_runs_are_repeated():
@@ -363,7 +366,7 @@ def test_case_outside_the_plan_is_not_a_regression(tmp_path, narrower):
     head = read_run(write_run(tmp_path / "head", seed=2, cut_short=("fan",), facts=facts))
     comparison = compare_runs(base, head, Settings(across_devices=True))
     on_a_device = "devices" in narrower  # the other records are in HEAD
-    assert [case.id.name for case in comparison.regressed()] == ["fan"] * on_a_device
+    assert [case.id.name for case in comparison.list_regressed_cases()] == ["fan"] * on_a_device
 
 
 def test_one_case_on_another_device_is_detected():

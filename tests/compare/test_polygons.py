@@ -73,7 +73,7 @@ def test_improvements_and_missing_columns_show_no_polygons(runs, tmp_path):
     for array in (head.path / "polygons").iterdir():
         np.savez(array, other=np.zeros(1))
     comparison = compare_runs(base, head, Settings(gates=("counters",)))
-    assert comparison.regressed()
+    assert comparison.list_regressed_cases()
     assert find_largest_growth(base, head, comparison) == []
     assert "Largest growth" not in to_html(comparison)
 

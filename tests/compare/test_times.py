@@ -10,14 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import t as student
 
-from harness.compare.machine_shift import shift_of_peers
+from harness.compare.machine_shift import estimate_peer_shift
 from harness.compare.model import Settings, TimeChange
 from harness.compare.times import (
     MAX_ROUNDS_Q,
     Pair,
-    classify,
+    classify_change,
     compare_group,
-    correct,
+    correct_q_values,
     measure_round_drift,
     read_pair,
 )
@@ -62,7 +62,7 @@ def pairs(
 
 def compare(cases, settings=SETTINGS, machines_differ=False):
     changes, drift = compare_group("here", cases, settings, machines_differ=machines_differ)
-    return correct(changes, settings), drift
+    return correct_q_values(changes, settings), drift
 
 
 @pytest.mark.parametrize("drift", [0.8, 1.0, 1.25])
@@ -160,7 +160,7 @@ def test_q_values_are_corrected_for_many_cases():
 )
 def test_rounds_need_a_smaller_q_value_than_peers(against, q_value, outcome):
     change = TimeChange("regressed", "", against=against, p_value=q_value, q_value=q_value)
-    (settled,) = correct([change], SETTINGS)
+    (settled,) = correct_q_values([change], SETTINGS)
     assert settled.outcome == outcome
     assert ("not significant" in settled.reason) == (outcome == "inconclusive")
 
@@ -209,8 +209,8 @@ def test_outcome_follows_threshold_and_interval(lowest, spread, below, above, th
     highest = lowest + spread
     low, high = lowest - below, highest + above
     bound = math.log1p(threshold)
-    outcome, reason = classify(lowest, highest, low, high, threshold)
-    mirrored, _ = classify(-highest, -lowest, -high, -low, threshold)
+    outcome, reason = classify_change(lowest, highest, low, high, threshold)
+    mirrored, _ = classify_change(-highest, -lowest, -high, -low, threshold)
     swap = {"regressed": "improved", "improved": "regressed"}
     assert mirrored == swap.get(outcome, outcome)
     assert bool(reason) == (outcome == "inconclusive")
@@ -315,7 +315,7 @@ def test_interval_of_a_case_among_its_peers_covers_95_percent(peers, scatter):
     rng = np.random.default_rng(16)
     covered = 0
     for case, *logs in rng.normal(0, scatter, (2000, peers + 1)):
-        shift = shift_of_peers(np.array(logs), 0.95)
+        shift = estimate_peer_shift(np.array(logs), 0.95)
         reach = student.ppf(0.975, shift.degrees) * shift.sd
         covered += abs(case - shift.low) <= reach
     assert covered >= 0.94 * 2000

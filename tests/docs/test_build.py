@@ -44,7 +44,7 @@ def test_the_reference_has_every_command_option_and_name(site):
         assert f"<code>{name}</code>" in names
     run_python = (site / "reference" / "python.html").read_text()
     assert "Triangulate a polygon" in run_python
-    assert "paired_ratio" in run_python
+    assert "compute_paired_ratio" in run_python
     assert "javascripts/tables.js" in run_python
 
 

@@ -10,7 +10,7 @@ import pytest
 from harness.compare.comparison import compare_runs
 from harness.compare.wording import list_runs
 from harness.errors import IncompatibleRunsError
-from harness.history import read_series, run_label
+from harness.history import format_run_label, read_series
 from harness.machine import environment
 from harness.machine.git import COMMITS, describe_project, get_commit
 from harness.metrics import processors
@@ -93,7 +93,7 @@ def test_comparison_and_history_have_the_users_commit(tmp_path):
     ]
     line = list_runs(compare_runs(*runs))[1]
     assert f"commit {'b' * 12}, raster-harness 0.1.0 at {'a' * 12}" in line
-    assert run_label(runs[0]).startswith("b" * 8)
+    assert format_run_label(runs[0]).startswith("b" * 8)
 
 
 INTEL = """processor\t: 0
@@ -164,7 +164,7 @@ def two_runs(tmp_path) -> list[Run]:
 
 def test_merge_refuses_two_processors_without_hosts(two_runs, tmp_path):
     with pytest.raises(IncompatibleRunsError, match="keep the runs apart with --hosts") as caught:
-        merging.merge(two_runs, tmp_path / "merged")
+        merging.merge_runs(two_runs, tmp_path / "merged")
     assert EPYC in str(caught.value)
     assert XEON in str(caught.value)
     assert not (tmp_path / "merged").exists()

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from shapely import Polygon, box
 
 from harness.errors import InputError, UsageError
-from harness.frame import MARGIN_PX, View, frame_of_grid, make_frame
+from harness.frame import MARGIN_PX, View, make_frame, make_grid_frame
 from harness.grid import SUBPIXEL, to_grid
 from triangulators import vertices
 
@@ -65,10 +65,12 @@ def test_rings_are_oriented_and_owned():
     frame = make_frame([COURTYARD, L_SHAPE], View(256))
     assert frame.polygons[0].exterior.is_ccw
     assert not frame.polygons[0].interiors[0].is_ccw
-    joined = frame.join([np.array([[0, 1, 4]], np.int32), np.array([[0, 1, 2], [0, 2, 3]])])
-    assert frame.owner(joined).tolist() == [0, 1, 1]
+    joined = frame.join_triangles(
+        [np.array([[0, 1, 4]], np.int32), np.array([[0, 1, 2], [0, 2, 3]])]
+    )
+    assert frame.find_owners(joined).tolist() == [0, 1, 1]
     assert joined[1].tolist() == [8, 9, 10]
-    assert frame.join([None, None]).shape == (0, 3)
+    assert frame.join_triangles([None, None]).shape == (0, 3)
 
 
 def test_vanished_polygons_are_named():
@@ -126,7 +128,7 @@ def on_the_grid(draw: st.DrawFn) -> Polygon:
 
 @given(st.lists(on_the_grid(), min_size=1, max_size=4))
 def test_frames_have_the_same_polygons_in_a_worker(polygons):
-    frame = frame_of_grid(512, to_grid(polygons))
+    frame = make_grid_frame(512, to_grid(polygons))
     assert list(frame.polygons) == polygons
     sent = pickle.loads(pickle.dumps(frame))
     assert "polygons" not in vars(sent)

@@ -9,7 +9,7 @@ import pytest
 from shapely import Polygon, box
 
 from harness import viewport_sizes as sizes
-from harness.frame import View, frame_of
+from harness.frame import View, make_scene_frame
 from harness.profile.counted import TERMS, count_triangles
 from harness.profile.device_costs import DeviceCosts
 from harness.profile.law import VERTICES
@@ -124,9 +124,9 @@ def test_stages_say_what_shortens_a_draw():
 
 @pytest.fixture(scope="module")
 def city_of_12():
-    frame = frame_of(load("city:buildings=12"), View(128))
+    frame = make_scene_frame(load("city:buildings=12"), View(128))
     result = sizes.triangulate_polygons(parse_all(["ear-clipping"])[0], frame.polygons)
-    return frame, frame.join(result.parts)
+    return frame, frame.join_triangles(result.parts)
 
 
 def test_the_sentence_has_the_range_of_sizes_that_matter():

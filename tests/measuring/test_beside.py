@@ -105,7 +105,7 @@ def test_samples_pair_and_a_change_is_detected(measured):
     keys = [{r["triangulator"]: r["key"] for r in lines_of(run)} for run in (base, head)]
     assert keys[0] == keys[1]
     comparison = compare_runs(base, head)
-    times = {case.id.name: case.time for case in comparison.compared()}
+    times = {case.id.name: case.time for case in comparison.list_compared()}
     assert {time.against for time in times.values()} == {"rounds", "same-triangles"}
     assert (times["fan"].against, times["fan"].ratio) == ("same-triangles", None)
     newer = {case.id.name: case.status for case in comparison.cases}["newer:cut"]

@@ -17,7 +17,7 @@ from shapely import Polygon, box
 import triangulators
 from harness import rasterisers
 from harness.errors import HarnessError, NothingMeasuredError, UsageError
-from harness.frame import Frame, View, bare_frame
+from harness.frame import Frame, View, make_bare_frame
 from harness.machine.environment import describe_processor
 from harness.measuring import tasks
 from harness.measuring.plan import Plan
@@ -329,7 +329,7 @@ def test_processes_share_a_time_limit(monkeypatch, took, limits):
     monkeypatch.setattr(tasks, "time_group", timed)
     backend = Backend(MOCK, rasterisers.find_device(MOCK, None))
     corners = np.array([[0, 0], [8, 0], [0, 8]], np.int32)
-    drawn = bare_frame(8, corners), np.arange(3, dtype=np.int32)[None], Options()
+    drawn = make_bare_frame(8, corners), np.arange(3, dtype=np.int32)[None], Options()
     settings = TimingSettings(processes=4, limit_s=20.0)
     with closing(MeasuringPool(inline, timeout_s=1.0)) as pool:
         groups, failures = pool.time(backend, {"a": drawn}, settings, seed=0)

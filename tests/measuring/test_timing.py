@@ -24,7 +24,7 @@ from harness.measuring.timing import (
     time_together,
 )
 from harness.rasterisers.base import Sample
-from harness.stats.intervals import median_interval, paired_ratio
+from harness.stats.intervals import compute_median_interval, compute_paired_ratio
 from tests.mock import Clock, ScriptedDrawing
 
 WALL = TimerTest("wall", 0.01, None, 1e-7, "scripted")
@@ -190,7 +190,7 @@ def test_a_machine_that_slows_down_by_a_fifth_does_not_change_a_verdict(slower_a
 
     drawings, clock, _ = scripted({"a": truth * 2e-3, "b": 2e-3}, 0.01, Clock(speed=speed))
     times = time_together(drawings, TimingSettings(precision=1e-9, budget_s=0.5), WALL, clock=clock)
-    ratio = paired_ratio(times["a"].samples_s, times["b"].samples_s)
+    ratio = compute_paired_ratio(times["a"].samples_s, times["b"].samples_s)
     assert ratio.verdict == ("faster" if truth < 1 else "slower")
     assert ratio.value == pytest.approx(truth, abs=0.005)
 
@@ -204,7 +204,7 @@ def test_drift_alone_is_not_significant():
         drawings, clock, _ = scripted({"a": 2e-3, "b": 2e-3}, 0.01, Clock(speed=speed), seed)
         settings = TimingSettings(precision=1e-9, budget_s=0.5)
         times = time_together(drawings, settings, WALL, seed=seed, clock=clock)
-        verdicts.append(paired_ratio(times["a"].samples_s, times["b"].samples_s).verdict)
+        verdicts.append(compute_paired_ratio(times["a"].samples_s, times["b"].samples_s).verdict)
     assert verdicts.count("not significant") >= 92
 
 
@@ -288,7 +288,7 @@ def test_rejected_timers_are_not_used(gpu, seconds):
 
 def test_pairs_must_come_from_the_same_rounds():
     with pytest.raises(ValueError, match="not rounds of one group"):
-        paired_ratio([1.0, 2.0], [1.0])
+        compute_paired_ratio([1.0, 2.0], [1.0])
 
 
 class Renewed:
@@ -373,12 +373,14 @@ def test_equal_drawings_rarely_differ_significantly(budget_s):
         renewed = Renewed({"a": 5e-3, "b": 5e-3}, 0.002, 0.01, seed)
         times = renewed.time(settings, seed)
         a, b = times["a"], times["b"]
-        wrong += paired_ratio(a.samples_s, b.samples_s, a.epochs).verdict != "not significant"
+        wrong += (
+            compute_paired_ratio(a.samples_s, b.samples_s, a.epochs).verdict != "not significant"
+        )
         first = a.epochs[0]
         # a single epoch of the same length
         fixed = Renewed({"a": 5e-3, "b": 5e-3}, 0.002, 0.01, seed)
         times = time_together(fixed(["a", "b"]), settings, WALL, seed=seed, clock=fixed.clock)
-        ratio = paired_ratio(times["a"].samples_s, times["b"].samples_s)
+        ratio = compute_paired_ratio(times["a"].samples_s, times["b"].samples_s)
         fooled += ratio.verdict != "not significant"
         assert first < len(a.samples_s)
     assert wrong <= 10
@@ -391,7 +393,7 @@ def test_one_per_cent_is_detected_over_epochs():
     for seed in range(40):
         times = Renewed({"a": 5e-3, "b": 5.05e-3}, 0.002, 0.01, seed).time(settings, seed)
         a, b = times["a"], times["b"]
-        slower += paired_ratio(b.samples_s, a.samples_s, a.epochs).verdict == "slower"
+        slower += compute_paired_ratio(b.samples_s, a.samples_s, a.epochs).verdict == "slower"
     assert slower >= 38
 
 
@@ -399,7 +401,7 @@ def test_intervals_over_epochs_are_students():
     rng = np.random.default_rng(3)
     epochs = [5, 9, 4, 7, 6, 8]
     samples, base = rng.lognormal(0.0, 0.01, sum(epochs)), np.ones(sum(epochs))
-    ratio = paired_ratio(samples, base, epochs)
+    ratio = compute_paired_ratio(samples, base, epochs)
     medians = [np.median(part) for part in np.split(np.log(samples), np.cumsum(epochs)[:-1])]
     expected = t.interval(0.95, len(epochs) - 1, np.mean(medians), sem(medians))
     assert (ratio.low, ratio.high) == pytest.approx(np.exp(expected))
@@ -410,8 +412,8 @@ def test_intervals_over_epochs_are_students():
 @pytest.mark.parametrize("epochs", [None, [], [36], [12, 12, 12], [1, 2, 3, 4]])
 def test_few_or_invalid_epochs_fall_back_to_rounds(epochs):
     samples = np.random.default_rng(4).lognormal(0.0, 0.01, 36)
-    ratio = paired_ratio(samples, np.ones(36), epochs)
-    assert (ratio.low, ratio.high) == median_interval(samples.tolist())
+    ratio = compute_paired_ratio(samples, np.ones(36), epochs)
+    assert (ratio.low, ratio.high) == compute_median_interval(samples.tolist())
 
 
 def test_epochs_do_not_depend_on_the_clocks_start():
@@ -566,7 +568,7 @@ def test_precision_of_ratios_is_the_half_width():
     together = np.prod(list(samples.values()), axis=0) ** (1 / 3)
     half = {}
     for name, drawing_samples in samples.items():
-        ratio = paired_ratio(drawing_samples, together)
+        ratio = compute_paired_ratio(drawing_samples, together)
         half[name] = (ratio.high - ratio.low) / 2 / ratio.value
     assert half["wide"] > 1.5 * half["level"] > 0.0
     for precision in half.values():

@@ -8,7 +8,7 @@ import shapely
 import trimesh
 
 from harness.errors import IncompatibleRunsError, InputError, NothingMeasuredError, UsageError
-from harness.frame import ITS_OWN_VIEW, View, frame_of, view_of
+from harness.frame import ITS_OWN_VIEW, View, get_scene_view, make_scene_frame
 from harness.measuring.lower_limits import compute_min_quads, compute_outline_bounds
 from harness.measuring.plan import Plan
 from harness.metrics.groups import group_run
@@ -99,7 +99,7 @@ def test_with_a_depth_test_the_outline_is_no_bound(model, tmp_path):
 def test_loose_triangles_count_their_own_quads_as_outline(tmp_path):
     trimesh.creation.icosphere(1).export(tmp_path / "ball.glb")
     scene = read(str(tmp_path / "ball.glb"), views=3, pixels=64)
-    frame = frame_of(scene, view_of(scene))
+    frame = make_scene_frame(scene, get_scene_view(scene))
     parts = make_original_triangulation(frame).parts
     assert [piece in scene.viewing.other_triangles for piece in range(len(parts))] == [True] * 3
     assert np.array_equal(compute_outline_bounds(frame, parts), count_quads(frame, parts))
@@ -242,9 +242,9 @@ def test_counters_are_sums_over_separately_drawn_tiles(scene, tmp_path, monkeypa
             polygons=scene.polygons[start:stop],
             tiling=replace(scene.tiling, names=(name,), first=np.array([0, stop - start])),
         )
-        frame = frame_of(one, view_of(one))
+        frame = make_scene_frame(one, get_scene_view(one))
         parts = triangulate_polygons(parse(record["triangulator"]), frame.polygons).parts
-        rows = frame.join(parts)
+        rows = frame.join_triangles(parts)
         counted = Reference().count(frame, rows, Options())
         assert counted["quads"].tolist() == polygons["quads"][start:stop].tolist()
         tile_sums.append({name: int(counted[name].sum()) for name in counted})
@@ -255,7 +255,7 @@ def test_counters_are_sums_over_separately_drawn_tiles(scene, tmp_path, monkeypa
 
 
 def test_minimum_quads_exclude_polygons_cut_by_a_tiles_edge(scene):
-    frame = frame_of(scene, view_of(scene))
+    frame = make_scene_frame(scene, get_scene_view(scene))
     quads = compute_min_quads(frame, None)
     tile = shapely.box(64, 64, 64 + 512, 64 + 512)
     inside = shapely.covers(tile, np.asarray(frame.polygons))

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from harness.metrics import break_even as break_even_module
 from harness.metrics import decision as decision_module
-from harness.metrics.break_even import BreakEven, _solve_end
+from harness.metrics.break_even import BreakEven, _solve_interval_end
 from harness.metrics.decision import decide_all, format_advice
 from harness.metrics.groups import compute_time_ratio
 from harness.report.content import make_content
@@ -331,7 +331,7 @@ def test_break_even_is_extra_time_over_saving_per_draw():
 
 
 def test_break_even_is_unbounded_if_the_saving_may_be_zero():
-    assert _solve_end(5.0, 4.0, 2.0, 0.0, -1) == math.inf
+    assert _solve_interval_end(5.0, 4.0, 2.0, 0.0, -1) == math.inf
 
 
 def test_scatter_of_either_time_widens_the_interval():

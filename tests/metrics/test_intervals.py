@@ -14,11 +14,11 @@ from harness.stats.intervals import (
     UNDECIDED,
     Ratio,
     add_run_scatter,
+    compute_mean_interval,
+    compute_median_interval,
+    compute_paired_ratio,
+    compute_ratio_interval,
     find_median_interval,
-    mean_interval,
-    median_interval,
-    paired_ratio,
-    ratio_interval,
     split_rounds,
 )
 from scripts.studies.interval_coverage import Kind, compute_share_interval, list_kinds, simulate
@@ -40,7 +40,7 @@ def test_interval_covers_95_percent(kind: Kind):
 
 
 def test_mean_interval_follows_the_skew():
-    low, high = mean_interval(np.array([1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 6.0, 9.0]))
+    low, high = compute_mean_interval(np.array([1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 6.0, 9.0]))
     mean = 22.5 / 8
     assert high - mean > 1.5 * (mean - low) > 0
 
@@ -54,12 +54,12 @@ def test_mean_interval_equals_the_studentised_bootstrap():
     count, tail = len(t), intervals.TAIL
     low, high = (t[int(np.ceil(share * count)) - 1] for share in (tail, 1 - tail))
     expected = (values.mean() - high * error[0], values.mean() - low * error[0])
-    assert mean_interval(values) == pytest.approx(expected, rel=1e-9)
+    assert compute_mean_interval(values) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("values", [[1.0] * 5, [0.0] * 24, [0.0] * 11 + [1.0], [1, 2, 3, 4, 5]])
 def test_few_equal_or_dominated_values_have_no_interval(values):
-    assert np.isnan(mean_interval(np.array(values, float))).all()
+    assert np.isnan(compute_mean_interval(np.array(values, float))).all()
 
 
 def test_median_of_few_values_has_no_interval():
@@ -89,41 +89,47 @@ def test_interval_includes_the_scatter_between_runs():
 
 @given(st.lists(st.floats(0.1, 10.0), min_size=6, max_size=200))
 def test_median_interval_equals_scipys_quantile_test(samples):
-    low, high = median_interval(samples)
+    low, high = compute_median_interval(samples)
     expected = quantile_test(samples, q=0, p=0.5).confidence_interval(0.95)
     assert (low, high) == (pytest.approx(expected.low), pytest.approx(expected.high))
     assert low <= np.median(samples) <= high
 
 
 def test_median_interval_of_few_samples_is_their_range():
-    assert median_interval([3.0, 1.0, 2.0]) == (1.0, 3.0)
+    assert compute_median_interval([3.0, 1.0, 2.0]) == (1.0, 3.0)
 
 
 def test_processes_are_independent_values():
     """Twelve epochs of three different processes are three values."""
     level = np.repeat([0.01, 0.03, 0.02], 20)
     samples, base = np.exp(level), np.ones(60)
-    over_epochs = paired_ratio(samples, base, [5] * 12)
-    over_processes = paired_ratio(samples, base, [5] * 12, [20] * 3)
+    over_epochs = compute_paired_ratio(samples, base, [5] * 12)
+    over_processes = compute_paired_ratio(samples, base, [5] * 12, [20] * 3)
     assert over_processes.value == pytest.approx(np.exp(0.02)) == over_epochs.value
     reach = 4.302653 * 0.01 / np.sqrt(3)
     assert over_processes.high == pytest.approx(np.exp(0.02 + reach))
     assert over_epochs.high < over_processes.high
     # Lists with a different number of rounds are ignored.
-    assert paired_ratio(samples, base, [5] * 12, [20] * 2) == over_epochs
-    assert paired_ratio(samples, base, [5] * 12, [60]) == over_epochs
+    assert compute_paired_ratio(samples, base, [5] * 12, [20] * 2) == over_epochs
+    assert compute_paired_ratio(samples, base, [5] * 12, [60]) == over_epochs
 
 
 def test_four_epochs_are_independent_values():
     samples, base = np.exp(np.repeat([0.0, 0.01, 0.02, 0.04], 15)), np.ones(60)
-    of_epochs = paired_ratio(samples, base, [15] * 4)
+    of_epochs = compute_paired_ratio(samples, base, [15] * 4)
     assert np.log(of_epochs.value) == pytest.approx(0.0175)
-    assert paired_ratio(samples, base, [15, 15, 30]) == paired_ratio(samples, base) != of_epochs
+    assert (
+        compute_paired_ratio(samples, base, [15, 15, 30])
+        == compute_paired_ratio(samples, base)
+        != of_epochs
+    )
 
 
 def test_processes_have_equal_weight():
     samples = np.exp(np.repeat([0.0, 0.1], [8, 2]))
-    assert paired_ratio(samples, np.ones(10), [2] * 5, [8, 2]).value == pytest.approx(np.exp(0.05))
+    assert compute_paired_ratio(samples, np.ones(10), [2] * 5, [8, 2]).value == pytest.approx(
+        np.exp(0.05)
+    )
 
 
 @pytest.mark.parametrize(
@@ -152,12 +158,12 @@ def test_interval_that_ends_at_one_is_not_significant(low, high, verdict):
 @pytest.mark.parametrize(("samples", "base"), [([], []), ([1.0, 2.0], [1.0]), ([1.0], [])])
 def test_unequal_numbers_of_rounds_have_no_ratio(samples, base):
     with pytest.raises(ValueError, match="not rounds of one group"):
-        paired_ratio(samples, base)
+        compute_paired_ratio(samples, base)
 
 
 @pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
 def test_ratio_interval_is_independent_of_the_unit(size):
     base = size * np.linspace(1.0, 2.0, 24)
-    assert np.isnan(ratio_interval(0.3 * base, base)).all()
+    assert np.isnan(compute_ratio_interval(0.3 * base, base)).all()
     noise = np.random.default_rng(4).normal(1.0, 0.05, 24)
-    assert ratio_interval(0.3 * base * noise, base) == pytest.approx((0.3, 0.3), rel=0.05)
+    assert compute_ratio_interval(0.3 * base * noise, base) == pytest.approx((0.3, 0.3), rel=0.05)

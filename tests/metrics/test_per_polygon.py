@@ -7,13 +7,13 @@ import pytest
 import scipy.stats
 
 from harness.metrics.per_polygon import (
+    compute_rank_correlation,
     compute_ranks,
     compute_ratios,
     compute_rms_error,
+    compute_spearman,
     pair_ratios,
-    rank_correlation,
     read_columns,
-    spearman,
 )
 from harness.results.run_folder import Run
 from harness.results.run_writer import RunFolder
@@ -32,17 +32,17 @@ OTHER = columns([1, 2, 3, 8], [5, 10, 15, 20])
 
 def test_rank_correlation_needs_three_pairs():
     x, y = np.array([1.0, 2.0, 4.0]), np.array([9.0, 8.0, 3.0])
-    assert rank_correlation(x, y) == pytest.approx(-1)
-    assert rank_correlation(x[:2], y[:2]) is None
-    assert rank_correlation(x, np.array([1.0, np.nan, 2.0])) is None
-    assert rank_correlation(x, np.ones(3)) is None
-    assert rank_correlation(np.ones(3), y) is None
+    assert compute_rank_correlation(x, y) == pytest.approx(-1)
+    assert compute_rank_correlation(x[:2], y[:2]) is None
+    assert compute_rank_correlation(x, np.array([1.0, np.nan, 2.0])) is None
+    assert compute_rank_correlation(x, np.ones(3)) is None
+    assert compute_rank_correlation(np.ones(3), y) is None
 
 
 def test_rank_correlation_is_independent_of_the_range():
     unit, wide = np.array([0.0, 0.4, 1.0]), np.array([5.0, 7.0, 9.0])
-    assert spearman(unit, wide) == spearman(wide, unit) == pytest.approx(1)
-    assert np.isnan(spearman(unit, np.ones(3)))
+    assert compute_spearman(unit, wide) == compute_spearman(wide, unit) == pytest.approx(1)
+    assert np.isnan(compute_spearman(unit, np.ones(3)))
 
 
 def test_ratios_of_polygons_that_both_drew():
@@ -55,7 +55,7 @@ def test_ratios_of_polygons_that_both_drew():
 def test_predictions_are_paired_with_counters_relative_to_the_base():
     tables = {"base": BASE, "other": OTHER}
     pairs = pair_ratios(tables, "base", "half_perimeter", "quads")
-    assert rank_correlation(*pairs) == pytest.approx(1)
+    assert compute_rank_correlation(*pairs) == pytest.approx(1)
     assert compute_rms_error(*pairs) == pytest.approx(0)
     double = {"base": BASE, "other": OTHER | {"quads": 2 * OTHER["quads"]}}
     error = compute_rms_error(*pair_ratios(double, "base", "half_perimeter", "quads"))
@@ -75,7 +75,7 @@ def test_missing_columns_are_not_compared():
     ):
         pairs = pair_ratios(tables, "base", "half_perimeter", "quads")
         assert [len(column) for column in pairs] == [0, 0]
-        assert rank_correlation(*pairs) is None
+        assert compute_rank_correlation(*pairs) is None
 
 
 def test_polygons_missing_from_the_base_have_no_ratio():
@@ -110,13 +110,13 @@ def test_columns_without_triangles_are_none(tmp_path):
 def test_short_or_constant_columns_have_no_correlation(x, y):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert np.isnan(spearman(np.array(x, float), np.array(y, float)))
+        assert np.isnan(compute_spearman(np.array(x, float), np.array(y, float)))
 
 
 def test_ranks_and_spearman_equal_scipys_if_values_tie():
     x, y = np.array([3.0, 1, 1, 7, 2, 2, 2]), np.array([2.0, 2, 1, 9, 4, 3, 3])
     assert compute_ranks(x).tolist() == scipy.stats.rankdata(x).tolist()
-    assert spearman(x, y) == pytest.approx(scipy.stats.spearmanr(x, y).statistic)
+    assert compute_spearman(x, y) == pytest.approx(scipy.stats.spearmanr(x, y).statistic)
 
 
 @pytest.mark.parametrize("factor", [1.0, -1.0, 1e-200, 1e200])
@@ -126,4 +126,4 @@ def test_sums_that_differ_in_the_last_bits_share_a_rank(factor):
     sums = np.array([0.1 + 0.2, 0.3, np.nextafter(boundary, 0), boundary, 2.00000002, 0.0])
     expected = [2.5, 2.5, 4.5, 4.5, 6, 1] if factor > 0 else [4.5, 4.5, 2.5, 2.5, 1, 6]
     assert compute_ranks(factor * sums).tolist() == expected
-    assert np.isnan(spearman(factor * sums[[0, 1, 1]], np.arange(3.0))), "a constant column"
+    assert np.isnan(compute_spearman(factor * sums[[0, 1, 1]], np.arange(3.0))), "a constant column"

@@ -10,8 +10,8 @@ from harness.stats.intervals import (
     MIN_VALUES,
     RESAMPLES,
     TAIL,
-    mean_interval,
-    ratio_interval,
+    compute_mean_interval,
+    compute_ratio_interval,
 )
 from tests.records import make_group, make_record
 
@@ -61,7 +61,7 @@ def test_ratio_interval_equals_the_studentised_bootstrap():
     t = np.sort([(ratio_drawn - ratio) / wide for ratio_drawn, wide in pairs if wide > 0])
     t = np.sort(np.append(t, np.zeros(RESAMPLES - len(t))))
     low, high = (t[int(np.ceil(tail * RESAMPLES)) - 1] for tail in (TAIL, 1 - TAIL))
-    assert ratio_interval(values, base) == pytest.approx(
+    assert compute_ratio_interval(values, base) == pytest.approx(
         (ratio - high * error, ratio - low * error)
     )
 
@@ -77,12 +77,12 @@ def test_ratio_interval_equals_the_studentised_bootstrap():
     ],
 )
 def test_too_few_or_equal_tiles_have_no_interval(values, base):
-    assert np.isnan(ratio_interval(np.array(values), np.array(base))).all()
+    assert np.isnan(compute_ratio_interval(np.array(values), np.array(base))).all()
 
 
 def test_tile_without_lanes_is_included():
     values, base = np.array([0.0, 7, 9, 4, 8, 3, 6]), np.array([0.0, 9, 12, 6, 9, 4, 9])
-    low, high = ratio_interval(values, base)
+    low, high = compute_ratio_interval(values, base)
     assert low < values.sum() / base.sum() < high
 
 
@@ -92,8 +92,11 @@ def test_statistics_are_sums_with_intervals_over_views():
     usual = np.array(BASE[VIEWS]["helper_lanes"], float)
     assert (over.measure, over.views) == ("helper_lanes", 8)
     assert over.ratio == pytest.approx(506 / 658)
-    assert (over.ratio_low, over.ratio_high) == ratio_interval(lanes, usual)
-    assert (over.mean, over.mean_low, over.mean_high) == (lanes.mean(), *mean_interval(lanes))
+    assert (over.ratio_low, over.ratio_high) == compute_ratio_interval(lanes, usual)
+    assert (over.mean, over.mean_low, over.mean_high) == (
+        lanes.mean(),
+        *compute_mean_interval(lanes),
+    )
     row = row_of(OTHER, BASE)
     assert row["views"] == 8
     assert row["view_ratio_low"] == over.ratio_low

@@ -9,7 +9,7 @@ from harness.metrics.processors import (
     describe_machine,
     find_mixed_processors,
     format_processors,
-    is_drawn_by_processor,
+    is_drawn_in_software,
     mark_processors,
 )
 from harness.results.run_folder import Run
@@ -35,7 +35,7 @@ def test_software_devices_are_recognised_by_renderer_or_name(device, renderer, d
     for facts in ({}, {"devices": None}, {"devices": {f"opengl on {device}": details}}):
         if "details" in details and not facts.get("devices"):
             continue
-        assert is_drawn_by_processor(Run(Path("run"), facts, []), record) is drawn
+        assert is_drawn_in_software(Run(Path("run"), facts, []), record) is drawn
 
 
 def runs_of(*labels: str) -> list[Run]:

@@ -24,7 +24,7 @@ def out(tmp_path):
 
 def triangles_of(path) -> list[list[list[int]]]:
     """Return the triangles of each part of each mesh, with sorted vertices."""
-    parts = [part for group in GltfModel(path).groups() for part in group]
+    parts = [part for group in GltfModel(path).iterate_groups() for part in group]
     return [np.sort(part.mesh.triangles).tolist() for part in parts]
 
 

@@ -9,7 +9,7 @@ import pytest
 import shapely
 import trimesh
 
-from harness.frame import Frame, frame_of, view_of
+from harness.frame import Frame, get_scene_view, make_scene_frame
 from harness.models import views
 from harness.models.in_place import open_model, retriangulate
 from harness.models.seen import read
@@ -26,7 +26,7 @@ from tests.models.various import solid
 
 
 def framed(scene: Scene) -> Frame:
-    return frame_of(scene, view_of(scene))
+    return make_scene_frame(scene, get_scene_view(scene))
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def test_loose_triangles_have_the_counters_that_check_reports(tmp_path):
     drawn = [views.DrawnPart(part.mesh, part.mesh.triangles, part.placements) for part in parts]
     (counts,) = views.count_views(drawn, (256,))
     frame = framed(read(str(path), pixels=256))
-    rows = frame.join(make_original_triangulation(frame).parts)
+    rows = frame.join_triangles(make_original_triangulation(frame).parts)
     counted = predict(frame.points, rows)
     assert counted["helper_lanes"].sum() == counts.before[0] > 0
     assert counted["quads"].sum() == counts.before[1]
@@ -77,7 +77,7 @@ def test_a_run_draws_the_triangles_that_triangulate_writes(tmp_path, pieces):
         (make_original_triangulation(frame).parts, *counts.before),
         (done.parts, *counts.after),
     ):
-        counted = predict(frame.points, frame.join(parts))
+        counted = predict(frame.points, frame.join_triangles(parts))
         assert counted["helper_lanes"].sum() == lanes
         assert counted["quads"].sum() == quads
     assert counts.after[0] < 0.95 * counts.before[0]
@@ -123,7 +123,7 @@ def test_faces_lie_in_their_planes_and_their_triangles_are_the_models(plate_file
 def test_pieces_are_the_faces_whose_front_points_to_the_camera(plate_file):
     scene = read(plate_file, views=4, pixels=512)
     frame, viewing = framed(scene), scene.viewing
-    rows = frame.join(make_original_triangulation(frame).parts)
+    rows = frame.join_triangles(make_original_triangulation(frame).parts)
     a, b, c = np.moveaxis(frame.points[rows].astype(np.int64), 1, 0)
     turned = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     assert (turned >= 0).all()
@@ -187,8 +187,10 @@ def test_triangles_are_drawn_in_the_models_order_or_front_to_back(tmp_path, dept
     builder = Builder(points, order)
     scene = read(built(builder, tmp_path), views=24, depth=depth)
     frame = framed(scene)
-    rows = order_submission(frame, frame.join(make_original_triangulation(frame).parts), Options())
-    for span in frame.draws(rows):
+    rows = order_submission(
+        frame, frame.join_triangles(make_original_triangulation(frame).parts), Options()
+    )
+    for span in frame.split_by_draw(rows):
         view_rows = rows[span]
         if len(view_rows) == 0:
             continue
@@ -196,7 +198,7 @@ def test_triangles_are_drawn_in_the_models_order_or_front_to_back(tmp_path, dept
             deep = scene.viewing.depths[view_rows].sum(axis=1)
             assert (np.diff(deep) >= 0).all()
             continue
-        pieces = frame.owner(view_rows)
+        pieces = frame.find_owners(view_rows)
         sheets = scene.viewing.source[pieces]
         # the sheets in the order of the file: 1, 0, 2, 0, 2, 1
         names = {int(sheets[0]): 1, int(sheets[1]): 0, int(sheets[2]): 2}
@@ -208,8 +210,12 @@ def test_parts_are_drawn_one_after_the_other(tmp_path):
     for height in (0, 5, 2):
         builder.primitive(KITE + np.array([0, 0, height], "<f4"), LONG)
     frame = framed(read(built(builder, tmp_path)))
-    rows = order_submission(frame, frame.join(make_original_triangulation(frame).parts), Options())
-    seen = [frame.source[frame.owner(rows[span])].tolist() for span in frame.draws(rows)]
+    rows = order_submission(
+        frame, frame.join_triangles(make_original_triangulation(frame).parts), Options()
+    )
+    seen = [
+        frame.source[frame.find_owners(rows[span])].tolist() for span in frame.split_by_draw(rows)
+    ]
     assert sorted(map(tuple, seen)) == 12 * [()] + 12 * [(0, 0, 1, 1, 2, 2)]
 
 

@@ -100,7 +100,7 @@ def test_a_primitive_without_positions_is_skipped(tmp_path):
     builder = Builder(KITE, LONG)
     builder.json["meshes"].append({"primitives": [{"attributes": {}}]})
     assert retriangulate(builder.write(tmp_path / "a.glb"), tmp_path / "b.glb").changed == 1
-    assert [len(parts) for parts in GltfModel(tmp_path / "b.glb").groups()] == [1, 0]
+    assert [len(parts) for parts in GltfModel(tmp_path / "b.glb").iterate_groups()] == [1, 0]
 
 
 POINTS = ["v 0 0 0", "v 2 -1 0", "v 9 0 0", "v 2 1 0"]

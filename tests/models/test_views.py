@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from harness.frame import frame_of, view_of
+from harness.frame import get_scene_view, make_scene_frame
 from harness.models import views
 from harness.models.flat_faces import ModelMesh
 from harness.models.gltf import GltfModel
@@ -98,7 +98,7 @@ def test_node_placements_agree_with_trimesh(tmp_path):
     ]
     builder.json["scenes"] = [{"nodes": [0]}]
     path = builder.write(tmp_path / "nodes.glb")
-    ((part,),) = GltfModel(path).groups()
+    ((part,),) = GltfModel(path).iterate_groups()
     ours = [views.transform(part.mesh.positions, matrix) for matrix in part.placements]
     read = trimesh.load_scene(path)
     expected = [geometry.vertices for geometry in read.dump()]
@@ -131,10 +131,10 @@ def expected_and_counted(plates, pixels: int) -> tuple[float, float, float]:
     lanes = []
     for path in (before, after):
         scene = read(str(path), pixels=pixels)
-        frame = frame_of(scene, view_of(scene))
+        frame = make_scene_frame(scene, get_scene_view(scene))
         original = make_original_triangulation(frame)
         totals = {name: values.sum() for name, values in original.predicted.items()}
-        counted = predict(frame.points, frame.join(original.parts))["helper_lanes"].sum()
+        counted = predict(frame.points, frame.join_triangles(original.parts))["helper_lanes"].sum()
         lanes.append((4 * totals["expected_quads"] - totals["area"], int(counted)))
     (part,) = [part for group in open_model(before)[1] for part in group]
     ball = find_bounding_sphere([part.mesh.positions])

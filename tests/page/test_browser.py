@@ -201,12 +201,12 @@ def test_step_of_a_timer_is_detected(browser, page):
 
 def test_statistics_of_the_page_equal_python(browser, page):
     """Intervals differ only by the expansion of Student's quantile in JavaScript."""
-    from harness.stats.intervals import add_run_scatter, paired_ratio
+    from harness.stats.intervals import add_run_scatter, compute_paired_ratio
 
     browser.open(page, MEASUREMENT_ENDED)
     samples = [1.00, 1.02, 1.01, 1.05, 1.00, 0.99, 1.03, 1.02, 1.01, 1.00, 1.04, 1.02]
     base = [1.01, 1.00, 1.02, 1.01, 0.98, 1.00, 1.01, 1.03, 1.00, 0.99, 1.01, 1.00]
-    expected = add_run_scatter(paired_ratio(samples, base, [2] * 6))
+    expected = add_run_scatter(compute_paired_ratio(samples, base, [2] * 6))
     actual = browser.evaluate(f"pairedRatio({samples}, {base}, [2, 2, 2, 2, 2, 2])")
     assert actual["value"] == pytest.approx(expected.value, rel=1e-12)
     assert actual["low"] == pytest.approx(expected.low, abs=1e-4)

@@ -11,12 +11,12 @@ from harness.measuring.timing import EMPTY, Times
 from harness.page.page_data import GRID_STEPS
 from harness.profile import design, law
 from harness.profile.advice import CRITERIA, compare_aspects
-from harness.profile.counted import TERMS, counters, design_of
-from harness.profile.fitting import solve
+from harness.profile.counted import TERMS, count_draw, make_design_rows
+from harness.profile.fitting import fit_coefficients
 from harness.profile.law import COSTS as CRITERIA_TERMS
 from harness.profile.measured import CONTROL, Measured, normalise_times
 from harness.profile.report import format_seconds
-from harness.stats.intervals import Ratio, mean_interval
+from harness.stats.intervals import Ratio, compute_mean_interval
 from tests.chromium import MEASUREMENT_ENDED, REPORT_READY, Chromium
 from tests.conftest import assert_refused, require_ok
 from tests.measuring.test_run import inline
@@ -40,7 +40,7 @@ def test_page_is_small_and_its_draws_equal_python(loaded, profile_page):
         draws = design.make_draws(seed)
         for step in (1, 16):
             sums = loaded.evaluate(f"sumsOf(made, {step})")
-            assert sums == [design.snap(draw, step).checksum for draw in draws]
+            assert sums == [design.snap_draw(draw, step).checksum for draw in draws]
     assert loaded.requests == [f"{profile_page.resolve().as_uri()}"]
 
 
@@ -48,9 +48,9 @@ def test_counters_in_the_page_equal_the_reference(loaded):
     grids = loaded.evaluate("state.page.grids")
     assert list(grids) == [str(step) for step in GRID_STEPS]
     for step, index in ((1, 20), (4, 80), (16, 100)):
-        draw = design.snap(design.make_draws()[index], step)
+        draw = design.snap_draw(design.make_draws()[index], step)
         read_text = {name: values[index] for name, values in grids[str(step)]["counters"].items()}
-        assert read_text == counters(draw)
+        assert read_text == count_draw(draw)
         assert grids[str(step)]["checksums"][index] == draw.checksum
 
 
@@ -69,7 +69,7 @@ STAGE_COSTS = {
 def design_rows() -> tuple[list[design.Draw], np.ndarray]:
     """Return the draws of the design and their counters."""
     draws = design.make_draws()
-    return draws, design_of([counters(draw) for draw in draws])
+    return draws, make_design_rows([count_draw(draw) for draw in draws])
 
 
 def make_epochs(rows: np.ndarray, costs: dict[str, float], form: str) -> np.ndarray:
@@ -190,7 +190,7 @@ def test_advice_is_the_criterion_with_the_lowest_cost(loaded):
         (saved,) = advice["saved"]
         assert saved["value"] == pytest.approx(1 - np.exp(logs.mean()))
         if np.ptp(logs) > 1e-6:
-            ends = [1 - np.exp(end) for end in mean_interval(logs)]
+            ends = [1 - np.exp(end) for end in compute_mean_interval(logs)]
             reach = ends[0] - ends[1]
             assert saved["low"] == pytest.approx(ends[1], abs=0.15 * reach)
             assert saved["high"] == pytest.approx(ends[0], abs=0.15 * reach)
@@ -232,7 +232,7 @@ def test_coefficients_of_the_page_equal_python(profiled, loaded):
     plain = loaded.evaluate("state.page.plain")
     rows = np.array(loaded.evaluate("state.page.grids[1].predicted"))[plain["places"]]
     truth = rows @ np.array(profiled["coefficients"])
-    coefficients = solve(rows, truth, plain["labels"])
+    coefficients = fit_coefficients(rows, truth, plain["labels"])
     assert coefficients == pytest.approx(profiled["coefficients"], rel=1e-3, abs=1e-14)
 
 

@@ -14,7 +14,7 @@ from harness.errors import BAD_INPUT, INCONCLUSIVE
 from harness.page.profile_result import FORMAT
 from harness.profile import advice, design, report
 from harness.profile.advice import CALIBRATED_OPTIMUM
-from harness.profile.counted import counters
+from harness.profile.counted import count_draw
 from harness.profile.draw import Draw
 from harness.profile.profile import read_coefficients
 from tests.conftest import assert_one_line, assert_refused, require_ok
@@ -31,7 +31,7 @@ def count_once(draw: Draw) -> dict[str, int]:
     """Return the counters of a draw, cached by checksum for all tests."""
     key = draw.checksum, draw.work
     if key not in COUNTED:
-        COUNTED[key] = counters(draw)
+        COUNTED[key] = count_draw(draw)
     return dict(COUNTED[key])
 
 
@@ -39,7 +39,7 @@ def count_once(draw: Draw) -> dict[str, int]:
 def _short_measurements(monkeypatch):
     """Make and count draws once, use workers in this process and few polygons for the advice."""
     monkeypatch.setattr(design, "make_draws", DRAWS)
-    monkeypatch.setattr("harness.page.profile_result.counters", count_once)
+    monkeypatch.setattr("harness.page.profile_result.count_draw", count_once)
     monkeypatch.setattr("harness.workers.worker.Worker", inline)
     monkeypatch.setattr(advice, "SCENES", {"city:buildings=12": ""})
     monkeypatch.setattr(advice, "SCENE_POLYGONS", 8)

@@ -4,7 +4,7 @@ from typing import ClassVar
 
 from harness.frame import Frame
 from harness.grid import SUBPIXEL
-from harness.profile.counted import counters
+from harness.profile.counted import count_draw
 from harness.profile.draw import Draw
 from harness.rasterisers.base import Device, Drawing, Options, Sample, Triangles
 from tests.mock import MockRasteriser
@@ -43,7 +43,7 @@ class Charger(MockRasteriser):
         key = triangles.tobytes() + frame.points.tobytes() + bytes(options.work)
         if key not in self.counters_by_draw:
             draw = Draw("", "", "", frame, triangles, options.work)
-            self.counters_by_draw[key] = {**counters(draw), "draw": 1}
+            self.counters_by_draw[key] = {**count_draw(draw), "draw": 1}
         counts = self.counters_by_draw[key]
         counts = {**counts, "half_perimeter": counts["half_perimeter"] / SUBPIXEL}
         return ChargedDrawing(sum(cost * counts[name] for name, cost in COSTS.items()))

@@ -15,9 +15,9 @@ from harness.errors import INCONCLUSIVE, NO_RASTERISER, NOTHING_MEASURED
 from harness.machine.environment import describe_processor
 from harness.profile import advice, design, measured, report
 from harness.profile.advice import BASE, CALIBRATED_OPTIMUM, CRITERIA, choose_triangulator
-from harness.profile.counted import design_of
+from harness.profile.counted import make_design_rows
 from harness.profile.law import DEVIATION_FACTOR
-from harness.profile.profile import is_of_this_machine, origin_of, read_coefficients, read_law
+from harness.profile.profile import describe_origin, is_of_this_machine, read_coefficients, read_law
 from tests.conftest import assert_one_line, assert_refused, require_ok
 from tests.measuring.test_run import inline
 from tests.paths import ROOT
@@ -46,7 +46,7 @@ def test_profile_reports_the_known_costs(harness):
         f"On scripted, on {describe_processor()['label']}:\nA draw by itself costs 20 us."
     )
     assert "\nA triangle costs 50 ns" in out
-    assert "Each pixel of its box's width and height costs 7 ns." in out
+    assert "Each pixel of a triangle's width and height costs 7 ns." in out
     assert "No significant cost: triangles set up, triangles that cover a pixel" in out
     assert "on city:buildings=12 (" in out
     content = json.loads(Path("p.json").read_text())
@@ -78,7 +78,7 @@ def test_draws_are_snapped_to_a_coarser_grid(harness):
     require_ok(run_profile(harness, "CoarseCharger"))
     content = json.loads(Path("p.json").read_text())
     checksums = {draw["checksum"] for draw in content["times"]}
-    assert checksums == {design.snap(draw, 16).checksum for draw in design.make_draws(0)}
+    assert checksums == {design.snap_draw(draw, 16).checksum for draw in design.make_draws(0)}
 
 
 def test_profile_of_a_machine_that_slows_down_is_refused(harness, monkeypatch):
@@ -94,8 +94,10 @@ def test_profile_of_a_machine_that_slows_down_is_refused(harness, monkeypatch):
 
 
 def test_too_slow_device_is_an_error(harness, monkeypatch):
-    settings = measured.settings
-    monkeypatch.setattr(measured, "settings", lambda *args: replace(settings(*args), limit_s=0))
+    settings = measured.make_settings
+    monkeypatch.setattr(
+        measured, "make_settings", lambda *args: replace(settings(*args), limit_s=0)
+    )
     assert_refused(
         run_profile(harness, "Charger"),
         "too slow (1 of 6 epochs in 0 s, and a law needs",
@@ -108,9 +110,9 @@ def test_fewer_parts_are_a_warning(harness, monkeypatch):
     monkeypatch.setattr(advice, "recommend", lambda *_: None)
     monkeypatch.setattr("harness.profile.report.draw_chart", lambda *_: "none")
     measure = measured.measure
-    assert measured.settings(0.5, 126).limit_s == 126
-    assert measured.settings(0.1, 126).limit_s == measured.MIN_LIMIT_S
-    timing = measured.settings(0.5, 126)
+    assert measured.make_settings(0.5, 126).limit_s == 126
+    assert measured.make_settings(0.1, 126).limit_s == measured.MIN_LIMIT_S
+    timing = measured.make_settings(0.5, 126)
     assert (timing.processes, timing.epochs) == (measured.EPOCHS, 1)
     assert timing.processes * timing.budget_s == pytest.approx(0.5)
 
@@ -166,13 +168,13 @@ def test_interval_of_a_saving_covers_the_true_share():
     """Costs simulated with the stored covariance, widened as intervals are."""
     law = read_law(GOOD)
     rows = [row["counters"] for row in GOOD["times"] if row["kind"] == "aspect"]
-    base, spent = design_of([rows[-1], rows[0]])
+    base, spent = make_design_rows([rows[-1], rows[0]])
     rng, covered = np.random.default_rng(0), 0
     truth = 1 - spent @ law.signed_costs / (base @ law.signed_costs)
     covariance = DEVIATION_FACTOR**2 * law.covariance
     for costs in rng.multivariate_normal(law.signed_costs, covariance, 400):
         simulated = replace(law, signed_costs=costs, costs=costs)
-        low, high = simulated.saved_interval(spent, base, costs)
+        low, high = simulated.compute_saved_interval(spent, base, costs)
         covered += low <= truth <= high
     assert 0.93 <= covered / 400 <= 0.99
 
@@ -187,7 +189,7 @@ def test_inspect_warns_about_a_profile_of_another_machine(harness, monkeypatch):
         warning = f"measured on another machine (llvmpipe, on {cpu})"
         assert (warning in err) is (label != cpu)
     gpu = {"name": "gpu0", "rasteriser": "os:system", "details": {"renderer": "NVIDIA H200/PCIe"}}
-    assert (origin_of(gpu), is_of_this_machine(gpu)) == ("NVIDIA H200", False)
+    assert (describe_origin(gpu), is_of_this_machine(gpu)) == ("NVIDIA H200", False)
     kind = SimpleNamespace(devices=lambda: [SimpleNamespace(details=gpu["details"])])
     monkeypatch.setattr("harness.rasterisers.get", lambda name: kind)
     assert is_of_this_machine({**gpu, "rasteriser": "opengl"})
@@ -206,7 +208,7 @@ def set_cost(cost: object) -> dict[str, object]:
     [
         *((set_cost(cost), "cost of draw") for cost in (math.nan, math.inf, -1e-9, 1e300, "1")),
         (set_cost(True), "cost of draw"),
-        ({"terms": [{**term, "cost": 0.0} for term in GOOD["terms"]]}, "all of its terms are 0"),
+        ({"terms": [{**term, "cost": 0.0} for term in GOOD["terms"]]}, "all terms are 0"),
         ({"terms": GOOD["terms"][1:]}, "terms are not those"),
         ({"coefficients": {**GOOD["coefficients"], "triangles": math.nan}}, "cost of triangles"),
         ({"coefficients": dict.fromkeys(GOOD["coefficients"], 0)}, "coefficients are 0"),

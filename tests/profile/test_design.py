@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from harness.frame import UNBOUNDED
 from harness.grid import SUBPIXEL
 from harness.profile import design, placing, stage_draws
-from harness.profile.counted import TERMS, counters, design_of
+from harness.profile.counted import TERMS, count_draw, make_design_rows
 from harness.profile.design import ASPECTS
 from harness.profile.draw import Draw
 from harness.profile.placing import DIRECTIONS, SIDE
@@ -23,7 +23,7 @@ CountedDraws = list[tuple[Draw, dict[str, int]]]
 
 @pytest.fixture(scope="module")
 def counted() -> CountedDraws:
-    return [(draw, counters(draw)) for draw in design.make_draws()]
+    return [(draw, count_draw(draw)) for draw in design.make_draws()]
 
 
 def select_kind(counted: CountedDraws, kind: str) -> CountedDraws:
@@ -46,7 +46,9 @@ def test_draws_are_in_the_viewport_and_cover_no_pixel_twice(counted):
     for draw, _ in counted[::9]:
         if draw.kind != "twice":
             covered, helpers = np.zeros((2, SIDE, SIDE), np.int64)
-            spans.shade(draw.frame.points, draw.triangles, covered, helpers, UNBOUNDED)
+            spans.count_lanes_per_pixel(
+                draw.frame.points, draw.triangles, covered, helpers, UNBOUNDED
+            )
             assert covered.max() <= 1, draw.name
 
 
@@ -167,7 +169,7 @@ def test_orders_of_a_mesh_transform_the_vertices_that_their_names_say(counted):
 def test_the_share_of_triangles_on_samples_is_exact(counted):
     for step in (1, 16):  # also on the coarsest grid
         for draw, counts in select_kind(counted, "samples"):
-            snapped = counts if step == 1 else counters(design.snap(draw, step))
+            snapped = counts if step == 1 else count_draw(design.snap_draw(draw, step))
             assert snapped["covering"] == int(draw.name[0]) * counts["triangles"] // 4
             assert snapped["fragments"] == snapped["covering"]
     for group in ("samples isolated", "samples patches"):
@@ -214,7 +216,7 @@ def test_each_population_of_a_mixed_draw_keeps_another_stage_busy(counted):
 
 def test_terms_of_the_design_are_not_collinear(counted):
     """No term is nearly a linear combination of others, with rows scaled to equal times."""
-    rows = design_of([counts for draw, counts in counted if draw.kind != "twice"])
+    rows = make_design_rows([counts for draw, counts in counted if draw.kind != "twice"])
     rows = rows / (rows @ (1.0 / rows.max(axis=0)))[:, None]
     for number, name in enumerate(TERMS):
         other_terms = np.delete(rows, number, axis=1)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from harness.errors import InputError
-from harness.frame import bare_frame
+from harness.frame import make_bare_frame
 from harness.measuring.timing import EMPTY, Times
 from harness.profile import design, fitting, law, measured
-from harness.profile.counted import TERMS, counters
+from harness.profile.counted import TERMS, count_draw
 from harness.profile.draw import Draw
 from harness.profile.law import COSTS, make_cost_rows
 from harness.profile.measured import CONTROL
@@ -35,7 +35,7 @@ def test_fit_is_robust_to_noise_and_outliers(criteria_costs):
     random = np.random.default_rng(0)
     seconds = rows @ TRUE_COSTS * np.exp(0.01 * random.standard_normal(len(rows)))
     seconds[random.random(len(rows)) < 0.03] *= 1.5
-    costs = fitting.solve(rows, seconds, groups)
+    costs = fitting.fit_coefficients(rows, seconds, groups)
     assert (costs >= 0).all()
     assert rows @ costs == pytest.approx(rows @ TRUE_COSTS, rel=0.04)
 
@@ -43,7 +43,7 @@ def test_fit_is_robust_to_noise_and_outliers(criteria_costs):
 def test_common_errors_of_groups_affect_the_fit_little(criteria_costs):
     rows, groups = criteria_costs
     common = np.exp(0.2 * np.random.default_rng(0).standard_normal(groups.max() + 1))
-    costs = fitting.solve(rows, rows @ TRUE_COSTS * common[groups], groups)
+    costs = fitting.fit_coefficients(rows, rows @ TRUE_COSTS * common[groups], groups)
     r2 = fitting.compute_r_squared_within(rows @ TRUE_COSTS, rows @ costs, groups)
     # With a weight of 1 for common errors instead of `BETWEEN_WEIGHT`, it is 0.9996.
     assert r2 > 0.9999
@@ -52,7 +52,7 @@ def test_common_errors_of_groups_affect_the_fit_little(criteria_costs):
 def test_scale_of_terms_does_not_matter():
     size = np.array([1e9, 1e-30])
     design = np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 2.0], [1.0, 5.0]])
-    costs = fitting.solve(design * size, design @ [3.0, 2.0], [0, 0, 1, 1])
+    costs = fitting.fit_coefficients(design * size, design @ [3.0, 2.0], [0, 0, 1, 1])
     assert costs * size == pytest.approx([3.0, 2.0], rel=1e-3)
 
 
@@ -61,20 +61,20 @@ def test_r2_within_polygons_ignores_their_size():
     choice = np.random.default_rng(1).uniform(0.9, 1.1, 150)
     polygons = np.repeat([0, 1, 2], 50).tolist()
     assert fitting.compute_r_squared_within(sizes * choice, 7 * sizes * choice, polygons) > 0.999
-    assert fitting.r_squared(np.log(sizes * choice), np.log(sizes)) > 0.99
+    assert fitting.compute_r_squared(np.log(sizes * choice), np.log(sizes)) > 0.99
     assert fitting.compute_r_squared_within(sizes * choice, sizes, polygons) < 0.01
 
 
 def test_groups_are_weighted_by_their_draws():
     """Nine draws of a group, and one of another group that costs 2 % more."""
     columns, seconds = np.ones((10, 1)), np.r_[np.ones(9), 1.02]
-    (cost,) = fitting.solve(columns, seconds, [*[0] * 9, 1])
+    (cost,) = fitting.fit_coefficients(columns, seconds, [*[0] * 9, 1])
     assert cost == pytest.approx(1.002, abs=0.001)
 
 
 def test_noise_does_not_bias_costs():
     """Errors relative to the measured times would bias costs by 0.3 %."""
-    (cost,) = fitting.solve(np.ones((40, 1)), np.tile([0.96, 1.04], 20), list(range(40)))
+    (cost,) = fitting.fit_coefficients(np.ones((40, 1)), np.tile([0.96, 1.04], 20), list(range(40)))
     assert cost == pytest.approx(1.0, abs=1e-3)
 
 
@@ -83,13 +83,13 @@ def test_fit_continues_after_some_draws_are_exact():
     design = np.repeat([[1.0, 0.0], [0.0, 1.0]], [5, 20], axis=0)
     seconds = design @ [3.0, 2.0]
     seconds[5:9] *= 5.0
-    costs = fitting.solve(design, seconds, list(range(25)))
+    costs = fitting.fit_coefficients(design, seconds, list(range(25)))
     assert costs == pytest.approx([3.0, 2.0], rel=0.02)
 
 
 def test_r2_is_the_explained_share_of_the_variance():
     measured, predicted = np.array([1.0, 2.0, 3.0]), np.array([1.0, 2.0, 4.0])
-    assert fitting.r_squared(measured, predicted) == pytest.approx(0.5)
+    assert fitting.compute_r_squared(measured, predicted) == pytest.approx(0.5)
     logs = np.array([0.0, 2.0, 10.0, 12.0]), np.array([0.0, 1.0, 5.0, 6.0])
     within = fitting.compute_r_squared_within(*np.exp(logs), ["a", "a", "b", "b"])
     assert within == pytest.approx(0.75)
@@ -257,14 +257,14 @@ def test_drift_and_a_deviating_control_are_reported():
 
 def make_draw(points, size: int = 8) -> Draw:
     triangles = np.arange(len(points), dtype=np.int32).reshape(-1, 3)
-    return Draw("", "", "", bare_frame(size, np.array(points, np.int32)), triangles)
+    return Draw("", "", "", make_bare_frame(size, np.array(points, np.int32)), triangles)
 
 
 def test_rows_counts_pixel_rows_with_centres_in_the_triangle():
     tall, flat = [[0, 128], [300, 130], [0, 640]], [[0, 129], [9, 383], [9, 200]]
     # One triangle spans the centres of rows 0 to 2, the other lies between those of rows 0 and 1.
-    assert counters(make_draw(tall + flat))["rows"] == 3
-    assert counters(make_draw(flat))["rows"] == 0
+    assert count_draw(make_draw(tall + flat))["rows"] == 3
+    assert count_draw(make_draw(flat))["rows"] == 0
 
 
 def test_features_of_criteria_are_in_pixels():

@@ -5,11 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.frame import View, frame_of
+from harness.frame import View, make_scene_frame
 from harness.profile.counted import TERMS, count_triangles
 from harness.profile.device_costs import DeviceCosts
 from harness.profile.law import VERTICES
-from harness.profile.stage_optimum import EXPECTED, minimise_slowest_stage, order_for, weigh_stage
+from harness.profile.stage_optimum import (
+    EXPECTED,
+    minimise_slowest_stage,
+    order_for_slowest_stage,
+    weigh_stage,
+)
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load
@@ -22,7 +27,7 @@ THREE = "maximum of three stages"
 
 @pytest.fixture(scope="module")
 def frame():
-    return frame_of(load("glyphs:text=aegs"), View(96))
+    return make_scene_frame(load("glyphs:text=aegs"), View(96))
 
 
 def make_device(form=THREE, **costs):
@@ -45,7 +50,7 @@ def sum_weights(result, weights):
 
 
 def compute_time(frame, result, device):
-    return max(order_for(device, frame, result)[1].values())
+    return max(order_for_slowest_stage(device, frame, result)[1].values())
 
 
 @pytest.mark.parametrize("name", list(EXPECTED))
@@ -106,10 +111,12 @@ def test_vertices_are_ordered_where_they_bind(frame):
     assert "at 96 px: the slowest stage on GPU is vertices, which no triangulation" in note
     rng = np.random.default_rng(1)
     shuffled = replace(result, parts=[rng.permutation(part) for part in result.parts])
-    ordered, times = order_for(device, frame, shuffled)
+    ordered, times = order_for_slowest_stage(device, frame, shuffled)
     for part, walked in zip(shuffled.parts, ordered.parts, strict=True):
         assert (walked == walk(part, int(part.max()) + 1)).all()
-    counts = [_count(frame, frame.join(each.parts))[VERTICES[0]] for each in (ordered, shuffled)]
+    counts = [
+        _count(frame, frame.join_triangles(each.parts))[VERTICES[0]] for each in (ordered, shuffled)
+    ]
     assert counts[0] < counts[1]
     assert times["vertices"] == pytest.approx(1e-3 * counts[0])
 
@@ -117,7 +124,7 @@ def test_vertices_are_ordered_where_they_bind(frame):
 def test_the_next_stage_is_minimised_if_it_binds_the_result(frame):
     """Fewer covering triangles make pixels the slowest stage; the faster optimum is chosen."""
     base = triangulate_polygons(parse("ear-clipping"), frame.polygons)
-    counts = _count(frame, frame.join(base.parts))
+    counts = _count(frame, frame.join_triangles(base.parts))
     covering = 1e-9 * counts["helper_lanes"] / counts["covering"]
     device = make_device(helper_lanes=1e-9, covering=1.001 * covering)
     recipe, result, recipes = minimise(frame, device)

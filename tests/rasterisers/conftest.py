@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from harness.errors import NoRasteriserError
-from harness.frame import Frame, bare_frame
+from harness.frame import Frame, make_bare_frame
 from harness.measuring import tasks
 from harness.rasterisers import Device, Options, Rasteriser, find_device, get
 from harness.rasterisers.base import order_submission, sum_per_polygon
@@ -82,8 +82,8 @@ def _count_covering(name: str, device: Device, *case: Any) -> tuple[np.ndarray, 
     counted = opened.count(*case)["covering_triangles"]
     frame, triangles, options = case
     rows = order_submission(frame, triangles, options)
-    single = bare_frame(frame.width, frame.points[rows].reshape(-1, 2), 3)
-    tiles = None if frame.tiles is None else np.searchsorted(frame.owner(rows), frame.tiles)
+    single = make_bare_frame(frame.width, frame.points[rows].reshape(-1, 2), 3)
+    tiles = None if frame.tiles is None else np.searchsorted(frame.find_owners(rows), frame.tiles)
     viewing = frame.viewing
     if viewing is not None and viewing.depths is not None:
         viewing = replace(viewing, depths=viewing.depths[rows.ravel()])
@@ -103,7 +103,7 @@ def seconds(name: str, device: Device, case: Any) -> float:
 def loose_triangles(points: np.ndarray, size: int) -> tuple[Frame, np.ndarray]:
     """Make a frame in which each triangle, three rows of `points` in 1/256 px, is a polygon."""
     points = np.asarray(points, np.int32).reshape(-1, 2)
-    return bare_frame(size, points, 3), np.arange(len(points), dtype=np.int32).reshape(-1, 3)
+    return make_bare_frame(size, points, 3), np.arange(len(points), dtype=np.int32).reshape(-1, 3)
 
 
 def random_triangles(seed: int, size: int, number: int, grid: int) -> tuple[Frame, np.ndarray]:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from harness.errors import UsageError
 from harness.rasterisers import Options, Rasteriser
-from harness.rasterisers.compute import JOB_PIXELS, LANES, split_rows
+from harness.rasterisers.compute import JOB_PIXELS, LANES, split_into_jobs
 from tests.rasterisers.conftest import loose_triangles, random_triangles
 from tests.rasterisers.test_opengl import anywhere, half_pixel
 
@@ -62,7 +62,7 @@ def test_multisampling_and_work_are_refused(walker):
 )
 def test_jobs_cover_each_row_once_and_are_small(corners):
     frame, triangles = loose_triangles(corners, 16384)
-    jobs = split_rows(frame, triangles)
+    jobs = split_into_jobs(frame, triangles)
     boxes = frame.points[triangles]
     first = np.ceil(boxes.min(axis=1) / 256 - 0.5).astype(int)
     last = np.floor(boxes.max(axis=1) / 256 - 0.5).astype(int)

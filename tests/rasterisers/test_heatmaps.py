@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 from shapely import Polygon
 
-from harness.frame import View, bare_frame, make_frame
+from harness.frame import View, make_bare_frame, make_frame
 from harness.grid import SUBPIXEL
 from harness.heatmaps import PANEL_PX, draw_heatmaps, make_lane_maps
 from harness.rasterisers import Options
@@ -55,7 +55,7 @@ def test_triangles_are_drawn_on_the_pixels_that_they_cover(tmp_path, reach):
     """Draw squares of complete quads, one of which ends at the edge of the viewport."""
     points = np.array([[2, 2], [reach, 2], [reach, reach], [2, reach]], np.int32) * SUBPIXEL
     rows = np.array([[0, 1, 2], [0, 2, 3]])
-    draw_heatmaps(bare_frame(10, points), {"both": rows}, tmp_path / "picture.png")
+    draw_heatmaps(make_bare_frame(10, points), {"both": rows}, tmp_path / "picture.png")
     picture = np.asarray(Image.open(tmp_path / "picture.png").convert("RGB"))[100:]
     coloured = np.argwhere((picture[:, :, 0] > 200) & (picture[:, :, 2] < 130))[:, 0]
     lines = np.argwhere((picture == 0x20).all(axis=2))[:, 0]

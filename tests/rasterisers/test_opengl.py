@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from harness.errors import NoRasteriserError, UsageError
-from harness.frame import bare_frame
+from harness.frame import make_bare_frame
 from harness.rasterisers import Device, Options, get, opengl
 from harness.rasterisers.base import split_batches
 from harness.rasterisers.reference import SHADED, find_disagreements
@@ -120,7 +120,7 @@ def test_two_rasterisers_share_a_process(opened, reference):
 
 def test_driver_statistics_are_of_one_draw(llvmpipe, monkeypatch):
     angles = np.linspace(0, 2 * np.pi, 100, endpoint=False)
-    frame = bare_frame(
+    frame = make_bare_frame(
         64, (8192 + 7000 * np.column_stack([np.cos(angles), np.sin(angles)])).astype("i4")
     )
     fan = np.array([(0, k, k + 1) for k in range(1, 99)], np.int32)

@@ -8,7 +8,7 @@ import pytest
 from shapely import Polygon, box
 
 from harness.errors import NoRasteriserError, UsageError
-from harness.frame import Frame, View, frame_of, make_frame, view_of
+from harness.frame import Frame, View, get_scene_view, make_frame, make_scene_frame
 from harness.measuring import tasks
 from harness.models.seen import read
 from harness.rasterisers import Options, find_device, get, pyrender
@@ -31,7 +31,7 @@ def frame() -> Frame:
 
 
 def joined(frame: Frame, triangulator: str) -> Triangles:
-    return frame.join([triangulate(polygon, triangulator) for polygon in frame.polygons])
+    return frame.join_triangles([triangulate(polygon, triangulator) for polygon in frame.polygons])
 
 
 def seconds_of_frames(device, frame, triangles, repeats) -> float:
@@ -115,17 +115,19 @@ def test_views_of_a_model_are_drawn_in_projection(tmp_path):
     frames = {}
     for depth in ("none", "file"):
         scene = read(str(tmp_path / "plate.glb"), views=2, pixels=128, depth=depth)
-        frames[depth] = frame_of(scene, view_of(scene))
+        frames[depth] = make_scene_frame(scene, get_scene_view(scene))
     frame = frames["file"]
     device = find_device("pyrender", "llvmpipe")
-    rows = order_submission(frame, frame.join(make_original_triangulation(frame).parts), Options())
+    rows = order_submission(
+        frame, frame.join_triangles(make_original_triangulation(frame).parts), Options()
+    )
     with Worker("llvmpipe", device.environment) as worker:
         with pytest.raises(UsageError, match="pyrender always tests depth; add depth=file"):
             worker.call(pictures.image, "pyrender", device, frames["none"], rows, Options())
         picture = worker.call(pictures.image, "pyrender", device, frame, rows, Options())
         assert worker.call(seconds_of_frames, device, frame, rows, 2, timeout_s=120) > 0
         assert worker.call(seconds_of_frames, device, frame, rows[:0], 2, timeout_s=120) > 0
-    exact = pictures.image_of(Reference(), frame, rows[frame.draws(rows)[-1]], Options())
+    exact = pictures.image_of(Reference(), frame, rows[frame.split_by_draw(rows)[-1]], Options())
     drawn = exact[..., 3] > 0
     sky = np.rint(np.array(pyrender.SKY) * 255)
     built = abs(picture - sky).max(axis=2) > 2

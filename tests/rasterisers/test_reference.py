@@ -10,7 +10,7 @@ from shapely import Polygon, box
 from harness.errors import UsageError
 from harness.frame import UNBOUNDED
 from harness.rasterisers import Options, find_device, get, spans
-from harness.rasterisers.reference import TILES, count_tiles, polygon_colours, predict
+from harness.rasterisers.reference import TILES, choose_polygon_colours, count_tiles, predict
 from tests.rasterisers import pictures
 from tests.rasterisers.conftest import loose_triangles, random_triangles
 from tests.rasterisers.pictures import SIZE, covered, require_exact_counts
@@ -57,7 +57,7 @@ def test_image_has_one_pixel_a_fragment_and_the_polygons_colour(reference):
     picture = pictures.image_of(reference, frame, triangles, Options())
     assert picture.shape == (SIZE, SIZE, 4)
     mask = covered(frame.points)[::-1]
-    colour = polygon_colours(np.zeros(1, np.int32)).view(np.uint8)
+    colour = choose_polygon_colours(np.zeros(1, np.int32)).view(np.uint8)
     assert (picture[mask] == colour).all()
     assert not picture[~mask].any()
 

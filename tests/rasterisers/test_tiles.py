@@ -99,13 +99,13 @@ def _bins(side: int) -> range:
 
 def test_each_tile_is_a_call_and_keeps_its_triangles_in_any_order(tiles):
     frame, triangles = tiles
-    assert frame.draws(triangles) == [slice(0, 100), slice(100, 160)]
-    assert frame.draws(triangles[120:]) == [slice(0, 0), slice(0, 40)]
-    assert replace(frame, tiles=None).draws(triangles) == [slice(0, 160)]
+    assert frame.split_by_draw(triangles) == [slice(0, 100), slice(100, 160)]
+    assert frame.split_by_draw(triangles[120:]) == [slice(0, 0), slice(0, 40)]
+    assert replace(frame, tiles=None).split_by_draw(triangles) == [slice(0, 160)]
     for order in ("walk", "vertex-cache", "morton", "shuffled"):
         rows = order_submission(frame, triangles, Options(order=order))
         assert {*map(tuple, np.sort(rows))} == {*map(tuple, np.sort(triangles))}
-        assert (frame.owner(rows[:100]) < 100).all()
+        assert (frame.find_owners(rows[:100]) < 100).all()
         by_neighbour = order in ("walk", "vertex-cache")  # no triangle has a neighbour
         assert np.array_equal(rows, triangles) == by_neighbour
 

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from harness.errors import NoRasteriserError, UsageError
-from harness.frame import Frame, bare_frame, frame_of, view_of
+from harness.frame import Frame, get_scene_view, make_bare_frame, make_scene_frame
 from harness.measuring import tasks
 from harness.models.seen import read
 from harness.rasterisers import Options, get
@@ -32,7 +32,7 @@ NATIVE = Options()
 
 def read_frame(path: str, **options: Any) -> Frame:
     scene = read(path, **options)
-    return frame_of(scene, view_of(scene))
+    return make_scene_frame(scene, get_scene_view(scene))
 
 
 def triangulate_views(frame: Frame, *names: str) -> list[np.ndarray]:
@@ -42,7 +42,7 @@ def triangulate_views(frame: Frame, *names: str) -> list[np.ndarray]:
     for name in names:
         flat = triangulate_polygons(parse(name), frame.flat.polygons)
         parts.append(carry_to_views(frame, flat, parse("original")).parts)
-    return [frame.join(part) for part in parts]
+    return [frame.join_triangles(part) for part in parts]
 
 
 @pytest.fixture(scope="session")
@@ -122,7 +122,7 @@ def make_sheets(depths: list[int]) -> tuple[Frame, np.ndarray]:
     """Return squares of two triangles each at the same position with these depths."""
     square = np.array([[256, 256], [3840, 256], [3840, 3840], [256, 3840]], np.int32)
     count = len(depths)
-    frame = bare_frame(16, np.tile(square, (count, 1)), 4)
+    frame = make_bare_frame(16, np.tile(square, (count, 1)), 4)
     rows = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
     viewing = Viewing(
         pixels=16,
@@ -136,7 +136,7 @@ def make_sheets(depths: list[int]) -> tuple[Frame, np.ndarray]:
         ranks=np.arange(2 * count),
     )
     frame = replace(frame, tiles=viewing.piece_offsets, viewing=viewing)
-    return frame, frame.join([rows] * count)
+    return frame, frame.join_triangles([rows] * count)
 
 
 @pytest.mark.parametrize(

@@ -89,7 +89,7 @@ def write_many(path: Path, devices: int) -> Path:
     triangles, columns = {}, {}
     for name in NAMES:
         parts = triangulate_polygons(parse(name), frame.polygons).parts
-        triangles[name] = frame.join(parts)
+        triangles[name] = frame.join_triangles(parts)
         counted = predict(frame.points, triangles[name])
         predicted = predict_polygons(frame.polygons, parts)
         columns[name] = {f"predicted_{key}": column for key, column in predicted.items()} | {

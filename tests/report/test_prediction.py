@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 from harness import viewport_sizes
-from harness.frame import View, frame_of
+from harness.frame import View, make_scene_frame
 from harness.measuring.plan import Plan
 from harness.measuring.run import RunOptions, run
 from harness.metrics.decision import decide_all
@@ -117,7 +117,7 @@ def test_run_stores_the_profile_and_minimises_the_slowest_stage(tmp_path):
     )
     run(plan, tmp_path / "run", reporter, options, open_worker=lambda *_: InlineWorker())
     stored = read_run(tmp_path / "run")
-    frame = frame_of(load(plan.scene), plan.views[0])
+    frame = make_scene_frame(load(plan.scene), plan.views[0])
 
     def triangulate(recipe):
         return triangulate_polygons(recipe, frame.polygons)
@@ -125,7 +125,7 @@ def test_run_stores_the_profile_and_minimises_the_slowest_stage(tmp_path):
     chosen, expected = minimise_slowest_stage(device, frame, plan.triangulators[1], triangulate)
     assert chosen.calibration != plan.triangulators[1].calibration
     geometry = drawings.read(stored, plan.views[0])
-    assert np.array_equal(geometry.triangles[name], frame.join(expected.parts))
+    assert np.array_equal(geometry.triangles[name], frame.join_triangles(expected.parts))
     prediction, warnings = make_prediction(stored, decide_all(stored), None)
     assert warnings == []
     assert [row["name"] for row in prediction["views"][0]["rows"]] == [name, base]

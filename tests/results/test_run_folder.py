@@ -15,7 +15,7 @@ from harness.report.page import write_report
 from harness.results.record import Record
 from harness.results.run_folder import (
     SCHEMA_VERSION,
-    file_stem,
+    make_file_stem,
     read_arrays,
     read_counted,
     read_run,
@@ -228,8 +228,8 @@ def test_facts_are_replaced_atomically(tmp_path):
 
 
 def test_file_stem_replaces_unsafe_characters():
-    assert file_stem("city:buildings=40 a/b") == "city-buildings-40-a-b"
-    assert file_stem("Straße_22.5-x") == "Straße_22.5-x"
+    assert make_file_stem("city:buildings=40 a/b") == "city-buildings-40-a-b"
+    assert make_file_stem("Straße_22.5-x") == "Straße_22.5-x"
 
 
 @pytest.mark.parametrize("key", ["../../victim", "", "a" * 15, "A" * 16, "a" * 16 + "\n", 7, None])

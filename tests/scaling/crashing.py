@@ -14,7 +14,7 @@ FAR = 100_000.0
 class CrashingOnFar(Triangulating):
     """Triangulate, or end the process at a footprint east of `FAR`, like a fault in C."""
 
-    def make(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
+    def write_part(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
         triangulate = export.triangulate_many
 
         def triangulate_or_crash(polygons: Any, *more: Any, **keywords: Any) -> Any:
@@ -24,6 +24,6 @@ class CrashingOnFar(Triangulating):
 
         export.triangulate_many = triangulate_or_crash
         try:
-            return super().make(part, path, threads)
+            return super().write_part(part, path, threads)
         finally:
             export.triangulate_many = triangulate

@@ -11,7 +11,7 @@ from harness.grid import SUBPIXEL, to_grid
 from harness.progress import Reporter
 from harness.rasterisers.reference import predict
 from harness.scaling.census import Census, compute_gains, scale_to_pixels
-from harness.scaling.census_report import make_rows
+from harness.scaling.census_report import make_gain_rows
 from harness.scaling.dataset import Dataset
 from harness.scaling.executors import Executor
 from harness.scaling.sums import GAINED, Counted
@@ -51,7 +51,7 @@ def test_counters_equal_those_of_footprints_on_the_map(parts, tmp_path, footprin
     summary, counted = census(parts, tmp_path / "out")
     sums = counted.sum_groups()
     assert sums.count("polygons") == summary.polygons == EVERY
-    table = make_rows(sums, NAMES).set_index(["triangulator", "measure"])
+    table = make_gain_rows(sums, NAMES).set_index(["triangulator", "measure"])
     base = count_footprints(footprints, NAMES[0])
     for number, name in enumerate(NAMES):
         expected = count_footprints(footprints, name)

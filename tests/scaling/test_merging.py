@@ -12,7 +12,7 @@ from harness.errors import IncompatibleRunsError, InputError
 from harness.frame import View
 from harness.results.run_folder import read_arrays, read_facts, read_run
 from harness.results.run_writer import RunFolder
-from harness.scaling.merging import merge, set_host
+from harness.scaling.merging import merge_runs, set_host
 from tests.conftest import assert_refused, make_geojson, require_ok
 from tests.measuring.test_run import measure, plan_for
 from tests.records import lines_of, make_record
@@ -55,7 +55,7 @@ def hosted(runs, *names):
 def test_result_is_independent_of_the_order(runs, tmp_path):
     results = []
     for number, order in enumerate(permutations(runs)):
-        merge(hosted(runs, *order), tmp_path / str(number))
+        merge_runs(hosted(runs, *order), tmp_path / str(number))
         results.append(contents(tmp_path / str(number)))
     assert all(content == results[0] for content in results)
     merged = read_run(tmp_path / "0")
@@ -77,7 +77,7 @@ def test_result_is_independent_of_the_order(runs, tmp_path):
 
 def test_merge_of_a_run_with_itself_is_the_run(runs, tmp_path):
     run = read_run(runs["first"])
-    merge([run, run], tmp_path / "out")
+    merge_runs([run, run], tmp_path / "out")
     merged = read_run(tmp_path / "out")
     assert sorted(map(json.dumps, lines_of(merged))) == sorted(map(json.dumps, lines_of(run)))
 
@@ -93,7 +93,7 @@ def test_different_records_of_a_case_are_refused(runs, tmp_path):
     with pytest.raises(
         IncompatibleRunsError, match=r"differ: delaunay, 128 px, .* on scripted"
     ) as e:
-        merge([first, with_records(first, slower)], tmp_path / "out")
+        merge_runs([first, with_records(first, slower)], tmp_path / "out")
     assert "64 px" not in str(e.value)
     assert "--hosts" in str(e.value)
     assert not (tmp_path / "out").exists()
@@ -108,7 +108,7 @@ def test_measured_record_replaces_a_failed_record(runs, tmp_path):
         return {n: record[n] for n in fields} | {"status": "failed", "reason": "hung"}
 
     for number, order in enumerate(permutations([first, with_records(first, failed)])):
-        merge(order, tmp_path / str(number))
+        merge_runs(order, tmp_path / str(number))
         assert {r["status"] for r in lines_of(read_run(tmp_path / str(number)))} == {"ok"}
 
 
@@ -125,7 +125,7 @@ def test_choice_between_failures_is_independent_of_names(runs, tmp_path):
 
     pair = failed("hung", backwards=True), failed("killed", backwards=False)
     for number, order in enumerate(permutations(pair)):
-        merge(order, tmp_path / str(number))
+        merge_runs(order, tmp_path / str(number))
         assert {r["reason"] for r in lines_of(read_run(tmp_path / str(number)))} == {"hung"}
 
 
@@ -142,7 +142,7 @@ def test_different_counters_of_hosts_are_refused(runs, tmp_path, wrong):
     with pytest.raises(
         IncompatibleRunsError, match=rf"{wrong[0]} of delaunay, 64 px.*@third.*@first"
     ) as e:
-        merge([first, with_records(third, one_more)], tmp_path / "out")
+        merge_runs([first, with_records(third, one_more)], tmp_path / "out")
     assert "overdraw" not in str(e.value)
 
 
@@ -151,7 +151,7 @@ def test_runs_of_other_polygons_are_refused(runs, tmp_path):
     scene = {**first.facts["scene"], "hash": "0" * 64}
     other = replace(first, facts={**first.facts, "scene": scene})
     with pytest.raises(IncompatibleRunsError, match=r"different or unknown polygons"):
-        merge([first, other], tmp_path / "out")
+        merge_runs([first, other], tmp_path / "out")
 
 
 def test_the_command_merges_reports_and_compares(harness, runs, tmp_path, no_plots):
@@ -171,25 +171,25 @@ def test_run_without_a_scene_is_refused(runs, tmp_path):
     first = read_run(runs["first"])
     bare = replace(first, facts={n: v for n, v in first.facts.items() if n != "scene"})
     with pytest.raises(IncompatibleRunsError, match=r"different or unknown polygons .*first"):
-        merge([first, bare], tmp_path / "out")
+        merge_runs([first, bare], tmp_path / "out")
     with pytest.raises(IncompatibleRunsError, match=r"different or unknown polygons"):
-        merge([bare], tmp_path / "out")
+        merge_runs([bare], tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
 def test_run_with_two_hosts_is_refused(runs, tmp_path):
     first = read_run(runs["first"])
     with pytest.raises(IncompatibleRunsError, match=r"two hosts \(here and there\)"):
-        merge([set_host(first, "here"), set_host(first, "there")], tmp_path / "out")
+        merge_runs([set_host(first, "here"), set_host(first, "there")], tmp_path / "out")
     # a rewritten run.json does not hide equal times
     later = replace(first, facts={**first.facts, "created": "2026-01-01T00:00:00Z"})
     with pytest.raises(IncompatibleRunsError, match=r"same measurements with two hosts"):
-        merge([set_host(first, "here"), set_host(later, "there")], tmp_path / "out")
+        merge_runs([set_host(first, "here"), set_host(later, "there")], tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
 def test_plan_is_the_union(runs, tmp_path):
-    merge(hosted(runs, "first", "second"), tmp_path / "out")
+    merge_runs(hosted(runs, "first", "second"), tmp_path / "out")
     facts = read_run(tmp_path / "out").facts
     plans = [read_run(runs[name]).facts["plan"] for name in ("first", "second")]
     names = {name for plan in plans for name in plan["triangulators"]}
@@ -228,10 +228,10 @@ def test_interrupted_merge_leaves_no_folder_and_can_be_repeated(
 
 def test_run_without_records_is_merged(runs, tmp_path):
     first = read_run(runs["first"])
-    merge([first, replace(first, records=[])], tmp_path / "out")
+    merge_runs([first, replace(first, records=[])], tmp_path / "out")
     assert lines_of(read_run(tmp_path / "out")) == lines_of(first)
     with pytest.raises(InputError, match="no records to merge"):
-        merge([replace(first, records=[])] * 2, tmp_path / "none")
+        merge_runs([replace(first, records=[])] * 2, tmp_path / "none")
 
 
 def test_equal_facts_are_merged_independently_of_key_order(runs, tmp_path):
@@ -239,7 +239,7 @@ def test_equal_facts_are_merged_independently_of_key_order(runs, tmp_path):
     note = {"step": 256, "why": "snapped"}
     turned = dict(reversed(note.items()))
     frames = [replace(first, facts=first.facts | {"frames": [frame]}) for frame in (note, turned)]
-    merge(frames, tmp_path / "out")
+    merge_runs(frames, tmp_path / "out")
     assert read_run(tmp_path / "out").facts["frames"] == [note]
 
 
@@ -248,7 +248,7 @@ def test_only_the_damaged_drawing_is_lost(runs, tmp_path):
     shutil.copytree(runs["first"], damaged)
     files = sorted((damaged / "frames").glob("*.npz"))
     files[0].write_bytes(b"PK no more")
-    merge([read_run(damaged)], tmp_path / "out")
+    merge_runs([read_run(damaged)], tmp_path / "out")
     assert read_arrays(read_run(tmp_path / "out"), files[1].stem, "frames")
 
 
@@ -259,7 +259,7 @@ def test_interrupted_merge_is_marked(runs, monkeypatch, tmp_path):
     with monkeypatch.context() as patch:
         patch.setattr(RunFolder, "append", cut_off)
         with pytest.raises(KeyboardInterrupt):
-            merge(hosted(runs, "first"), tmp_path / "out")
+            merge_runs(hosted(runs, "first"), tmp_path / "out")
     assert read_facts(tmp_path / "out", [])["interrupted"] is True
 
 
@@ -269,7 +269,7 @@ def test_counters_of_different_devices_may_differ(runs, tmp_path):
         return {**record, "device": "other", "counters": counters}
 
     changed = with_records(read_run(runs["third"]), elsewhere)
-    merge([*hosted(runs, "first"), set_host(changed, "third")], tmp_path / "out")
+    merge_runs([*hosted(runs, "first"), set_host(changed, "third")], tmp_path / "out")
     devices = {record["device"] for record in lines_of(read_run(tmp_path / "out"))}
     assert devices == {"scripted@first", "other@third"}
 
@@ -280,7 +280,7 @@ def test_facts_of_each_run_are_stored(runs, tmp_path):
     early = replace(early, facts={**early.facts, "created": "2026-01-01", "about": "z"})
     given_facts = {"created": "2026-02-01", "about": "a", "warnings": ["hot"], "interrupted": True}
     late = replace(late, facts={**late.facts, **given_facts})
-    merge([late, early], tmp_path / "out")
+    merge_runs([late, early], tmp_path / "out")
     facts = read_run(tmp_path / "out").facts
     assert (facts["created"], facts["about"]) == ("2026-01-01", "z")
     assert "hot" in facts["warnings"]

@@ -17,7 +17,7 @@ from pmtiles.tile import (
 )
 from pmtiles.writer import write
 
-from harness.frame import frame_of, view_of
+from harness.frame import get_scene_view, make_scene_frame
 from harness.grid import SUBPIXEL
 from harness.progress import Reporter
 from harness.rasterisers.reference import predict
@@ -50,16 +50,16 @@ def census(text: str, out: Path, names: tuple[str, ...] = NAMES) -> tuple[Counte
 def sum_scene(text: str, names: tuple[str, ...] = NAMES) -> dict[tuple[str, str], dict]:
     """Return sums by layer and triangulator of the scene with a view per tile."""
     scene = load(text)
-    frame = frame_of(scene, view_of(scene))
+    frame = make_scene_frame(scene, get_scene_view(scene))
     layers = scene.attributes["layer"].to_numpy()[frame.source]
     sums = {}
     for name in names:
-        rows = frame.join(triangulate_polygons(parse(name), frame.polygons).parts)
+        rows = frame.join_triangles(triangulate_polygons(parse(name), frame.polygons).parts)
         counted = predict(frame.points, rows, frame.window)
         counted["triangles"] = np.ones(len(rows), np.int64)
         width, height = np.ptp(frame.points[rows] / SUBPIXEL, axis=1).T
         counted["half_perimeter"] = width + height
-        owner = layers[frame.owner(rows)]
+        owner = layers[frame.find_owners(rows)]
         for layer in set(layers):
             values_of_layer = {key: values[owner == layer].sum() for key, values in counted.items()}
             sums[layer, name] = values_of_layer | {
@@ -96,7 +96,7 @@ def test_lost_polygons_tiles_and_vertices_are_counted(tmp_path):
     }
     assert total.count("repaired") == len(scene.repaired)
     assert [sums.count("tiles") for sums in groups.values()] == [4, 4]
-    frame = frame_of(scene, view_of(scene))
+    frame = make_scene_frame(scene, get_scene_view(scene))
     assert total.count("vertices") == len(frame.points)
     assert sum(count for (kind, _), count in summary.counts.items() if kind == "dropped") == 5
 

@@ -342,7 +342,7 @@ class TestGltf:
         scene = load(builder.write(path))
         assert_valid_polygons(scene.polygons)
         lengths = []
-        for part in (part for group in GltfModel(path).groups() for part in group):
+        for part in (part for group in GltfModel(path).iterate_groups() for part in group):
             for matrix in part.placements:
                 a, b, c = np.moveaxis(
                     (part.mesh.positions @ matrix[:3, :3].T)[part.mesh.triangles], 1, 0

@@ -29,7 +29,7 @@ from pmtiles.tile import (
 from pmtiles.writer import write
 
 from harness.errors import UsageError
-from harness.frame import View, frame_of, view_of
+from harness.frame import View, get_scene_view, make_scene_frame
 from harness.grid import SUBPIXEL
 from scenes import SceneError, load
 from scenes.scene import Note
@@ -170,7 +170,7 @@ def test_a_tile_is_in_pixels_with_y_up(tmp_path):
 @pytest.mark.parametrize("pixels", [256, 512, 1024])
 def test_vertices_are_on_the_grid_and_unclipped(pixels):
     scene = load(f"helsinki-tiles:zoom=15,tiles=9,pixels={pixels}")
-    frame = frame_of(scene, view_of(scene))
+    frame = make_scene_frame(scene, get_scene_view(scene))
     assert frame.view == View(pixels, 0.0, "tile")
     left, bottom, width, height = frame.scissor
     assert (left, bottom, width, height) == (64, 64, pixels, pixels)
@@ -190,7 +190,7 @@ def test_vertices_are_on_the_grid_and_unclipped(pixels):
 def test_viewport_contains_polygons_that_cross_the_tile_edge(tmp_path, reach, margin):
     path = _raw(tmp_path / "one.mvt", [shapely.box(-reach, 0, 10, 4096 + reach)])
     scene = load(path + ":pixels=512")
-    frame = frame_of(scene, view_of(scene))
+    frame = make_scene_frame(scene, get_scene_view(scene))
     assert frame.scissor == (margin, margin, 512, 512)
     assert frame.width == 512 + 2 * margin
     assert frame.points.min() == (margin * 8 - reach) * 32
@@ -202,7 +202,7 @@ def test_polygons_stay_in_their_tile_when_others_vanish(tmp_path):
         _raw(tmp_path / f"{name}.mvt", shapes)
     scene = load(f"{tmp_path}:pixels=8")
     assert scene.tiling.first.tolist() == [0, 2, 3, 6]
-    frame = frame_of(scene, view_of(scene))
+    frame = make_scene_frame(scene, get_scene_view(scene))
     assert [number for number, _ in frame.dropped] == [0, 2, 4]
     assert frame.tiles.tolist() == [0, 1, 1, 3]
 
@@ -645,7 +645,7 @@ def test_archive_without_tile_options_is_read_as_a_map():
     with pytest.raises(
         UsageError, match="unsupported for map tiles; set the resolution by pixels="
     ):
-        frame_of(load("helsinki-tiles:tiles=1"), View(512))
+        make_scene_frame(load("helsinki-tiles:tiles=1"), View(512))
 
 
 def test_endless_view_is_refused(tmp_path, monkeypatch):

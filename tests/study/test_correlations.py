@@ -8,7 +8,7 @@ import pytest
 
 from harness.frame import View, make_frame
 from harness.grid import SUBPIXEL
-from harness.metrics.per_polygon import spearman
+from harness.metrics.per_polygon import compute_spearman
 from harness.rasterisers.reference import predict
 from harness.report import matrix
 from harness.report.content import make_content
@@ -75,7 +75,7 @@ def test_pooling_makes_a_useless_criterion_look_good():
 
 def test_a_constant_criterion_has_no_correlation():
     x, y = np.ones(9), np.arange(9.0) + 1
-    assert np.isnan(spearman(x, y))
+    assert np.isnan(compute_spearman(x, y))
     estimate = within([(x, y)] * 4)
     assert estimate.polygons == 0
     assert np.isnan(estimate.value)
@@ -240,7 +240,7 @@ def test_tables_and_plots_contain_the_correlations(tmp_path, monkeypatch):
         drawn[panel] = (*rows["rasteriser"].unique(), criterion, measure)
         return np.array([0.9, 1.0, 1.1]), np.array([1.18, 1.2, 1.22])
 
-    monkeypatch.setattr("harness.study.correlations.scatter_over_medians", scatter)
+    monkeypatch.setattr("harness.study.correlations.draw_scatter_over_medians", scatter)
     files = plot_study(correlations, table, tmp_path)
     names = ("opengl", "cuda")  # in the order of the run
     assert [file.name for file in files] == [

@@ -11,7 +11,7 @@ from harness.frame import View, make_frame
 from harness.measuring.plan import Plan
 from harness.measuring.run import ScenePart
 from harness.results.run_folder import read_run
-from harness.stats.intervals import add_run_scatter, paired_ratio
+from harness.stats.intervals import add_run_scatter, compute_paired_ratio
 from harness.study.pareto import (
     MAX_POINTS,
     SWEEP,
@@ -123,7 +123,9 @@ def test_rows_have_the_records_ratios_and_the_study_resumes(study, harness):
     assert row["overdraw"] == pytest.approx(record["predicted"]["overdraw"])
     end = records[CITY, SWEEP[0], "reference"]
     times, base_times = record["time"], end["time"]
-    ratio_of_run = paired_ratio(times["samples_s"], base_times["samples_s"], times["epochs"])
+    ratio_of_run = compute_paired_ratio(
+        times["samples_s"], base_times["samples_s"], times["epochs"]
+    )
     ratio = add_run_scatter(ratio_of_run)
     values = tuple(row[["time_ratio", "ci_low", "ci_high"]])
     assert values == pytest.approx((ratio.value, ratio.low, ratio.high))

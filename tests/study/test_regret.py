@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from harness.stats.intervals import MIN_VALUES, mean_interval
+from harness.stats.intervals import MIN_VALUES, compute_mean_interval
 from harness.study import regret
 from harness.study.correlations import get_label
 from harness.study.regret import (
@@ -326,7 +326,7 @@ def test_interval_uses_the_outer_ends():
     rng = np.random.default_rng(4)
     low, high = rng.exponential(0.01, (2, 24)) + np.array([[0.0], [0.02]])
     interval = compute_regret_interval(low, high)
-    assert interval == (mean_interval(low)[0], mean_interval(high)[1])
+    assert interval == (compute_mean_interval(low)[0], compute_mean_interval(high)[1])
     assert compute_regret_interval(low - 0.05, high)[0] == 0.0, "a regret is at least 0"
     assert np.isnan(compute_regret_interval(low, np.zeros(24))).all()
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.errors import StorageError
-from harness.machine.system import database_path
+from harness.machine.system import get_database_path
 from harness.triangulating import database as model
 from harness.triangulating.database import ModelDatabase, TimedTriangles
 from triangulators.compute.compiled_files import is_trusted
@@ -38,9 +38,9 @@ def test_stored_entries_are_found_later(path):
             make_key(1): (EXAMPLE.triangles.tolist(), 0.25, 0.5, b"12345678"),
             make_key(2): (EXAMPLE.triangles[:1].tolist(), 0.5, None, bytes(8)),
         }
-        assert database.info() == {"delaunay": (2, 32 + 24 + 32 + 12)}
+        assert database.count_entries() == {"delaunay": (2, 32 + 24 + 32 + 12)}
         assert database.clear() == 2
-        assert database.info() == {}
+        assert database.count_entries() == {}
 
 
 @pytest.mark.parametrize("mode", [0o602, 0o666])
@@ -257,11 +257,11 @@ def test_several_processes_share_the_file(path, damage):
 def test_default_path(monkeypatch, tmp_path):
     monkeypatch.delenv("RASTER_HARNESS_CACHE", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert database_path() == tmp_path / "raster-harness" / "triangulations.sqlite"
+    assert get_database_path() == tmp_path / "raster-harness" / "triangulations.sqlite"
     monkeypatch.setenv("RASTER_HARNESS_CACHE", "/somewhere/else")
-    assert database_path() == Path("/somewhere/else")
+    assert get_database_path() == Path("/somewhere/else")
     for variable in ("RASTER_HARNESS_CACHE", "XDG_CACHE_HOME", "HOME"):
         monkeypatch.delenv(variable)
     monkeypatch.setattr("pwd.getpwuid", {}.__getitem__)  # no entry in passwd
     folder = Path(tempfile.gettempdir()) / f"raster-harness-{os.getuid()}"
-    assert database_path() == folder / "triangulations.sqlite"
+    assert get_database_path() == folder / "triangulations.sqlite"

@@ -123,7 +123,7 @@ def test_quickly_computed_triangulations_are_not_stored(
     monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
     triangulate_named("ear-clipping", small, 0, None, database)
     with ModelDatabase(database) as model:
-        assert model.info().get("ear-clipping", (0,))[0] == count
+        assert model.count_entries().get("ear-clipping", (0,))[0] == count
 
 
 @pytest.mark.usefixtures("cache_everything")
@@ -213,7 +213,7 @@ def test_entries_are_written_at_once(database):
         model.find(POLYGONS[:1])
         model.store(0, np.array([[0, 1, 2]], dtype=np.int32), 1.0)
         with ModelDatabase(database) as other:  # as after a kill
-            assert other.info()["delaunay"][0] == 1
+            assert other.count_entries()["delaunay"][0] == 1
 
 
 @pytest.mark.usefixtures("cache_everything")

@@ -226,7 +226,7 @@ def test_edge_noise_equals_independent_checker(bits):
     """Compared with Python integers."""
     plain = SimpleNamespace(bits=bits)
     for a, b in combinations((*range(40), 10**6), 2):
-        assert noise(a, b, bits) == check_evidence.Claim.noise(plain, a, b)
+        assert noise(a, b, bits) == check_evidence.Claim.compute_noise(plain, a, b)
 
 
 @numba.njit

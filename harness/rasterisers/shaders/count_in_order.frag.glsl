@@ -19,7 +19,7 @@ layout(std430, binding = 1) buffer Last {
     uint last[];  // for each quad of the viewport: 8 * the last triangle that touched it + lanes
 };
 
-uniform uint triangle;  // 1 + its number
+uniform uint triangle;  // 1 + number of the triangle that is drawn
 uniform int columns;  // quads in a row of the viewport
 
 out vec4 fragment;

@@ -1,6 +1,6 @@
 // Draw for timing: one colour, and `work` rounds of arithmetic that compilers cannot remove. With
-// TEXTURE the colour is multiplied by the mean of `lookups` samples; at 1.5 texels per pixel each
-// interpolates between two mip levels.
+// TEXTURE the colour is multiplied by the mean of `lookups` texture samples. The texture has 1.5
+// texels per pixel, so that each sample interpolates between two mip levels.
 
 flat in vec4 colour;
 

@@ -20,8 +20,8 @@ ivec2 clip(ivec2 span, Edge e, int y) {
 }
 
 void main() {
-    if (job() >= number) return;
-    Triangle t = load(jobs[job()]);
+    if (get_job() >= number) return;
+    Triangle t = load_triangle(jobs[get_job()]);
     if (!t.solid || t.last.x < t.first.x) return;
     uint rows = 0u;
     uint hits = 0u;

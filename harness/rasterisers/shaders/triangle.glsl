@@ -1,4 +1,5 @@
-// A workgroup per job, which is some rows of a triangle; edge functions in exact 64-bit integers.
+// Triangle set-up of the compute shaders, with edge functions in exact 64-bit integers. A workgroup
+// executes a job: some rows of a triangle's bounding box.
 
 layout(local_size_x = 32) in;
 
@@ -26,11 +27,11 @@ struct Edge {
     int64_t per_column;
 };
 
-int job() {
+int get_job() {
     return int(gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x);
 }
 
-Edge edge(ivec2 from, ivec2 to) {
+Edge make_edge(ivec2 from, ivec2 to) {
     int dx = to.x - from.x;
     int dy = to.y - from.y;
     bool closed = dy < 0 || (dy == 0 && dx > 0);
@@ -47,12 +48,12 @@ struct Triangle {
     Edge edges[3];
 };
 
-int64_t at(Edge e, int x, int y) {
+int64_t evaluate(Edge e, int x, int y) {
     return e.constant + e.per_row * int64_t(y) - e.per_column * int64_t(x);
 }
 
 // Twice the signed area, in 1/65536 px^2.
-int64_t area(ivec2 a, ivec2 b, ivec2 c) {
+int64_t doubled_area(ivec2 a, ivec2 b, ivec2 c) {
     return int64_t(b.x - a.x) * int64_t(c.y - a.y) - int64_t(b.y - a.y) * int64_t(c.x - a.x);
 }
 
@@ -60,7 +61,7 @@ int64_t area(ivec2 a, ivec2 b, ivec2 c) {
 ivec2 first_pixel(ivec2 low) { return (low + 127) >> 8; }
 ivec2 last_pixel(ivec2 high) { return (high - 128) >> 8; }
 
-Triangle load(ivec4 part) {
+Triangle load_triangle(ivec4 part) {
     int start = 3 * part.x;
     ivec2 a = points[indices[start]];
     ivec2 b = points[indices[start + 1]];
@@ -69,14 +70,14 @@ Triangle load(ivec4 part) {
     t.polygon = polygons[indices[start]];
     t.first = max(ivec2(first_pixel(min(a, min(b, c))).x, part.y), window.xy);
     t.last = min(ivec2(last_pixel(max(a, max(b, c))).x, part.z), window.zw);
-    int64_t doubled = area(a, b, c);
+    int64_t doubled = doubled_area(a, b, c);
     t.solid = doubled != 0L;
     if (doubled < 0L) {
         ivec2 swapped = b;
         b = c;
         c = swapped;
     }
-    t.edges = Edge[3](edge(a, b), edge(b, c), edge(c, a));
+    t.edges = Edge[3](make_edge(a, b), make_edge(b, c), make_edge(c, a));
     return t;
 }
 
