@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from harness.commands.many_files import complete, refuse_set_aside, warn_of_skipped
+from harness.commands.many_files import complete, raise_if_set_aside, warn_of_skipped
 from harness.commands.options import (
     Condition,
     Dask,
@@ -71,7 +71,7 @@ def census(
         typer.Option(
             min=1e-9,
             max=1e9,
-            help="Edge of a cell of the picture's map, in the file's units; by default 1000, or "
+            help="Side of the cells in the map of gains, in the file's units; by default 1000, or "
             "0.01 if the first file is in degrees.",
         ),
     ] = None,
@@ -104,13 +104,14 @@ def census(
         size = cell or (0.01 if has_degrees(list_files(file)[0]) else 1000.0)
         _count_dataset(file, out, Census(names, scale, size, layer, condition), dask, reporter)
         return
-    of_files: dict[str, object] = {
+    footprint_options: dict[str, object] = {
         "--units-per-pixel": units_per_pixel,
         "--cell": cell,
         "--layer": layer,
         "--where": condition,
     }
-    refuse_given(of_files, "is not for map tiles; write FILE:zoom=12-16,layers=building,pixels=512")
+    reason = "is not for map tiles; write FILE:zoom=12-16,layers=building,pixels=512"
+    refuse_given(footprint_options, reason)
     name, selection = tiles
     _count_dataset(name, out, TileCensus(names, selection), dask, reporter)
 
@@ -169,4 +170,4 @@ def _count_dataset(
         f"{', '.join(written)}"
     )
     # A polygon on which one triangulator fails is skipped for all; a warning gives the number.
-    refuse_set_aside(out, summary)
+    raise_if_set_aside(out, summary)

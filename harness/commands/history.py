@@ -51,10 +51,10 @@ def history(
 ) -> None:
     """Show changes over runs, in the order of their creation.
 
-    A counter changes if its value differs. Times are taken relative to the other cases of the same
-    run, and change if their level shifts for three runs or more. At most a dozen series are
-    shown, those with the largest changes: select by --scene, --triangulator, --rasteriser,
-    --metric, or --all. Studies are skipped, as they measure each case once.
+    A counter changed if its value differs from the previous run's. Times are relative to the other
+    cases of the same run; a time changed if its level shifts for three runs or more. At most a
+    dozen series are shown, those with the largest changes: select by --scene, --triangulator,
+    --rasteriser, --metric, or --all. Studies are skipped, as they measure each case once.
     """
     from harness import atomic
     from harness.history import filter_series, find_runs, plot_history, read_series, select_series

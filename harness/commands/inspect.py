@@ -59,8 +59,8 @@ def inspect(
         typer.Option(
             parser=options.make_list_parser(),
             metavar="NAME,...",
-            help="Triangulators, see: raster-harness list triangulators. With --sizes the others "
-            "are compared with the first.",
+            help="Triangulators, see: raster-harness list triangulators. With --sizes the first is "
+            "the base of the comparison.",
         ),
     ] = None,
     resolution: options.Resolution = 64,
@@ -88,7 +88,7 @@ def inspect(
         typer.Option(
             help="Instead of a picture, list all triangulations of the polygon and their criteria. "
             "conforming: only those without T-junctions; paper: those that the paper's program "
-            "finds, which drops vertices that a cut has made collinear."
+            "finds; that program drops vertices that a cut has made collinear."
         ),
     ] = None,
     out: Annotated[
@@ -129,9 +129,9 @@ def inspect(
             f"polygon {polygon} is an index, from 0, of the {len(loaded.polygons):,} valid polygons"
         )
     if every is not None:
-        _list_every(loaded, polygon or 0, every, out)
+        _list_all_triangulations(loaded, polygon or 0, every, out)
     elif sizes is None:
-        _draw(loaded, polygon or 0, recipes, View(resolution, rotation), out)
+        _draw_picture(loaded, polygon or 0, recipes, View(resolution, rotation), out)
     else:
         if polygon is not None:
             loaded = replace(loaded, polygons=loaded.polygons[polygon : polygon + 1])
@@ -139,7 +139,7 @@ def inspect(
         _compare_sizes(loaded, scene, recipes, views, profile, out, as_json=as_json)
 
 
-def _draw(
+def _draw_picture(
     scene: Scene, polygon: int, recipes: tuple[Recipe, ...], view: View, out: Path | None
 ) -> None:
     """Draw the picture of one polygon."""
@@ -234,7 +234,7 @@ def _prepare_file(out: Path, *endings: str) -> Path:
     return out
 
 
-def _list_every(
+def _list_all_triangulations(
     scene: Scene, polygon: int, mode: Literal["conforming", "paper"], out: Path | None
 ) -> None:
     """List all triangulations of a polygon and their criteria."""

@@ -99,7 +99,7 @@ def list_(
     from harness.style import make_plain_table
 
     if kind is not None and kind not in KINDS:
-        raise make_unknown_name_error("kind of thing to list", kind, KINDS)
+        raise make_unknown_name_error("list", kind, KINDS)
     rows_of = {name: list(KINDS[name]()) for name in ([kind] if kind else KINDS)}
     if as_json:
         content = rows_of[kind] if kind else rows_of

@@ -68,12 +68,12 @@ def triangulate_many_files(
     )
     if summary.certified:
         typer.echo(f"{out}: {Certified.sum_parts(summary.certified)}")
-    refuse_set_aside(out, summary)
+    raise_if_set_aside(out, summary)
     raise_if_failed(summary.counts, out)
 
 
 def complete(dataset: Dataset, out: Path, dask: str | None, reporter: Reporter) -> Summary:
-    """Process the missing parts; if stopped, print how to continue and exit."""
+    """Process the missing parts and return the summary; if stopped, print a remedy and exit."""
     done = len(dataset.done)
     if done:
         reporter.say(f"{out}: {done:,} of {len(dataset.parts):,} parts exist already")
@@ -95,7 +95,7 @@ def complete(dataset: Dataset, out: Path, dask: str | None, reporter: Reporter) 
 def format_notes(
     counts: Mapping[tuple[str, str], int], notes: Iterable[tuple[str, str, str]]
 ) -> Iterator[str]:
-    """Yield a line for each reason: the number of polygons, and the first names.
+    """Yield a line for each reason: the number of polygons, and the names of the first ones.
 
     counts : polygons by (kind, reason); notes : (kind, polygon, reason)
     """
@@ -111,7 +111,7 @@ def format_notes(
         yield f"{kind} {count:,}: {reason}{names}"
 
 
-def refuse_set_aside(out: Path, summary: Summary) -> None:
+def raise_if_set_aside(out: Path, summary: Summary) -> None:
     """Raise InconclusiveError if parts were set aside."""
     if summary.set_aside:
         number = len(summary.set_aside)
@@ -122,7 +122,7 @@ def refuse_set_aside(out: Path, summary: Summary) -> None:
 
 
 def warn_of_skipped(summary: Summary, folder: Path, reporter: Reporter) -> None:
-    """Warn of skipped and set aside polygons and parts."""
+    """Warn of skipped polygons and rows, and of parts that were set aside after failures."""
     from harness.scaling.dataset import LEFT_OUT
 
     notes = (

@@ -82,7 +82,7 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")]
 Verbose = Annotated[
     bool,
     typer.Option(
-        "--verbose", "-v", help="Show the duration of each step, each case, and its failure."
+        "--verbose", "-v", help="Also show each step's duration, and each case's result or failure."
     ),
 ]
 Force = Annotated[
@@ -99,7 +99,7 @@ StudyFolder = Annotated[
 Quick = Annotated[
     bool,
     typer.Option(
-        "--quick", help="Short times, few polygons in a study: low precision, for a first look."
+        "--quick", help="Measure briefly, in a study few polygons: low precision, a first look."
     ),
 ]
 Base = Annotated[
@@ -252,7 +252,7 @@ def choose_rasterisers(names: tuple[str, ...] | None, *with_opengl: str) -> tupl
 
 
 def refuse_given(values: Mapping[str, object], reason: str) -> None:
-    """Raise UsageError for the first option that was given; `reason` follows its name."""
+    """Raise UsageError for the first option in `values` that was given: "OPTION reason"."""
     for option, value in values.items():
         if value not in (None, False):
             raise UsageError(f"{option} {reason}")

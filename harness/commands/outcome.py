@@ -82,8 +82,8 @@ def measure_study(
     return read_run(folder)
 
 
-def require_all(outcome: RunResult | Run) -> None:
-    """Raise `InconclusiveError` if a case failed; a skipped case is not a failure."""
+def raise_if_cases_failed(outcome: RunResult | Run) -> None:
+    """Raise InconclusiveError if a case failed; a skipped case is not a failure."""
     failed = [record for record in outcome.records if record.status == "failed"]
     if failed:
         names = ", ".join(dict.fromkeys(record.name for record in failed))
@@ -94,11 +94,11 @@ def require_all(outcome: RunResult | Run) -> None:
 
 
 def finish_study(run: Run) -> None:
-    """Print disturbances of a study's times, its folder and report; raise if a case failed."""
+    """Print a study's disturbances, folder and report; raise InconclusiveError if a case failed."""
     for line in get_run_state(run).warnings:
         typer.echo(line)
     typer.echo(f"study: {run.path}\nto look at: {run.path}/report.html")
-    require_all(run)
+    raise_if_cases_failed(run)
 
 
 def format_json(outcome: RunResult) -> dict[str, Any]:
@@ -153,11 +153,14 @@ def finish(
             "none of the measured cases covers a pixel: a polygon far from the others makes all"
             " of them tiny; exclude it by --where or --limit, or give a larger --resolution"
         )
-    require_all(outcome)
+    raise_if_cases_failed(outcome)
 
 
 def make_run(folder: Path, write: Callable[[Path], object], *, quiet: bool) -> Run:
-    """Write a run folder with table and report, or none if `write` fails; print the summary."""
+    """Create a run folder by `write`, add table and report, and print the summary.
+
+    No folder is created if `write` raises an exception.
+    """
     from harness.report.page import write_report
 
     with translate_errors(folder), atomic.create_folder(folder) as new_folder:

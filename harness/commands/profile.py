@@ -85,9 +85,9 @@ def profile(
 
 
 def add_advice(content: dict[str, Any], pool: MeasuringPool, trouble: str) -> None:
-    """Add the recommended criterion to a profile; refuse the profile if its times are bad.
+    """Add the recommended criterion to a profile, and mark the profile as refused if `trouble`.
 
-    trouble : why the times cannot be trusted, or ""
+    trouble : reason why the times are unreliable, or ""
     """
     from harness.profile import advice
 
@@ -99,7 +99,7 @@ def write_profile(content: Mapping[str, Any], out: Path | None, trouble: str) ->
     """Write a profile's file and picture, and print the profile.
 
     out : file to write, by default in `options.PROFILES`
-    trouble : why the times cannot be trusted, or ""
+    trouble : reason why the times are unreliable, or ""
 
     Raises InconclusiveError if the profile is refused.
     """

@@ -22,6 +22,7 @@ from harness.settings import (
 )
 
 QUICK = TimingSettings(precision=0.03, budget_s=0.3, warm_up_s=0.1)
+"""Timing with --quick."""
 
 
 def run(
@@ -84,7 +85,7 @@ def run(
         typer.Option(
             "--beside",
             help="Measure another version of your code in the same rounds: a commit or branch of "
-            "your repository, or a folder. It becomes the run `base` in the folder.",
+            "your repository, or a folder. Its results are a run in the subfolder base.",
         ),
     ] = None,
     draw_twice: Annotated[

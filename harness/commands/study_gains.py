@@ -97,7 +97,7 @@ def write_gains(runs: Sequence[Run], bases: Sequence[str], out: Path) -> Gains:
 
 
 def _print_faster_views(table: pd.DataFrame, base: str) -> None:
-    """Print how many views have no triangulator significantly faster than `base`; list the rest."""
+    """Print in how many views no triangulator is significantly faster; list the other views."""
     from harness.frame import View
     from harness.rasterisers.base import Options
     from harness.results.record import CaseGroup

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from scenes import Scene
 
 EXACT_RASTERISERS = ("reference", "binning")
-"""Rasterisers whose counters are the exact predictions."""
+"""CPU rasterisers whose exact counters are used as predictions of other devices' costs."""
 
 QUICK = StudySize(polygons=6, random=10, max_vertices=60)
 BUDGET_S = 0.1
@@ -51,9 +51,9 @@ def study_validate(
 ) -> None:
     """Report how well each criterion predicts the measured cost, within single polygons.
 
-    Each polygon is drawn with many triangulations, of triangulators and random ones. A criterion is
-    good if it ranks the triangulations of a polygon as the measured cost does, and if its best
-    triangulation costs little more than the cheapest one measured (regret).
+    Each polygon is drawn with many triangulations: those of triangulators, and random ones. A
+    criterion is good if it ranks the triangulations of a polygon as the measured cost does, and if
+    the triangulation that it prefers costs little more than the cheapest one measured (regret).
     """
     from harness.commands.outcome import choose_folder, finish_study
     from harness.report import matrix
