@@ -380,7 +380,7 @@ def _estimate_covariance(
     observed = np.array([errors @ within @ errors, errors @ mean @ errors])
     sources = [residual @ residual.T, residual @ same_group @ residual.T]
     expected = np.array([[(part * source).sum() for source in sources] for part in (within, mean)])
-    single, shared = np.linalg.fit_coefficients(expected, observed)
+    single, shared = np.linalg.solve(expected, observed)
     if min(single, shared) < 0:
         single, shared = observed.sum() / expected[:, 0].sum(), 0.0
     covariance = single * response @ response.T + shared * response @ same_group @ response.T

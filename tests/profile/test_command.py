@@ -209,7 +209,7 @@ def set_cost(cost: object) -> dict[str, object]:
         *((set_cost(cost), "cost of draw") for cost in (math.nan, math.inf, -1e-9, 1e300, "1")),
         (set_cost(True), "cost of draw"),
         ({"terms": [{**term, "cost": 0.0} for term in GOOD["terms"]]}, "all terms are 0"),
-        ({"terms": GOOD["terms"][1:]}, "terms are not those"),
+        ({"terms": GOOD["terms"][1:]}, "names of the terms differ"),
         ({"coefficients": {**GOOD["coefficients"], "triangles": math.nan}}, "cost of triangles"),
         ({"coefficients": dict.fromkeys(GOOD["coefficients"], 0)}, "coefficients are 0"),
         ({"format": "another"}, "unsupported format 'another'"),
