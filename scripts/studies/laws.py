@@ -115,7 +115,9 @@ class Design(NamedTuple):
 def make_design(seed: int = 0) -> Design:
     """Return the design without the draws that fill pixels twice."""
     draws = [draw for draw in design.make_draws(seed) if draw.kind != "twice"]
-    return Design(make_design_rows([count_draw(draw) for draw in draws]), [draw.group for draw in draws])
+    return Design(
+        make_design_rows([count_draw(draw) for draw in draws]), [draw.group for draw in draws]
+    )
 
 
 def fit_device(layout: Design, seed: int, budget_s: float = 0.3) -> FittedDevice:

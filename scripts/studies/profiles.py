@@ -47,8 +47,8 @@ from harness.measuring.pool import Backend, MeasuringPool
 from harness.measuring.timing import EMPTY, REFERENCE
 from harness.profile import profile as profiles
 from harness.profile.advice import recommend
-from harness.profile.counted import TERMS, count_triangles, count_draw, make_design_rows
-from harness.profile.fitting import compute_r_squared_within, compute_r_squared
+from harness.profile.counted import TERMS, count_draw, count_triangles, make_design_rows
+from harness.profile.fitting import compute_r_squared, compute_r_squared_within
 from harness.profile.law import COSTS, make_cost_rows, predict_times
 from harness.profile.measured import Measured
 from harness.progress import Reporter
