@@ -49,7 +49,7 @@ steps=(
     "texture 16 texture/summary.csv"
     "samples 12 samples/summary.csv"
     ${scenes[2]:+"orders-cad 45 orders-cad/summary.csv"}
-    "optimum 20 optimum.json"
+    "optimum 30 optimum.json"
     "webgpu 15 webgpu/summary.csv"
 )
 # An independent measurement of triangles per second: `draw-prim-rate` of piglit, if it is installed.

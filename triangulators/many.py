@@ -13,6 +13,7 @@ from triangulators.calling import triangulate
 from triangulators.criteria import FLIP_TESTS, Criterion
 from triangulators.criteria import find as find_criterion
 from triangulators.criteria.cost import Cost, plain_cost
+from triangulators.criteria.criterion import FEATURES
 from triangulators.devices import CPU, check_name, cores
 from triangulators.errors import (
     ArgumentError,
@@ -40,9 +41,8 @@ _CHUNK_VERTICES = 20_000
 """Vertices per chunk of ear clipping; other threads improve earlier chunks. mapbox_earcut holds the
 GIL, for which a thread waits up to 5 ms, the time of clipping about 30,000 vertices."""
 _MIN_CHUNK_VERTICES = 1_000
-_DEVICE_COSTS = ([1.0, 0.0, 0.0], [-1.0, 0.0, 0.0])
-"""Coefficients of half-perimeter, bounding-box area and edge length that devices support: the
-minimum and the maximum of half-perimeter."""
+_DEVICE_FEATURES = ("half_perimeter", "expected_quads")
+"""Features of which devices compute the minimum and the maximum."""
 _FLIPS = {"ear-clipping": NONE, "earcut-refine": AS_EARCUT} | {
     f"flips:{name}": test for test, name in enumerate(FLIP_TESTS)
 }
@@ -77,10 +77,11 @@ def triangulate_many(
     threads
         Number of threads, by default one per core that this process may use.
     device
-        "gpu0", "gpu1", ... or "llvmpipe" computes the optimum (or worst) of half-perimeter in
-        OpenGL compute shaders, for polygons without holes, of up to 64 vertices, on a grid
-        (1/256 px, integer metres, ...), with the same results. The CPU does the other polygons, and
-        all of them if the device fails, which is logged once.
+        "gpu0", "gpu1", ... or "llvmpipe" computes the optimum (or worst) of half-perimeter or
+        expected-quads in OpenGL compute shaders, for polygons without holes, of up to 64 vertices,
+        on a grid (1/256 px, integer metres, ...), with the same results (expected-quads: up to
+        1e-9, if the device rounds differently). The CPU does the other polygons, and all of them if
+        the device fails, which is logged once.
     criterion, repair, order, **parameters
         As for `triangulate`.
 
@@ -166,7 +167,7 @@ def attempt_many(
         choice.entry.load()
     check_name(device)
     options, weights = SearchOptions.split(parameters)
-    cost = None if repair else _plain_cost(choice, criterion, weights)
+    cost = None if repair else _plain_cost(choice, criterion, weights, device)
     steered = bool(parameters) or criterion is not None or repair
     flips = None if steered else _FLIPS.get(choice.full_name)
     if cost is None and flips is None:
@@ -180,13 +181,14 @@ def attempt_many(
         refined = choice.entry.name == "refined"
         _clip_ears(batch, valid, threads, find_test(cost), cost, refined, in_walk)
     else:
-        if device != CPU and cost["box"].tolist() in _DEVICE_COSTS:
+        feature = _find_device_feature(cost, device)
+        if feature is not None:
             selected = valid & (arrays.ring_counts == 1)
-            worst = bool(cost["box"][0] < 0.0)
             from triangulators.gpu import engine  # imported only if a device is selected
 
-            engine.attempt(device, batch, selected, options.limit, worst)
-        _optimise(batch, cost, valid, threads, options.limit)
+            engine.attempt(device, batch, selected, options.limit, *feature)
+        if cost["is_box"]:
+            _optimise(batch, cost, valid, threads, options.limit)
     return result
 
 
@@ -276,8 +278,23 @@ def _clip_ears(batch: Batch, valid: np.ndarray, threads: int, *how: Any) -> None
             task.result()
 
 
-def _plain_cost(choice: Choice, criterion: Any, weights: dict[str, Any]) -> Cost | None:
-    """Return the cost if compiled code supports it and it is the same for all polygons, or None.
+def _find_device_feature(cost: Cost, device: str) -> tuple[str, bool] | None:
+    """Return the feature that a device minimises, and whether its negative; None if the CPU does.
+
+    The number and the area of triangles are the same for every triangulation of a polygon.
+    """
+    weights = dict(zip(FEATURES[2:], cost["weights"][2:].tolist(), strict=True))
+    for feature in _DEVICE_FEATURES:
+        size = abs(weights[feature])
+        if device != CPU and size == 1.0 and sum(map(abs, weights.values())) == size:
+            return feature, weights[feature] < 0.0
+    return None
+
+
+def _plain_cost(
+    choice: Choice, criterion: Any, weights: dict[str, Any], device: str
+) -> Cost | None:
+    """Return the cost if a batch supports it and it is the same for all polygons, or None.
 
     criterion, weights: the caller's arguments, None and {} if only the name has a criterion
     """
@@ -290,4 +307,6 @@ def _plain_cost(choice: Choice, criterion: Any, weights: dict[str, Any]) -> Cost
     ):
         return None
     cost = plain_cost(find_criterion(resolved, **weights), -1.0 if name == "worst" else 1.0)
-    return cost if cost is not None and (cost["is_box"] or name in _FLIP_TRIANGULATORS) else None
+    if cost is None or cost["is_box"] or name in _FLIP_TRIANGULATORS:
+        return cost
+    return None if _find_device_feature(cost, device) is None else cost

@@ -74,8 +74,8 @@ def triangulate(
     device: Annotated[
         str | None,
         typer.Option(
-            help="Compute the optimum for the half-perimeter on gpu0, gpu1, ... or llvmpipe, for "
-            "polygons of up to 64 vertices."
+            help="Compute the optimum for half-perimeter or expected-quads on gpu0, gpu1, ... or "
+            "llvmpipe, for polygons of up to 64 vertices."
         ),
     ] = None,
     order: Annotated[

@@ -12,14 +12,17 @@ from hypothesis import strategies as st
 from harness.frame import View, make_frame
 from scenes import load
 from tests.triangulators.cases import convex, hard_polygons, random_simple, shared, star, with_hole
-from triangulators import UnknownNameError, triangulate_many, vertices
+from triangulators import UnknownNameError, criteria, triangulate_many, vertices
 from triangulators.gpu import engine
 from triangulators.gpu.rings import KINDS, MAX_VERTICES, ON_CPU, Rings, prepare_rings
+from triangulators.methods.exhaustive import enumerate_triangulations
 from triangulators.polygon_arrays import PolygonArray
 from triangulators.verify import verify
 
 NAME = "optimal:half-perimeter"
 WORST = "worst:half-perimeter"
+QUADS = "optimal:expected-quads"
+NAMES = (NAME, WORST, QUADS, "worst:expected-quads")
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -53,7 +56,7 @@ def rectangle(across, up):
     return shapely.Polygon(bottom + right + top + left)
 
 
-@pytest.mark.parametrize("name", [NAME, WORST])
+@pytest.mark.parametrize("name", NAMES)
 def test_small_rings_of_every_size(name, device_counts):
     rng = np.random.default_rng(5)
     polygons = [random_simple(rng, n, 40) for n in range(3, 24)]
@@ -65,26 +68,45 @@ def test_small_rings_of_every_size(name, device_counts):
     assert device_counts == [len(polygons)]
 
 
-@pytest.mark.parametrize("source", ["city:buildings=400", "stress", "paper", "helsinki.json"])
-def test_scenes_in_pixels_and_real_buildings(source, device_counts):
+@pytest.mark.parametrize(
+    ("source", "name"),
+    [(source, NAME) for source in ("city:buildings=400", "stress", "paper", "helsinki.json")]
+    + [("city:buildings=400", QUADS), ("glyphs", QUADS)],
+)
+def test_scenes_in_pixels_and_real_buildings(source, name, device_counts):
     if source == "helsinki.json":
         real = [polygon for _, polygon in shared(source)][:300]
         polygons = [shapely.transform(p, lambda xy: np.round(xy * 4) / 4) for p in real]
     else:
         polygons = make_frame(load(source).polygons, View(512)).polygons
-    assert_same(polygons)
     rings = [
         p for p in polygons if p.is_valid and not p.interiors and len(vertices(p)) <= MAX_VERTICES
     ]
+    assert_same(rings if name == QUADS else polygons, name)
     assert device_counts[0] >= 0.95 * len(rings)
 
 
 @settings(max_examples=40, deadline=None)
-@given(
-    polygons=st.lists(hard_polygons(), min_size=1, max_size=6), name=st.sampled_from([NAME, WORST])
-)
+@given(polygons=st.lists(hard_polygons(), min_size=1, max_size=6), name=st.sampled_from(NAMES))
 def test_collinear_corners_slivers_and_repeated_ones(polygons, name):
     assert_same(polygons, name)
+
+
+@pytest.mark.parametrize("step", [1 / 256, 1 / 4, 1, 32])
+def test_expected_quads_equal_best_of_all_triangulations(step, device_counts):
+    rng, criterion = np.random.default_rng(6), criteria.find("expected-quads")
+    polygons = [random_simple(rng, n, 40) for n in (3, 4, 5, 6, 7, 8, 9) for _ in range(6)]
+    polygons = [shapely.transform(polygon, lambda xy: xy * step) for polygon in polygons]
+    for name, extreme in ((QUADS, min), ("worst:expected-quads", max)):
+        results = triangulate_many(polygons, name, device="llvmpipe")
+        for polygon, triangles in zip(polygons, results, strict=True):
+            points = vertices(polygon)
+            assert verify(polygon, triangles).conforming
+            expected = extreme(
+                criterion.total(points, other) for other in enumerate_triangulations(polygon)
+            )
+            assert criterion.total(points, triangles) == pytest.approx(expected, rel=1e-12)
+    assert device_counts == [len(polygons)] * 2
 
 
 def tall(corners, span):
@@ -98,11 +120,12 @@ def tall(corners, span):
     return shapely.Polygon(np.concatenate((right, left)))
 
 
+@pytest.mark.parametrize("name", [NAME, QUADS])
 @pytest.mark.parametrize("corners", [8, 40, 64])
-def test_spans_around_int32_orientation_limit(corners, device_counts):
+def test_spans_around_int32_orientation_limit(corners, name, device_counts):
     spans = [2**15 - 1, 2**15, 2**15 + 1, 2**20, 2**23]
     polygons = [tall(corners, span) for span in spans]
-    assert_same(polygons)
+    assert_same(polygons, name)
     assert device_counts == [len(polygons)]
 
 
@@ -127,7 +150,8 @@ def test_int32_limit():
     assert_same([below, above], WORST)
 
 
-def test_unsupported_polygons_equal_cpu(device_counts):
+@pytest.mark.parametrize("name", [NAME, QUADS])
+def test_unsupported_polygons_equal_cpu(name, device_counts):
     rng = np.random.default_rng(3)
     thirds = shapely.transform(star(20), lambda points: points / 3)
     twice = shapely.Polygon([(0, 0), (0, 0), (4, 0), (4, 4), (0, 4)])
@@ -135,12 +159,12 @@ def test_unsupported_polygons_equal_cpu(device_counts):
     bow_tie = shapely.Polygon([(0, 0), (4, 4), (4, 0), (0, 4)])
     polygons = [star(9), thirds, twice, with_hole(rng, 10, 4), bow_tie, shapely.Polygon()]
     polygons += [closing, star(65)]
-    by_device = assert_same(polygons)
+    by_device = assert_same(polygons, name)
     assert sorted(by_device.failed) == [4, 5]
     assert device_counts == [1]
     # Arrays are taken to be valid.
     rings = [p for p in polygons if not p.is_empty]
-    assert_same(PolygonArray.from_shapely(rings))
+    assert_same(PolygonArray.from_shapely(rings), name)
     assert device_counts[1] == 1
     for number in (0, 1, 2, 3, 6, 7):
         assert verify(polygons[number], by_device[number]).conforming
@@ -158,7 +182,8 @@ def test_limits(device_counts):
 
 
 def test_other_criteria_do_not_open_device(device_counts):
-    for name in ("optimal:overdraw", "optimal:edge-length", "refined", "fan"):
+    others = ("optimal:overdraw", "optimal:edge-length", "optimal:expected-blocks")
+    for name in (*others, "refined:expected-quads", "fan"):
         assert_same([star(9), star(20)], name)
     assert device_counts == []
 
@@ -173,6 +198,16 @@ def test_chunks_and_threads_do_not_change_results(device_counts, monkeypatch):
         batch = triangulate_many(arrays, device="llvmpipe", threads=threads)
         assert np.array_equal(batch.triangles, expected.triangles)
     assert device_counts == [len(expected)] * 2
+
+
+def test_units_beyond_a_float_are_left_to_the_cpu(device_counts):
+    polygons = [
+        shapely.box(0, 0, 3 * unit, unit) for unit in (2.0**64, 2.0**65, 2.0**-64, 2.0**-65)
+    ]
+    assert prepared(polygons).kind.tolist() == [0, ON_CPU, 0, ON_CPU]
+    assert_same(polygons)
+    assert_same(polygons, QUADS)
+    assert device_counts == [2, 2]
 
 
 def test_chunks_partition_polygons():

@@ -173,6 +173,24 @@ def test_corrupted_results_are_rejected(monkeypatch, expected, caplog, spoil):
     found_with_one_line(expected, caplog, "results are wrong")
 
 
+@pytest.mark.parametrize(("factor", "is_accepted"), [(1 + 1e-10, True), (1 + 1e-8, False)])
+def test_reported_quads_are_compared_with_the_cpu(monkeypatch, caplog, factor, is_accepted):
+    read_into = Storage.read_into
+
+    def change_cost(self, array):
+        read_into(self, array)
+        words = array[[0, -1]]
+        words.view(np.float64)[0] *= factor
+        array[[0, -1]] = words
+
+    monkeypatch.setattr(Storage, "read_into", change_cost)
+    batch = triangulate_many([star(9)], "optimal:expected-quads", device="llvmpipe")
+    expected = triangulate_many([star(9)], "optimal:expected-quads")
+    assert np.array_equal(batch.triangles, expected.triangles)
+    assert batch.compiled.tolist() == [is_accepted]
+    assert ["results are wrong" in r.message for r in caplog.records] == [True] * (not is_accepted)
+
+
 def test_failed_device_is_reopened_on_next_call(monkeypatch, expected, caplog):
     with monkeypatch.context() as patch:
         fails_after(patch, engine.Engine, "solve", 0, RuntimeError("lost"))

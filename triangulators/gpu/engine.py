@@ -24,6 +24,7 @@ from triangulators.gpu.rings import (
     SIZES,
     Rings,
     prepare_rings,
+    read_words,
     store_results,
 )
 from triangulators.polygon_arrays import Batch
@@ -35,8 +36,8 @@ MAX_DEVICES = 32
 MAX_GROUPS = 65535
 """Maximum number of workgroups in a dimension of a dispatch that every device supports."""
 
-NONE = (1 << 30) - 1
-"""Cost of a ring without a triangulation in the shaders."""
+NO_RESULT = (1 << 64) - 1
+"""Words of a ring without a triangulation in the shaders."""
 
 LANES = 32
 """Shader invocations of a workgroup; twice as many for rings of more than 32 vertices."""
@@ -170,16 +171,18 @@ def _read_shader(name: str) -> str:
 _warned: set[str] = set()
 
 
-def attempt(name: str, batch: Batch, selected: np.ndarray, max_vertices: int, worst: bool) -> None:
+def attempt(
+    name: str, batch: Batch, selected: np.ndarray, max_vertices: int, feature: str, worst: bool
+) -> None:
     """Solve the polygons that the device supports; mark solved polygons in `batch.done`.
 
-    selected (p,): polygons to solve, of up to `max_vertices` vertices; worst: maximise the sum of
-    the diagonals' L1 lengths. The failure of a device is logged once, not raised.
+    selected (p,): polygons to solve, of up to `max_vertices` vertices; feature: "half_perimeter" or
+    "expected_quads"; worst: maximise its sum. The failure of a device is logged once, not raised.
     """
     try:
         wrong = (
             _get_context_thread()
-            .submit(_solve_batch, name, batch, selected, max_vertices, worst)
+            .submit(_solve_batch, name, batch, selected, max_vertices, feature, worst)
             .result()
         )
     except Exception as error:  # drivers and bindings raise any exception
@@ -273,11 +276,14 @@ class Engine:
         self.compute: Compute = open_context(name)
         self._corners, self._jobs, self._bases = (Storage(self.compute, n) for n in range(3))
 
-    def solve(self, batch: Batch, selected: np.ndarray, max_vertices: int, worst: bool) -> int:
+    def solve(
+        self, batch: Batch, selected: np.ndarray, max_vertices: int, feature: str, worst: bool
+    ) -> int:
         """Solve a batch in chunks; return the number of wrong results.
 
         A result is wrong unless the triangles are a triangulation of the reported cost.
         """
+        is_quads = feature == "expected_quads"
         rings = Rings.allocate(batch.vertex_offsets)
         prepare_rings(batch.coords, selected, min(max_vertices, MAX_VERTICES), rings)
         bases = np.zeros(len(rings.corners), dtype=np.uint32)
@@ -285,14 +291,15 @@ class Engine:
         for first, last in pairwise(chunk_bounds(batch.vertex_offsets)):
             indices = first + np.flatnonzero(rings.kind[first:last] != ON_CPU)
             if len(indices):
-                self._compute_chunk(rings, first, last, worst, bases)
-                store_results(indices, bases, worst, rings, batch)
-                is_solved = bases[rings.vertex_offsets[indices]] != NONE
-                wrong += int(np.count_nonzero(is_solved & ~batch.done[indices]))
+                self._compute_chunk(rings, first, last, feature, worst, bases)
+                words = read_words(indices, bases, rings)
+                costs = words.view(np.float64) if is_quads else words.astype(np.float64)
+                store_results(indices, bases, costs, is_quads, worst, rings, batch)
+                wrong += int(np.count_nonzero((words != NO_RESULT) & ~batch.done[indices]))
         return wrong
 
     def _compute_chunk(
-        self, rings: Rings, first: int, last: int, worst: bool, bases: np.ndarray
+        self, rings: Rings, first: int, last: int, feature: str, worst: bool, bases: np.ndarray
     ) -> None:
         """Compute the results (see `store_results`) of polygons first..last - 1 into bases (n,).
 
@@ -310,7 +317,8 @@ class Engine:
                 max_size = SIZES[kind // 2]
                 wide = {"WIDE": 1} if kind % 2 else {}
                 constants = {"MAX_SIZE": max_size, "LANES": max(LANES, max_size), **wide}
-                program = self.compute.program("exact.glsl", "small.glsl", **constants)
+                names = ("exact.glsl", f"{feature}.glsl", "ring.glsl")
+                program = self.compute.program(*names, **constants)
                 program["number"], program["worst"] = len(jobs), int(worst)
                 columns = min(len(jobs), MAX_GROUPS)
                 self.compute.run(program, columns, -(-len(jobs) // columns))
@@ -322,7 +330,8 @@ class Engine:
 def make_jobs(rings: Rings, first: int, last: int, kind: int) -> np.ndarray:
     """Return the jobs (k, 4) int32, one for each ring of a kind among polygons first..last - 1.
 
-    Columns: index of the first vertex in the chunk, number of vertices, w + h of the box, padding.
+    Columns: index of the first vertex in the chunk, number of vertices, w + h of the box, bits of
+    the grid's unit as a float.
     """
     indices = first + np.flatnonzero(rings.kind[first:last] == kind)
     begin = rings.vertex_offsets[indices]
@@ -330,6 +339,7 @@ def make_jobs(rings: Rings, first: int, last: int, kind: int) -> np.ndarray:
     jobs[:, 0] = begin - rings.vertex_offsets[first]
     jobs[:, 1] = rings.vertex_offsets[indices + 1] - begin
     jobs[:, 2] = rings.longest[indices]
+    jobs[:, 3] = rings.unit[indices].view(np.int32)
     return jobs
 
 

@@ -1,17 +1,17 @@
 """Rings of a batch for a device: vertices as integers, and checked triangles from the results.
 
-Devices compute in int32: n (w + h) is below 2^30 units of the ring's grid (w, h: sides of the
-bounding box), so that every sum of diagonals fits, and so does the sum of two costs `engine.NONE`.
+Coordinates are int32: n (w + h) is below 2^30 units of the ring's grid (w, h: sides of the bounding
+box), so that every sum of diagonals fits, and so does the sum of two costs NONE of H.
 
 The result is the base (i, j) of the triangle of each apex k: every vertex of a ring except the
 first and the last is the apex of exactly one triangle. So the triangles are a binary tree. The pair
 (i, j) is also a side of a triangle with a longer base: the triangle of apex j if the base of j
 begins at i, otherwise the triangle of apex i. The tree is walked from the pair (0, n - 1), in the
-order of the CPU.
+order of the CPU. The first and the last vertex have the low and the high word of the ring's cost.
 
 Results of drivers are not trusted: the bases must form such a tree, all triangles must be
-counter-clockwise, as in a triangulation, and the diagonals must add up to the reported cost. The
-CPU does the rings of invalid results.
+counter-clockwise, as in a triangulation, and the costs must add up to the reported one. The CPU
+does the rings of invalid results.
 """
 
 from typing import NamedTuple
@@ -19,6 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from triangulators.compute.kernels import njit
+from triangulators.criteria.features import expected_quads
+from triangulators.geometry.order import walk
 from triangulators.geometry.predicates import bounding_box, grid_unit
 from triangulators.optimum.full_table import SPAN
 from triangulators.polygon import twice_ring_area
@@ -34,6 +36,8 @@ int32, and odd otherwise."""
 
 ON_CPU = -1
 _INT32_LIMIT = 1 << 30
+_MAX_UNIT = 2.0**64  # and the inverse of the minimum; in shaders a unit is a float
+_TOLERANCE = 1e-9  # relative difference of the sums of expected quads by device and CPU
 
 
 class Rings(NamedTuple):
@@ -43,7 +47,8 @@ class Rings(NamedTuple):
     counter-clockwise order, in units of the ring's grid, relative to the lower left of the ring's
     box.
     kind (p,) int8: ON_CPU, or 2 * (index in SIZES) + (1 if wide, see KINDS); longest (p,) int32:
-    w + h of the box; turned (p,): whether the order is the reverse of the input.
+    w + h of the box; turned (p,): whether the order is the reverse of the input; unit (p,) float32:
+    the unit, a power of two.
     """
 
     vertex_offsets: np.ndarray
@@ -51,6 +56,7 @@ class Rings(NamedTuple):
     kind: np.ndarray
     longest: np.ndarray
     turned: np.ndarray
+    unit: np.ndarray
 
     @classmethod
     def allocate(cls, vertex_offsets: np.ndarray) -> "Rings":
@@ -62,6 +68,7 @@ class Rings(NamedTuple):
             np.full(count, ON_CPU, dtype=np.int8),
             np.zeros(count, dtype=np.int32),
             np.zeros(count, dtype=np.bool_),
+            np.zeros(count, dtype=np.float32),
         )
 
 
@@ -74,14 +81,14 @@ def prepare_rings(
     coords: (n, 2) float64. Unsupported: rings off the grid, with sums beyond int32, with fewer than
     3 or more than `max_vertices` vertices (up to MAX_VERTICES), and with a repeated vertex.
     """
-    offsets, corners, kind, longest, turned = rings
+    offsets, corners, kind, longest, turned, units = rings
     for index in range(len(selected)):
         points = coords[offsets[index] : offsets[index + 1]]
         n = len(points)
         if not selected[index] or n < 3 or n > max_vertices:
             continue
         unit = grid_unit(points)
-        if unit == 0.0:
+        if not 1.0 / _MAX_UNIT <= unit <= _MAX_UNIT:
             continue
         low_x, low_y, w, h = bounding_box(points)
         if n * ((w + h) / unit) >= _INT32_LIMIT:
@@ -100,7 +107,7 @@ def prepare_rings(
         wide = max(w, h) >= SPAN * unit
         kind[index] = 2 * size + (1 if wide else 0)
         longest[index] = np.int32((w + h) / unit)
-        turned[index] = is_reversed
+        turned[index], units[index] = is_reversed, unit
 
 
 @njit(nogil=True)
@@ -114,36 +121,57 @@ def _repeats(corners: np.ndarray) -> bool:
     return False
 
 
+def read_words(indices: np.ndarray, bases: np.ndarray, rings: Rings) -> np.ndarray:
+    """Return the words (k,) uint64 of the costs of the rings `indices`; bases: `store_results`."""
+    first, last = rings.vertex_offsets[indices], rings.vertex_offsets[indices + 1] - 1
+    high_words = bases[last].astype(np.uint64) << np.uint64(32)
+    return np.asarray(bases[first] | high_words)
+
+
 @njit(nogil=True)
 def store_results(
-    indices: np.ndarray, bases: np.ndarray, worst: bool, rings: Rings, batch: Batch
+    indices: np.ndarray,
+    bases: np.ndarray,
+    costs: np.ndarray,
+    is_quads: bool,
+    worst: bool,
+    rings: Rings,
+    batch: Batch,
 ) -> None:
-    """Write the triangles of the rings `indices`; mark rings with valid results in `done`.
+    """Write the triangles of the rings `indices` (k,); mark rings with valid results in `done`.
 
-    bases: (n,) uint32 by vertex: the cost of the ring at the first vertex, i | j << 16 at apex k;
-    worst: whether the sum of diagonals was maximised.
+    bases: (n,) uint32 by vertex, i | j << 16 at apex k; costs (k,) float64: reported by the device;
+    is_quads: whether they are expected quads, not half-perimeters; worst: whether the sum was
+    maximised.
     """
-    offsets, corners, longest, turned = (
+    offsets, corners, longest, turned, unit = (
         rings.vertex_offsets,
         rings.corners,
         rings.longest,
         rings.turned,
+        rings.unit,
     )
     below = np.empty((MAX_VERTICES, 2), dtype=np.int32)
     stack = np.empty(MAX_VERTICES, dtype=np.int32)
-    for index in indices:
+    for number, index in enumerate(indices):
         begin, end = offsets[index], offsets[index + 1]
         triangles = batch.triangles[
             batch.triangle_offsets[index] : batch.triangle_offsets[index + 1]
         ]
         base, ring = bases[begin:end], corners[begin:end]
-        max_length = longest[index] if worst else -1
-        if not _walk_tree(base, ring, max_length, below, stack, triangles):
+        max_length, scale = longest[index] if worst else -1, unit[index] if is_quads else 0.0
+        total = _walk_tree(base, ring, max_length, scale, below, stack, triangles)
+        cost = -costs[number] if is_quads and worst else costs[number]
+        if not abs(total - cost) <= (_TOLERANCE * total if is_quads else 0.0):
             continue
-        if turned[index]:
-            for row in range(len(triangles)):
-                for e in range(3):
-                    triangles[row, e] = end - begin - 1 - triangles[row, e]
+        for row in range(len(triangles)):
+            j, i, k = triangles[row]
+            if turned[index]:
+                i, j, k = end - begin - 1 - i, end - begin - 1 - j, end - begin - 1 - k
+            # For quads, the order of `any_cost.trace`.
+            triangles[row] = (i, k, j) if is_quads else (j, i, k)
+        if is_quads:
+            triangles[:] = walk(triangles, end - begin)  # as `methods.optimal` does
         batch.done[index] = True
 
 
@@ -152,20 +180,22 @@ def _walk_tree(
     bases: np.ndarray,
     corners: np.ndarray,
     longest: int,
+    unit: float,
     below: np.ndarray,
     stack: np.ndarray,
     triangles: np.ndarray,
-) -> bool:
-    """Write the triangles (n - 2, 3) of a ring; return False if `bases` are not a valid result.
+) -> float:
+    """Write the triangles (n - 2, 3) of a ring; return the cost, NaN if `bases` are not a result.
 
     bases (n,): see `store_results`; longest: w + h of the box if a diagonal costs longest - length,
-    -1 if a diagonal costs its length; below, stack: workspaces.
+    -1 if a diagonal costs its length; unit: the grid's if the cost is expected quads, otherwise 0;
+    below, stack: workspaces.
     """
     n = len(bases)
     stack[0] = _link_tree(bases, below)
     if stack[0] < 0:
-        return False
-    height, size, total = 1, 0, np.int64(0)
+        return np.nan
+    height, size, total = 1, 0, 0.0
     while height > 0:
         height -= 1
         k = stack[height]
@@ -173,8 +203,10 @@ def _walk_tree(
         ax, ay = np.int64(corners[k, 0]) - corners[i, 0], np.int64(corners[k, 1]) - corners[i, 1]
         bx, by = np.int64(corners[j, 0]) - corners[i, 0], np.int64(corners[j, 1]) - corners[i, 1]
         if ax * by - ay * bx <= 0:
-            return False
-        if j - i < n - 1:
+            return np.nan
+        if unit > 0.0:
+            total += expected_quads(0.0, 0.0, unit * ax, unit * ay, unit * bx, unit * by)
+        elif j - i < n - 1:
             length = abs(bx) + abs(by)
             total += length if longest < 0 else longest - length
         # The CPU's order: the new vertex last and the smaller side first.
@@ -189,7 +221,7 @@ def _walk_tree(
         if sooner >= 0:
             stack[height] = sooner
             height += 1
-    return size == n - 2 and total == np.int64(bases[0])
+    return total if size == n - 2 else np.nan
 
 
 @njit(nogil=True)

@@ -27,6 +27,3 @@ bool inward(ivec2 before, ivec2 after, ivec2 d) {
     bool beside = left(after, d), along = left(before, d);
     return (beside && along) || ((beside || along) && !left(before, after));
 }
-
-// Cost of what has no triangulation; two of them can be added.
-const int NONE = (1 << 30) - 1;
