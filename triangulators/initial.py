@@ -1,5 +1,6 @@
 """Initial triangulations of a polygon, and the visible pairs of a polygon without holes."""
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -18,31 +19,36 @@ _MAX_GREEDY_VERTICES = 1000
 """Vertices up to which the greedy triangulation, which compares all pairs, is tried."""
 
 
-def initial_triangulations(outline: Boundary) -> list[np.ndarray]:
-    """Return the triangulations of ear clipping and Delaunay that conform after repair.
+def initial_triangulations(outline: Boundary) -> Iterator[np.ndarray]:
+    """Yield the triangulations of ear clipping and Delaunay that conform after repair.
 
-    If neither conforms, because slivers within rounding error are missing, return the greedy
+    If neither conforms, because slivers within rounding error are missing, yield the greedy
     triangulation by exact orientations, for up to 1,000 vertices. Raises `TriangulationError` if
     there is no result. All vertices are sites (see `Boundary`).
     """
-    conforming = []
+    is_found = False
     for method in (ear_clipping, delaunay):
         try:
             indices = np.ascontiguousarray(method(outline), dtype=np.int32)
         except TriangulationError:
             continue
-        triangles = insert_dropped_vertices(outline, orient_triangles(outline.points, indices))
-        if verify_boundary(outline, triangles).conforming:
-            conforming.append(outline.site[triangles])
-    if not conforming and len(outline.points) <= _MAX_GREEDY_VERTICES:
+        triangles = orient_triangles(outline.points, indices)
+        corner = triangles.reshape(-1)
+        if not is_triangulation(outline.points, outline.ring_offsets, corner, link(corner)):
+            triangles = insert_dropped_vertices(outline, triangles)
+            if not verify_boundary(outline, triangles).conforming:
+                continue
+        is_found = True
+        yield outline.site[triangles]
+    if not is_found and len(outline.points) <= _MAX_GREEDY_VERTICES:
         triangles = triangulate_greedily(outline.points, outline.edges, find_edges(outline).ends)
         if verify_boundary(outline, triangles).conforming:
-            conforming.append(triangles)
-    if not conforming:
+            is_found = True
+            yield triangles
+    if not is_found:
         raise TriangulationError(
             "no initial triangulation: the results of ear clipping and Delaunay are invalid"
         )
-    return conforming
 
 
 def find_best_initial(outline: Boundary, cost: Cost) -> np.ndarray:
@@ -55,11 +61,7 @@ def find_best_initial(outline: Boundary, cost: Cost) -> np.ndarray:
 
 def find_any_triangulation(outline: Boundary) -> np.ndarray:
     """Return an arbitrary triangulation (m, 3) of a polygon; the vertices are sites."""
-    triangles: np.ndarray = outline.site[ear_clipping(outline)]
-    corner = triangles.reshape(-1)
-    if is_triangulation(outline.points, outline.ring_offsets, corner, link(corner)):
-        return triangles
-    return initial_triangulations(outline)[0]
+    return next(initial_triangulations(outline))
 
 
 class Cycle(NamedTuple):
@@ -94,8 +96,4 @@ def find_ring_triangulation(outline: Boundary, cycle: np.ndarray) -> np.ndarray:
     n = len(cycle)
     position = np.empty(len(outline.points), dtype=np.int32)
     position[cycle] = np.arange(n, dtype=np.int32)
-    local: np.ndarray = position[outline.site[ear_clipping(outline)]]
-    corner = local.reshape(-1)
-    if is_triangulation(outline.points[cycle], np.array([0, n]), corner, link(corner)):
-        return local
-    return np.asarray(position[initial_triangulations(outline)[0]])
+    return np.asarray(position[find_any_triangulation(outline)])

@@ -289,7 +289,7 @@ def triangulate_refined(
     rows: np.ndarray = _refine_if_valid(points, rings, ears, test, cost)
     if len(rows) > 0:
         return rows
-    corner = np.array(initial_triangulations(outline)[0], dtype=np.int32).reshape(-1)
+    corner = np.array(next(initial_triangulations(outline)), dtype=np.int32).reshape(-1)
     return refine(points, corner, link(corner), test, cost)
 
 

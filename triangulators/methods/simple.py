@@ -11,7 +11,7 @@ from triangulators.geometry.half_edges import find_twins
 from triangulators.geometry.predicates import orientation
 from triangulators.geometry.shortest_diagonals import sort_by_length, triangulate_greedily
 from triangulators.geometry.visibility import find_visible_sites
-from triangulators.initial import initial_triangulations, make_cycle
+from triangulators.initial import find_any_triangulation, make_cycle
 from triangulators.polygon import Boundary
 
 MAX_GREEDY_VERTICES = 3000
@@ -108,7 +108,7 @@ def greedy(outline: Boundary) -> np.ndarray:
         )
     if not outline.holes:
         return _triangulate_cycle_greedily(outline)
-    start = initial_triangulations(outline)[0]
+    start = find_any_triangulation(outline)
     return triangulate_greedily(
         outline.points, outline.edges, find_visible_sites(outline.points, start, find_twins(start))
     )
