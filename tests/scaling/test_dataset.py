@@ -196,7 +196,7 @@ def test_certificates_are_summed_over_parts(parts, tmp_path):
 
 
 def test_ctrl_c_keeps_completed_parts_and_names_the_remedy(harness, parts, tmp_path, monkeypatch):
-    make = Triangulating.make
+    make = Triangulating.write_part
     calls = []
 
     def stopping(*arguments):
@@ -205,7 +205,7 @@ def test_ctrl_c_keeps_completed_parts_and_names_the_remedy(harness, parts, tmp_p
             raise KeyboardInterrupt
         return make(*arguments)
 
-    monkeypatch.setattr(Triangulating, "make", stopping)
+    monkeypatch.setattr(Triangulating, "write_part", stopping)
     code, _, error = harness("triangulate", f"{parts}/*.parquet", "-o", "out")
     assert code == 130
     assert "stopped; 3 of 6 parts are in out; to continue, run the same command again" in error
