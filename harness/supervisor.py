@@ -54,8 +54,8 @@ _channel: int | None = None
 def allow_cleanup(*, unlimited: bool = False) -> None:
     """Ask the parent for more time before it kills this process; called by a signal handler.
 
-    unlimited : True for no time limit, if this process will end soon, or handle the next signal;
-        False for `CLEANUP_TIMEOUT_S`
+    unlimited : True to remove the time limit, because this process will end by itself or at the
+        next signal; False for a limit of `CLEANUP_TIMEOUT_S`
     """
     if _channel is not None:
         with suppress(OSError):

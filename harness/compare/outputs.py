@@ -147,7 +147,7 @@ def escape_markdown(text: str) -> str:
 
 
 def _sanitise(text: str) -> str:
-    """Return a line without control characters and mentions (`@name`)."""
+    """Return `text` as one line, in which `@name` is not a mention of a GitHub user."""
     return make_printable(text).replace("@", "@\u200b")
 
 

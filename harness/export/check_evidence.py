@@ -116,7 +116,7 @@ class Claim:
         self._compute_units()
 
     def turn(self, a: int, b: int, c: int) -> int:
-        """Return twice the signed area of three vertices, positive if counter-clockwise."""
+        """Return twice the signed area of triangle a, b, c: positive if counter-clockwise."""
         (ax, ay), (bx, by), (cx, cy) = self.points[a], self.points[b], self.points[c]
         return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
 

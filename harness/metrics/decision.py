@@ -316,6 +316,7 @@ def _explain_times(decision: Decision) -> str:
 
 
 def _format_count(decision: Decision, standing: Standing) -> str:
+    """Return the main counter of a triangulator, and the share by which the base has more."""
     measure, base = decision.measure, decision.base
     assert measure is not None
     count, base_count = standing.record.counters[measure], base.record.counters.get(measure)

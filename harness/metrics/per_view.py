@@ -81,6 +81,7 @@ def describe_views(group: RecordGroup) -> list[str]:
 
 
 def _describe_counter(group: RecordGroup, base: Record, measure: str) -> str:
+    """Return a line with each triangulator's ratio of a counter to the base, "" without views."""
     rows = [
         (statistics.ratio, record.name, statistics)
         for record in group.measured

@@ -74,7 +74,9 @@ def count_views(
     sizes: Sequence[int] = PIXELS,
     tick: Callable[[int], None] = lambda _: None,
 ) -> list[ViewCounts]:
-    """Count parts from all directions, at each size; return [] if no part has a finite extent.
+    """Count the front faces of parts, before and after, summed over all views, at each size.
+
+    Returns [] if no part has a finite extent.
 
     tick : called with the number of finished placements
     """

@@ -77,6 +77,7 @@ def summarise_device(run: Run) -> Summary:
 
 
 def _summarise_view(group: RecordGroup) -> Summary:
+    """Return the ratios of a view's triangulators to the base, and the criteria's correlations."""
     base, case = group.base, group.id
     assert base is not None
     ratios: dict[str, Any] = {}

@@ -79,6 +79,7 @@ def count_batches(
 def _count(
     triangles: np.ndarray, max_vertices: int, max_triangles: int, cache_size: int
 ) -> tuple[int, int]:
+    """Return the numbers of batches and transformed vertices; see the module's "Computation"."""
     first = triangles.min()
     # -1, a time before the first batch, which begins at time 0: not transformed yet.
     entered = np.full(triangles.max() - first + 1, -1, dtype=np.int64)

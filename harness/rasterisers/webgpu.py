@@ -284,7 +284,7 @@ def _get_size_in_subpixels(frame: Frame) -> NDArray[np.float32]:
 
 
 def begin_pass(encoder: Any, target: Any, timestamps: Mapping[str, Any] | None = None) -> Any:
-    """Begin a render pass that keeps the target's content."""
+    """Begin a render pass that loads and retains the target's content."""
     attachment = {"view": target, "load_op": "load", "store_op": "store"}
     return encoder.begin_render_pass(color_attachments=[attachment], timestamp_writes=timestamps)
 

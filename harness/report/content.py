@@ -240,6 +240,7 @@ class _Polygons:
         return columns
 
     def _add_view(self, name: str, record: Record, polygons: int) -> None:
+        """Sample a view's polygons, and add the view with its drawing, if not too large."""
         sample = self._samples[name] = choose_sample(polygons, self._max)
         view: ViewContent = {
             "polygons": polygons,

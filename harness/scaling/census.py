@@ -77,7 +77,7 @@ class Census(Counting):
         return cut_file(path, self.layer, self.where)
 
     def write_part(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
-        """Count the rows."""
+        """Count the footprints in a part's rows, and write the part's file."""
         counter = _Counter(self.triangulators, threads)
         for chunk in read_chunks(
             part.path, layer=self.layer, where=self.where, size=CHUNK_ROWS, rows=part.rows
@@ -103,7 +103,7 @@ class TileCensus(Counting):
         return cut_tiles(path, self.selection.zooms)
 
     def write_part(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
-        """Count the tiles."""
+        """Count the polygons of a part's tiles, and write the part's file."""
         counter = _Counter(self.triangulators, threads)
         assert part.rows is not None
         extents: set[int] = set()

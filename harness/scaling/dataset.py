@@ -383,6 +383,7 @@ class Dataset:
         )
 
     def _write_manifest(self, summary: Summary) -> None:
+        """Write manifest.json and, if polygons were left out, left_out.csv."""
         fields = ("polygons", "triangles", "proven", "counts", "seconds")
         parts = [
             {"file": f"{key}{self.work.suffix}"}

@@ -205,6 +205,7 @@ class DaskExecutor(Executor):
             raise self._make_unreachable_error() from error
 
     def _get_result(self, future: Any) -> TaskResult:
+        """Return a task's result; a failed task is a result, a lost scheduler an exception."""
         try:
             result: TaskResult = future.result(timeout=CONNECT_TIMEOUT_S)
         except self._distributed.scheduler.KilledWorker:
@@ -246,6 +247,7 @@ def _run_pickled(task: bytes) -> bytes:
 
 
 def _get_process() -> Worker:
+    """Return the worker process of this thread, which runs all tasks of the thread."""
     from harness.workers.worker import get_shared_worker  # not needed without Dask
 
     # Dask starts workers as daemons, which may not start processes. No public setting lets them

@@ -37,7 +37,7 @@ class Triangulating(PartWork):
 
     @staticmethod
     def read(file: Path) -> PartResult | None:
-        """Read the footer."""
+        """Return the result in a file's footer, or None if the file is missing or invalid."""
         import pyarrow as pa
         from pyarrow import parquet
 
@@ -48,7 +48,7 @@ class Triangulating(PartWork):
             return None
 
     def write_part(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
-        """Triangulate the rows."""
+        """Triangulate a part's rows, and write the GeoParquet file with the result."""
         report = Report(certified=Certified.create(self.triangulator) if self.certify else None)
         with Output(path, forced=True) as output:
             parameters = {"threads": threads, "order": self.order}

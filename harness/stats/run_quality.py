@@ -34,7 +34,8 @@ MAX_WAITED_SHARE = 0.02
 """Maximum share of an undisturbed sample's time spent waiting for a core."""
 
 UNDISTURBED_QUANTILE = 0.1
-"""Quantile, over samples, of the ratio of wall clock to CPU time that an undisturbed sample has."""
+"""Quantile of the samples' ratios of wall time to CPU time that is taken for the ratio of an
+undisturbed sample."""
 
 MIN_QUIET_ROUNDS = 12
 """Minimum number of undisturbed rounds; if there are fewer, disturbed rounds are used as well."""

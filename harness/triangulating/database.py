@@ -122,6 +122,7 @@ class ModelDatabase:
         return {name: (count, size) for name, count, size in sorted(rows)}
 
     def _read(self, keys: Sequence[bytes]) -> dict[bytes, TimedTriangles]:
+        """Return the intact entries by key; warn of damaged entries."""
         entries: dict[bytes, TimedTriangles] = {}
         for batch in (keys[start : start + _BATCH] for start in range(0, len(keys), _BATCH)):
             marks = ",".join("?" * len(batch))

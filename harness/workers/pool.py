@@ -125,6 +125,7 @@ class WorkerPool:
         timeout_s: float,
         tick: Callable[[float], None] | None,
     ) -> T:
+        """Run a function in a worker, which is started first if necessary or after a failure."""
         if spec.name not in self._workers:
             worker = self._open_worker(spec.name, spec.environment, spec.limits)
             self._workers[spec.name] = worker
