@@ -47,7 +47,8 @@ class Changes:
     """Statistics of a model's flat faces, and of the new diagonals.
 
     triangles : number of triangles; flat : number in flat faces of two or more triangles
-    faces : number of flat faces; changed, optimal : with new diagonals, with a proven optimum
+    faces : number of flat faces
+    changed : number of flat faces with new diagonals; optimal : number with a proven optimum
     area, flat_area : in the model's units
     before, after : total side length of the changed faces' triangles, in the model's units
     unchanged : number of unchanged faces and parts by reason
@@ -191,7 +192,8 @@ def _revert_shared(parts: list[ModelPart], new_parts: list[_NewPart], changes: C
     if not parts:
         return
     points = np.concatenate([part.mesh.positions for part in parts]) + 0.0  # turns -0.0 into 0.0
-    # Hashes are sorted several times faster than rows; a collision only restores a face.
+    # Hashes are sorted several times faster than rows. Equal hashes of different rows only restore
+    # a face unnecessarily.
     hashes = hash_pandas_object(pd.DataFrame(points), index=False)
     distinct = np.unique(hashes, return_inverse=True)[1]
     vertices = np.split(distinct, np.cumsum([len(part.mesh.positions) for part in parts])[:-1])

@@ -37,7 +37,10 @@ JOB_PIXELS = 16384 * LANES
 
 
 class BoundingBox(GLRasteriser):
-    """A workgroup per triangle, several for a huge one; lanes divide the box's pixels."""
+    """Rasteriser that tests every pixel centre of each triangle's bounding box.
+
+    A triangle has a workgroup, or several if it is huge, whose lanes divide the box's pixels.
+    """
 
     name = "bounding-box"
     counters: ClassVar[tuple[str, ...]] = ("bbox_tests", "hits")
@@ -71,7 +74,10 @@ class BoundingBox(GLRasteriser):
 
 
 class Scanline(BoundingBox):
-    """A workgroup per triangle, several for a huge one; lanes divide the box's rows."""
+    """Rasteriser that computes the span of covered pixels in each row of a triangle.
+
+    A triangle has a workgroup, or several if it is huge, whose lanes divide the rows.
+    """
 
     name = "scanline"
     counters: ClassVar[tuple[str, ...]] = ("rows", "hits")

@@ -202,7 +202,8 @@ class Context:
     def create_queries(self, number: int) -> Iterator[list[int]]:
         """Create `number` query objects, which are deleted at the end of the block.
 
-        Their results have 64 bits; moderngl's have 32, so that nanoseconds overflow after 4.29 s.
+        Their results have 64 bits. Results of moderngl's queries have 32, so nanoseconds overflow
+        after 4.29 s.
         """
         names = (ctypes.c_uint * number)()
         self._gen_queries(number, names)

@@ -105,7 +105,7 @@ class GLRasteriser(Rasteriser):
 
 
 class OpenGL(GLRasteriser):
-    """OpenGL 3.3 or later with storage buffers in fragment shaders, through EGL, no window."""
+    """Rasteriser on OpenGL 3.3 or later with storage buffers, through EGL, without a window."""
 
     name = "opengl"
     shades_fragments = True

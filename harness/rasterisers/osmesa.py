@@ -65,7 +65,7 @@ class OSMesaContext:
 
 
 class OSMesa(OpenGL):
-    """The same shaders and counters as `opengl`, on the software driver inside libOSMesa."""
+    """Rasteriser with the shaders and counters of `opengl`, on libOSMesa's software driver."""
 
     name = "osmesa"
     device_names: ClassVar[tuple[str, ...]] = ("osmesa",)

@@ -52,7 +52,7 @@ SKY = (0.93, 0.95, 0.98, 1.0)
 
 
 class Pyrender(Rasteriser):
-    """Extruded roofs in perspective through pyrender's off-screen renderer."""
+    """Rasteriser that draws extruded roofs in perspective with pyrender's off-screen renderer."""
 
     name = "pyrender"
     limitation = "fixed samples and shaders"

@@ -109,7 +109,7 @@ def count_quads(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDAr
 
 
 class Reference(CpuRasteriser):
-    """Scan conversion row by row on one core, compiled by Numba."""
+    """Rasteriser that finds covered pixels row by row on one core, compiled by Numba."""
 
     name = "reference"
     limitation = "one sample per pixel, no fragment work and no textures"

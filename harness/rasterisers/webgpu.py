@@ -79,7 +79,10 @@ skip triangles that later opaque triangles hide, so they get a pass per draw, no
 
 
 class WebGPU(Rasteriser):
-    """WebGPU without a window; helper lanes are computed, as 4 * quads - fragments."""
+    """Rasteriser on WebGPU, without a window.
+
+    Helper lanes are computed as 4 * quads - fragments.
+    """
 
     name = "webgpu"
     shades_fragments = True

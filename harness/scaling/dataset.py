@@ -299,7 +299,7 @@ class Dataset:
             for name, value in self._about.items():
                 if about[name] != value:
                     raise IncompatibleRunsError(
-                        f"{self.out} has parts with other {name}; give another -o"
+                        f"{self.out} has parts made with other {name}; give another -o"
                     )
             if about["identity"] not in identities.get(about["source"], {about["identity"]}):
                 raise IncompatibleRunsError(

@@ -62,7 +62,7 @@ def name_mixture(alpha: float, beta: float, gamma: float = 0.0) -> str:
 
 
 SWEEP = (name_mixture(1, 0), *(name_mixture(1, step) for step in STEPS), name_mixture(0, 1))
-"""The sweep, from A alone to D alone."""
+"""Names of the sweep's mixtures, from A alone to D alone."""
 
 WITH_C = name_mixture(1, 1, 1)
 """Mixture with the paper's criterion C (complexity), whose weight has no effect on the result."""
