@@ -72,7 +72,7 @@ def _make_table(decision: Decision, *, wide: bool) -> Table:
         table.add_column(metric.heading or metric.label, justify="right", no_wrap=True)
     base = decision.base
     table.add_column(f"vs {base.name}", no_wrap=True)
-    # If no triangulator has a break-even, there is no such column; verdicts are next to the ratios.
+    # The column is omitted if no triangulator has a break-even; verdicts are next to the ratios.
     has_break_even = any(standing.break_even for standing in decision.standings)
     if has_break_even:
         table.add_column("break-even")

@@ -122,7 +122,7 @@ def read_git_state(folder: Path) -> dict[str, Any] | None:
 
 
 def find_commit(folder: Path, reference: str) -> str | None:
-    """Return the full hash of a commit, branch or tag, or None if the repository has none such."""
+    """Return the full hash of a commit, branch or tag, or None if it does not exist."""
     options = ("--verify", "--quiet", "--end-of-options")
     return _ask_git(folder, "rev-parse", *options, f"{reference}^{{commit}}") or None
 

@@ -92,8 +92,8 @@ class SceneRun:
     writer : stores records; cases of which it has an ok or skipped record are not measured again
     counted : records, by key, of cases that an earlier run counted but did not time
     rounds : True to time triangulation in rounds, like drawings
-    calibrate : chooses what optimal:calibrated minimises in a frame, for a device with several
-        stages; None if the recipe is the same for all frames
+    calibrate : function that chooses the criterion that optimal:calibrated minimises in a frame,
+        for a device with several stages; None if the recipe is the same for all frames
     """
 
     plan: Plan

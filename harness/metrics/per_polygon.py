@@ -25,7 +25,10 @@ def read_columns(run: Run, record: Record) -> Columns | None:
 
 
 def compute_ratios(columns: Columns, base: Columns, name: str) -> Column:
-    """Return (p,) column `name` over the base's; NaN if a polygon is missing or a cost is 0."""
+    """Return ratios (p,) of column `name` to the base's.
+
+    A polygon has NaN if its triangulation is missing or a cost is 0.
+    """
     drawn = (columns[f"{PREDICTED}triangles"] > 0) & (base[f"{PREDICTED}triangles"] > 0)
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = columns[name] / base[name]

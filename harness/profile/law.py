@@ -201,7 +201,7 @@ class Law:
 
 def compute_interval_reach(groups: int, confidence: float) -> float:
     """Return the half-width of an interval in standard errors, given the number of groups."""
-    from scipy.special import stdtrit  # slow to import, and reading a profile needs none
+    from scipy.special import stdtrit  # slow to import, not needed to read a profile
 
     return DEVIATION_FACTOR * float(stdtrit(groups / 2, 0.5 + confidence / 2))
 
@@ -360,8 +360,8 @@ def _estimate_covariance(
 ) -> tuple[Seconds, Seconds, NDArray[np.bool_]]:
     """Return the signed coefficients, (t,), and their covariance under errors that groups share.
 
-    Also return which coefficients are determined, (t,): those of columns that are no linear
-    combination of others.
+    Also return which coefficients are determined, (t,): those of columns that are not linear
+    combinations of others.
 
     The last iteration of the fit is linear in the errors: they move coefficients by
     `response` @ errors.

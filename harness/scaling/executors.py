@@ -67,7 +67,7 @@ class SchedulerUnreachableError(HarnessError):
 
 
 class Executor:
-    """An executor of tasks in this process, in sequence.
+    """Executor that runs tasks in this process, one after another.
 
     threads_per_task : threads that a task may use; one for each core if None
     """
