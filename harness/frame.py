@@ -20,8 +20,8 @@ from scenes.scene import Scene, Tiling
 from triangulators.polygon_arrays import PolygonArray
 
 MARGIN_PX = 1.0
-"""Empty margin on each side: a device may clip what leaves the viewport, and would count quads at
-the seams between the clipped pieces twice."""
+"""Empty margin on each side: a device may clip triangles that leave the viewport, and would count
+quads at the cuts twice."""
 
 MARGIN_STEP_PX = 64
 """Step of a tile's margin, so that quads, blocks and bins are aligned with the tile."""

@@ -41,7 +41,7 @@ SETTINGS = {
     # a worker starts a process for its tasks
     "distributed.worker.daemon": False,
     "distributed.comm.timeouts.connect": "20s",
-    # the current folder may hold a stranger's modules
+    # the current folder may contain modules of other users
     "distributed.nanny.pre-spawn-environ.PYTHONSAFEPATH": "1",
     # only the command handles Ctrl-C, and ends its workers
     "distributed.worker.preload": ["import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"],
