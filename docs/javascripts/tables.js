@@ -27,8 +27,8 @@ for (const table of tables) {
 function stack() {
     const page = document.querySelector("article").clientWidth;
     for (const table of tables) {
-        table.classList.remove("stacked");
-        table.classList.toggle("stacked", table.scrollWidth > page);
+        table.removeAttribute("class"); // the theme draws tables without this attribute only
+        if (table.scrollWidth > page) table.className = "stacked";
     }
 }
 stack();

@@ -75,6 +75,8 @@ def test_a_wide_table_becomes_a_list_in_a_narrow_window(site, browser):
         browser.resize(width, 800)
         browser.open(page, LOADED)
         assert browser.evaluate(stacked) == expected
+        # The theme draws only tables without the attribute.
+        assert browser.evaluate("document.querySelector('table[class=\"\"]') === null")
         assert browser.evaluate(labels)
 
 
