@@ -90,6 +90,16 @@ def test_the_site_has_few_sections_with_every_page_once():
     assert sorted(entries) == sorted([*map(str, files), "try.html"])
 
 
+def test_no_wrapped_line_begins_a_list():
+    for page in sorted((ROOT / "docs").rglob("*.md")):
+        text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
+        last = 0
+        for before, number in re.findall(r"(?=\n(.*)\n *(\d+)\. )", text):
+            expected = {last + 1} - {1} if before.strip() else {1, last + 1}
+            assert int(number) in expected, f"{page.name}: {number}. after {before!r}"
+            last = int(number)
+
+
 def test_formulas_are_typeset():
     page = "a\n\n```math\nQ \\leq \\frac{S}{4}\n```\n\n   ```math\n   x^2\n   ```\n"
     typeset = generate.typeset(page)
