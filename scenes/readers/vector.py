@@ -149,6 +149,8 @@ def _explain_errors(source: Source) -> Iterator[None]:
             problem = (
                 f"is not supported by GDAL: read it as map tiles, by a zoom: {source.path}:zoom=14"
             )
+        if source.path.suffix.lower() in (".ttf", ".otf", ".ttc"):
+            problem = f"is a font: read its letters as glyphs:font={source.path},text=abc"
         if source.path.is_dir():
             problem = f"is a folder: give a file, or a zoom of map tiles: {source.path}:zoom=14"
         raise SceneError(f"{source.path} {problem}") from error

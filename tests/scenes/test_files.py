@@ -443,9 +443,13 @@ def test_odd_paths(geojson, name):
 
 def test_errors_are_one_line_and_name_the_file(tmp_path, geojson):
     (tmp_path / "empty.gpkg").write_bytes(b"")
+    (tmp_path / "letters.TTF").write_bytes(b"\0\1\0\0" + bytes(60))
+    (tmp_path / "text.doc").write_bytes(b"text")
     for path, message in (
         (tmp_path / "none.geojson", "not found"),
         (tmp_path / "empty.gpkg", "is empty"),
+        (tmp_path / "letters.TTF", r"is a font: read its letters as glyphs:font=.*TTF,text=abc"),
+        (tmp_path / "text.doc", "unsupported format: convert it"),
         (tmp_path, "is a folder"),
         (geojson(feature([1, 2], "Point"), name="point.geojson"), "is a Point"),
         (geojson(name="no.geojson"), "holds no polygon"),
