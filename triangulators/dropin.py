@@ -19,7 +19,7 @@ import numpy as np
 
 from triangulators.errors import TriangulationError, UnknownNameError, suggest
 from triangulators.geometry.earcut import clip_ears
-from triangulators.geometry.flips import shorten
+from triangulators.geometry.flips import shorten_diagonals
 from triangulators.geometry.order import is_walk
 
 __all__ = ["triangulate_float32", "triangulate_float64", "triangulate_int32", "triangulate_int64"]
@@ -166,7 +166,7 @@ def _improve(
     points = np.ascontiguousarray(vertices, dtype=np.float64)
     if method == "flips:l1":
         if len(raw) > 3:
-            shorten(points, raw, in_walk)
+            shorten_diagonals(points, raw, in_walk)
         return raw
     if not len(raw) or not np.isfinite(points).all():
         return raw

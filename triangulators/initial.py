@@ -16,15 +16,15 @@ from triangulators.polygon import Boundary
 from triangulators.verify import insert_dropped_vertices, orient_triangles, verify_boundary
 
 _MAX_GREEDY_VERTICES = 1000
-"""Vertices up to which the greedy triangulation, which compares all pairs, is tried."""
+"""Maximum number of vertices for the greedy triangulation, which compares all pairs of vertices."""
 
 
-def initial_triangulations(outline: Boundary) -> Iterator[np.ndarray]:
-    """Yield the triangulations of ear clipping and Delaunay that conform after repair.
+def find_initial_triangulations(outline: Boundary) -> Iterator[np.ndarray]:
+    """Yield the triangulations (m, 3) of ear clipping and Delaunay that conform after repair.
 
     If neither conforms, because slivers within rounding error are missing, yield the greedy
     triangulation by exact orientations, for up to 1,000 vertices. Raises `TriangulationError` if
-    there is no result. All vertices are sites (see `Boundary`).
+    there is no conforming triangulation. The vertices of triangles are sites (see `Boundary`).
     """
     is_found = False
     for method in (ear_clipping, delaunay):
@@ -47,21 +47,24 @@ def initial_triangulations(outline: Boundary) -> Iterator[np.ndarray]:
             yield triangles
     if not is_found:
         raise TriangulationError(
-            "no initial triangulation: the results of ear clipping and Delaunay are invalid"
+            "no initial triangulation: the results of ear clipping and Delaunay do not conform"
         )
 
 
 def find_best_initial(outline: Boundary, cost: Cost) -> np.ndarray:
-    """Return the cheapest initial triangulation; raises `TriangulationError` if there is none."""
+    """Return the initial triangulation (m, 3) of lowest cost.
+
+    Raises `TriangulationError` if there is none; see `find_initial_triangulations`.
+    """
     return min(
-        initial_triangulations(outline),
+        find_initial_triangulations(outline),
         key=lambda triangles: total_cost(outline.points, triangles, cost),
     )
 
 
 def find_any_triangulation(outline: Boundary) -> np.ndarray:
     """Return an arbitrary triangulation (m, 3) of a polygon; the vertices are sites."""
-    return next(initial_triangulations(outline))
+    return next(find_initial_triangulations(outline))
 
 
 class Cycle(NamedTuple):
@@ -78,9 +81,9 @@ class Cycle(NamedTuple):
 
 
 def make_cycle(outline: Boundary, who: str) -> Cycle:
-    """Return a polygon's only ring with visible pairs; raise `SkippedError` for holes.
+    """Return the ring of a polygon without holes, with its visible pairs.
 
-    who: the triangulator's name, for the message.
+    Raises `SkippedError` for holes. who: the triangulator's name, for the message.
     """
     if outline.holes:
         raise SkippedError(f"{who}: the polygon has holes")
@@ -92,7 +95,10 @@ def make_cycle(outline: Boundary, who: str) -> Cycle:
 
 
 def find_ring_triangulation(outline: Boundary, cycle: np.ndarray) -> np.ndarray:
-    """Return a triangulation (n - 2, 3) of a polygon's only ring, as positions in `cycle`."""
+    """Return an arbitrary triangulation (n - 2, 3) of a polygon without holes.
+
+    The vertices of triangles are positions in `cycle` (n,), the polygon's sites counter-clockwise.
+    """
     n = len(cycle)
     position = np.empty(len(outline.points), dtype=np.int32)
     position[cycle] = np.arange(n, dtype=np.int32)

@@ -11,7 +11,7 @@ import shapely
 
 from triangulators.errors import TriangulationError
 from triangulators.geometry.earcut import clip_ears
-from triangulators.polygon import Boundary, orient_rings, sites
+from triangulators.polygon import Boundary, find_sites, orient_rings
 from triangulators.polygon_arrays import polygon_of_rings
 
 
@@ -34,7 +34,7 @@ def delaunay(outline: Boundary) -> np.ndarray:
         raise TriangulationError(f"delaunay: {error}") from error
     corners = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
     count = len(outline.points)
-    indices = sites(np.concatenate((outline.points, corners)) + 0.0)[count:]  # -0.0 to 0.0
+    indices = find_sites(np.concatenate((outline.points, corners)) + 0.0)[count:]  # -0.0 to 0.0
     if (indices >= count).any():
         raise TriangulationError("delaunay: GEOS returned a point that is not a vertex")
     return indices.reshape(-1, 3)

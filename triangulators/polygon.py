@@ -1,8 +1,8 @@
-"""A shapely polygon as arrays: its vertices, its rings, its boundary edges.
+"""A shapely polygon as arrays of vertices, rings and boundary edges.
 
-Most polygons are a simple ring, in which edges meet only at common vertices, so they are valid. A
+Most polygons are a simple ring: edges meet only at common vertices, so the polygon is valid. A
 compiled pass (`find_ring_orientation`) recognises such rings if a float64 filter is certain; for a
-building, the pass takes a tenth of the time of a general validity test. GEOS tests all other
+building, the pass takes a tenth of the time of GEOS's general validity test. GEOS tests all other
 polygons, and provides the reasons for error messages.
 """
 
@@ -15,10 +15,10 @@ import shapely
 
 from triangulators.compute.kernels import njit
 from triangulators.errors import InvalidPolygonError
-from triangulators.geometry.predicates import FILTER, orient, touching
+from triangulators.geometry.predicates import FILTER, find_touching_vertices, orient
 from triangulators.polygon_arrays import offsets_of
 
-MAX_SIMPLE_VERTICES = 96  # up to which all pairs of a ring's edges are compared
+MAX_SIMPLE_VERTICES = 96  # larger rings are tested by GEOS: comparing all pairs of edges is slow
 
 UNSURE, COUNTERCLOCKWISE, CLOCKWISE = 0, 1, -1
 
@@ -41,9 +41,10 @@ class Boundary(NamedTuple):
 
     @property
     def expected_triangles(self) -> int:
-        """Triangles in every conforming triangulation: 2V - B - 2(1 - h), by Euler's formula.
+        """Number of triangles in every conforming triangulation, by Euler's formula.
 
-        V distinct vertices, B edges, h holes: n + 2h - 2 if no vertex is repeated.
+        2V - B - 2(1 - h), with V sites, B boundary edges and h holes: n + 2h - 2 for n vertices if
+        no vertex is repeated.
         """
         if self.simple:
             return len(self.edges) - 2
@@ -104,8 +105,8 @@ def vertices(polygon: shapely.Polygon) -> np.ndarray:
     return rings_of(polygon)[0]
 
 
-def sites(points: np.ndarray) -> np.ndarray:
-    """Map each of (n, 2) points to the first point with equal coordinates, shape (n,) int32."""
+def find_sites(points: np.ndarray) -> np.ndarray:
+    """Return, for each point (n, 2), the index (n,) of the first point with equal coordinates."""
     numbers = np.ascontiguousarray(points).view(np.complex128).ravel()
     _, first, which = np.unique(numbers, return_index=True, return_inverse=True)
     return first[which].astype(np.int32)
@@ -118,7 +119,7 @@ def boundary(polygon: shapely.Polygon) -> Boundary:
 
 
 def checked_boundary(polygon: shapely.Polygon) -> Boundary:
-    """Check a polygon and return its `Boundary`; GEOS tests all but certain simple rings."""
+    """Return a polygon's `Boundary`; raise `InvalidPolygonError` if the polygon is invalid."""
     outline = _make_simple_boundary(polygon) if isinstance(polygon, shapely.Polygon) else None
     if outline is None:
         check(polygon)
@@ -127,6 +128,7 @@ def checked_boundary(polygon: shapely.Polygon) -> Boundary:
 
 
 def _make_simple_boundary(polygon: shapely.Polygon) -> Boundary | None:
+    """Return the `Boundary` of a certainly simple ring, or None; see `find_ring_orientation`."""
     coordinates = shapely.get_coordinates(polygon)
     orientation = find_ring_orientation(coordinates)
     if orientation == UNSURE:
@@ -138,11 +140,11 @@ def _make_simple_boundary(polygon: shapely.Polygon) -> Boundary | None:
 
 @njit(nogil=True)
 def find_ring_orientation(coordinates: np.ndarray) -> int:
-    """Return the orientation of a simple ring, COUNTERCLOCKWISE or CLOCKWISE, or UNSURE.
+    """Return COUNTERCLOCKWISE or CLOCKWISE if a ring is certainly simple, otherwise UNSURE.
 
-    coordinates: (n + 1, 2), as in shapely: the first vertex is repeated at the end. In the
-    coordinates of a polygon with holes the first vertex is also in the middle, so the result is
-    UNSURE.
+    coordinates: (n + 1, 2), as in shapely: the first vertex is repeated at the end. For the
+    coordinates of a polygon with holes the result is UNSURE, because the first vertex is repeated
+    in the middle, too.
     """
     n = len(coordinates) - 1
     if n < 3 or n > MAX_SIMPLE_VERTICES:
@@ -176,7 +178,10 @@ def find_ring_orientation(coordinates: np.ndarray) -> int:
 
 @njit(nogil=True)
 def _meets_no_later_edge(coordinates: np.ndarray, a: int, n: int) -> bool:
-    """Whether edge a certainly does not meet the edges from a + 2 on."""
+    """Whether edge a of a ring of n edges certainly does not meet the edges from a + 2 on.
+
+    coordinates: (n + 1, 2), see `find_ring_orientation`.
+    """
     ax, ay = coordinates[a, 0], coordinates[a, 1]
     bx, by = coordinates[a + 1, 0], coordinates[a + 1, 1]
     low_x, high_x = min(ax, bx), max(ax, bx)
@@ -238,13 +243,14 @@ def orient_rings(points: np.ndarray, ring_offsets: np.ndarray) -> np.ndarray:
 
 
 def make_boundary(points: np.ndarray, ring_offsets: np.ndarray) -> Boundary:
-    """Return the `Boundary` of rings given as in `rings_of`, the exterior first.
+    """Return the `Boundary` of the rings of a valid polygon.
 
-    If rings touch, edges are split at vertices that lie exactly on an edge, consistent with GEOS's
-    validity test. A vertex within rounding error of an edge is not on the edge: the sliver between
-    vertex and edge is triangulated.
+    points (n, 2), ring_offsets (h + 2,): see `rings_of`, the exterior first. If rings touch, edges
+    are split at vertices that lie exactly on an edge, as GEOS's validity test decides. A vertex
+    within rounding error of an edge is not on the edge: the sliver between vertex and edge belongs
+    to the polygon.
     """
-    site = sites(points)
+    site = find_sites(points)
     edges = []
     for ring in np.split(orient_rings(points, ring_offsets), ring_offsets[1:-1]):
         corners = site[ring]
@@ -262,14 +268,14 @@ def make_boundary(points: np.ndarray, ring_offsets: np.ndarray) -> Boundary:
 def find_vertices_on(
     outline: Boundary, edges: np.ndarray, allowed: float
 ) -> dict[tuple[int, int], list[int]]:
-    """Return, by edge a-b, the boundary's vertices that lie on a-b between a and b, in that order.
+    """Return a dictionary from each edge a-b to the boundary's vertices on it, from a to b.
 
-    edges (k, 2) int32; allowed: tolerance, see `predicates.on_segment`. Edges without such vertices
-    are omitted.
+    edges (k, 2) int32; allowed: tolerance, see `predicates.is_on_segment`. The ends a and b are not
+    listed, and edges without other vertices are omitted.
     """
     points, candidates = outline.points, np.unique(outline.edges)
     candidates = candidates[np.argsort(points[candidates, 0])]
-    incidences = touching(points, edges, candidates, allowed)
+    incidences = find_touching_vertices(points, edges, candidates, allowed)
     inside: dict[tuple[int, int], list[int]] = {}
     for number, v in sorted(incidences):
         a, b = edges[number].tolist()
@@ -281,7 +287,7 @@ def find_vertices_on(
 
 
 def boundary_area(outline: Boundary) -> float:
-    """Return the polygon's area, computed from oriented boundary edges."""
+    """Return the area of a polygon, in square units of its coordinates."""
     shifted = outline.points - outline.points[0]
     a, b = shifted[outline.edges[:, 0]], shifted[outline.edges[:, 1]]
     return float(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])) / 2.0

@@ -36,17 +36,19 @@ class Entry:
     default_criterion : str
         The criterion if none is given.
     tests : tuple of str
-        Names of flip tests that can be given instead of a criterion.
+        Names of flip tests that can follow the name in place of a criterion, as in "flips:l1".
     with_gap : str or None
-        A function like `function` that also returns the gap to the optimum.
+        "module:function" of a function like `function` that returns (triangles, gap to the
+        optimum).
     needs : str or None
         A module that must be importable, or a "module:function" that must return True.
     install : str or None
-        The command that installs `needs`.
+        The command that installs what `needs` names.
     builtin : bool
         False for entry points and `module:function` strings.
     order : "walk" or "native"
-        The default order of the triangles; "native" leaves the order of the function.
+        The default order of the triangles: from neighbour to neighbour, or as the function returns
+        them.
     """
 
     name: str
@@ -63,10 +65,10 @@ class Entry:
     order: str = "native"
 
     def uses_walk(self, order: str | None) -> bool:
-        """Return whether triangles are put in walk order.
+        """Return whether triangles are to be put in walk order.
 
-        order: the caller's choice, or None for the entry's default. Raises `UnknownNameError` if
-        there is no such order.
+        order: "walk", "native", or None for the entry's default. Raises `UnknownNameError` for any
+        other order.
         """
         from triangulators.geometry.order import is_walk  # compiled code
 
@@ -82,10 +84,10 @@ class Entry:
         return None if importlib.util.find_spec(self.needs) else self.install
 
     def load(self) -> Function:
-        """Import and return the function.
+        """Import and return the triangulator's function.
 
-        Raises `UnavailableError` with the install command, and `UnknownNameError` if a third-party
-        module has no such function or cannot be imported.
+        Raises `UnavailableError`, with the command that installs a missing package, and
+        `UnknownNameError` if a third-party module cannot be imported or has no such function.
         """
         missing = self.find_install_command()
         if missing:
@@ -106,12 +108,16 @@ class Entry:
 def _make_method_entry(
     name: str, description: str, reference: str = "", *, holes: bool = True, **fields: Any
 ) -> Entry:
-    """Return an entry of `methods`; reference: "module:function" or "" for "NAME:triangulate"."""
+    """Return an entry for a function in `methods`.
+
+    reference: "module:function" in that package, or "" for "NAME:triangulate".
+    """
     function = f"triangulators.methods.{reference or f'{name}:triangulate'}"
     return Entry(name, description, function, handles_holes=holes, **fields)
 
 
 def _make_library_entry(name: str, description: str, **fields: Any) -> Entry:
+    """Return an entry for the function in `libraries` that has the triangulator's name."""
     function = f"triangulators.libraries:{name.replace('-', '_')}"
     return Entry(name, description, function, **fields)
 
@@ -120,12 +126,15 @@ BUILTIN = {
     entry.name: entry
     for entry in (
         _make_method_entry(
-            "fan", "a fan from a vertex that sees the whole polygon", "simple:fan", holes=False
+            "fan",
+            "a fan from a vertex that sees the whole polygon",
+            "simple:triangulate_fan",
+            holes=False,
         ),
         _make_method_entry(
             "strip",
             "a zigzag of diagonals, if one is inside the polygon",
-            "simple:strip",
+            "simple:triangulate_strip",
             holes=False,
         ),
         _make_library_entry("ear-clipping", "mapbox_earcut"),
@@ -145,13 +154,16 @@ BUILTIN = {
             install="pip install manifold3d",
         ),
         _make_method_entry(
-            "max-area", "largest triangle first (Persson 2009)", "simple:largest_first", holes=False
+            "max-area",
+            "largest triangle first (Persson 2009)",
+            "simple:triangulate_largest_first",
+            holes=False,
         ),
-        _make_method_entry("greedy", "shortest diagonals first", "simple:greedy"),
+        _make_method_entry("greedy", "shortest diagonals first", "simple:triangulate_greedy"),
         _make_method_entry(
             "random",
             "uniform over all triangulations, by counting; seed=",
-            "counting:draw",
+            "counting:draw_triangulation",
             holes=False,
         ),
         _make_method_entry(
@@ -216,7 +228,7 @@ ALIASES = {"earcut": "ear-clipping"}
 
 
 class Choice(NamedTuple):
-    """A triangulator as written on the command line: an entry, and a criterion or None."""
+    """A triangulator's parsed name: the entry, and a criterion, a flip test or None."""
 
     entry: Entry
     criterion: str | None
@@ -229,13 +241,14 @@ class Choice(NamedTuple):
 
 @cache
 def load(reference: str) -> Function:
-    """Import and return the object called "module:function"."""
+    """Import and return the function that "module:function" names."""
     function: Function = resolve_name(reference)
     return function
 
 
 @cache
 def _find_third_party() -> dict[str, EntryPoint]:
+    """Return the entry points of installed third-party triangulators, by name."""
     return {point.name: point for point in entry_points(group=ENTRY_POINTS)}
 
 
@@ -303,8 +316,8 @@ def parse(text: str) -> Choice:
     Parameters
     ----------
     text
-        "name", "name:criterion" or "module:function". A triangulator that takes a criterion gets
-        its default if the name contains none.
+        "name", "name:criterion" or "module:function". Without a criterion, a triangulator that
+        takes one gets its default criterion.
 
     Returns
     -------
@@ -323,7 +336,7 @@ def parse(text: str) -> Choice:
     >>> parse("optimal").criterion
     'overdraw'
     """
-    name, criterion = _split(text)
+    name, criterion = _split_name(text)
     if name not in BUILTIN:
         return Choice(find(text), None)
     entry = BUILTIN[name]
@@ -334,7 +347,7 @@ def parse(text: str) -> Choice:
     return Choice(entry, criterion if criterion in entry.tests else criteria.find(criterion).name)
 
 
-def _split(text: str) -> tuple[str, str]:
+def _split_name(text: str) -> tuple[str, str]:
     """Split "name:criterion" into the registered name and the criterion, "" if there is none."""
     if not isinstance(text, str):
         raise ArgumentError(f"triangulator: expected a name, got {type(text).__name__}")
@@ -343,11 +356,12 @@ def _split(text: str) -> tuple[str, str]:
 
 
 def check_criterion(text: str, criterion: Any) -> None:
-    """Raise `ArgumentError` if a built-in triangulator's name does not admit a criterion argument.
+    """Raise `ArgumentError` if a criterion cannot be given in addition to a triangulator's name.
 
-    criterion: the caller's argument in addition to the name, or None.
+    text: the name, for example "optimal:overdraw", which contains a criterion already, or "fan",
+    which takes none; criterion: the additional argument, or None. Only built-in names are checked.
     """
-    name, in_name = _split(text)
+    name, in_name = _split_name(text)
     if name not in BUILTIN or criterion is None:
         return
     if not BUILTIN[name].criteria:

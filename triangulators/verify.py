@@ -1,10 +1,11 @@
 """Verification that triangles are a triangulation of a polygon, and repair of T-junctions.
 
-If the edges of counter-clockwise triangles add up, as a chain, to the polygon's boundary, the
-triangles cover each point as often as the winding number of the boundary: once inside, never
-outside. So no intersections are computed, and snapped input is verified without rounding. If edges
-cancel only after splitting at vertices that lie on the edges, these vertices are T-junctions: the
-polygon is covered, but the triangulation is not conforming.
+Take the directed edges of counter-clockwise triangles; an edge cancels the same edge in the
+opposite direction. If the edges that remain are the polygon's boundary, the triangles cover each
+point as often as the boundary winds around it: once inside, never outside. So no intersections are
+computed, and coordinates on a grid are verified without rounding. If edges cancel only after they
+are split at vertices that lie on them, these vertices are T-junctions: the triangles cover the
+polygon, but the triangulation is not conforming.
 """
 
 from collections import Counter
@@ -19,7 +20,13 @@ import shapely
 from triangulators.compute.kernels import njit
 from triangulators.criteria import predict
 from triangulators.geometry.half_edges import is_triangulation, link
-from triangulators.geometry.predicates import ALL_LEFT, OUTSIDE, all_left, orientations, tolerance
+from triangulators.geometry.predicates import (
+    ALL_LEFT,
+    OUTSIDE,
+    classify_orientations,
+    orientations,
+    tolerance,
+)
 from triangulators.polygon import Boundary, boundary, boundary_area, find_vertices_on
 from triangulators.polygon_arrays import PolygonArray, offsets_of, rings_at
 
@@ -72,7 +79,7 @@ def verify(polygon: shapely.Polygon, triangles: np.ndarray) -> Verification:
     Returns
     -------
     Verification
-        With the answer in `ok`, `conforming` and `problems`.
+        `ok` and `conforming` are the answer, `problems` and `t_junctions` the reasons.
 
     Examples
     --------
@@ -86,7 +93,7 @@ def verify(polygon: shapely.Polygon, triangles: np.ndarray) -> Verification:
 
 
 def verify_boundary(outline: Boundary, triangles: np.ndarray) -> Verification:
-    """`verify` for the `Boundary` of a polygon."""
+    """Check whether triangles (m, 3) are a triangulation of a polygon; see `verify`."""
     expected = outline.expected_triangles
     try:
         triangles = check_rows(triangles, outline.points)
@@ -95,7 +102,7 @@ def verify_boundary(outline: Boundary, triangles: np.ndarray) -> Verification:
     orientation = orientations(outline.points, triangles)
     problems = [f"triangle {row} is clockwise" for row in np.flatnonzero(orientation < 0.0)[:5]]
     problems += [f"triangle {row} has no area" for row in np.flatnonzero(orientation == 0.0)[:5]]
-    loose = unmatched_edges(outline, triangles)
+    loose = find_unmatched_edges(outline, triangles)
     junctions: list[tuple[int, Edge]] = []
     if loose:
         on_edges = find_vertices_on(
@@ -127,15 +134,16 @@ def check_rows(triangles: Any, points: np.ndarray) -> np.ndarray:
         raise ValueError(f"triangles are {array.dtype}, expected integer indices")
     rows = np.ascontiguousarray(array, dtype=np.int32)
     overflows = array.dtype.itemsize > rows.itemsize and not np.array_equal(rows, array)
-    if overflows or all_left(points, rows) == OUTSIDE:
+    if overflows or classify_orientations(points, rows) == OUTSIDE:
         raise ValueError(f"triangles have indices outside 0..{len(points) - 1}")
     return rows
 
 
-def unmatched_edges(outline: Boundary, triangles: np.ndarray) -> Counter[Edge]:
-    """Return the directed edges between sites that do not cancel, with their multiplicities.
+def find_unmatched_edges(outline: Boundary, triangles: np.ndarray) -> Counter[Edge]:
+    """Return the directed edges, pairs of sites, that do not cancel, with their multiplicities.
 
-    A triangle's edge counts 1, a boundary edge -1, and a-b cancels b-a.
+    A triangle's edge counts 1, a boundary edge -1, and a-b cancels b-a. The result is empty for a
+    conforming triangulation.
     """
     size = len(outline.points)
     corners = outline.site[triangles].astype(np.int64)
@@ -155,8 +163,9 @@ def unmatched_edges(outline: Boundary, triangles: np.ndarray) -> Counter[Edge]:
 def find_unconfirmed(polygons: PolygonArray, triangles: Mapping[int, np.ndarray]) -> list[int]:
     """Return the indices of polygons whose triangles a fast check does not confirm.
 
-    triangles: (m, 3) by index in `polygons`. Confirmed triangulations are valid and conforming; the
-    others may be valid, for example with T-junctions, which `verify` decides.
+    triangles: (m, 3) of some polygons, by index in `polygons`. Confirmed triangles are a conforming
+    triangulation. Triangles that are not confirmed may still cover the polygon, for example with
+    T-junctions: `verify` decides.
     """
     if not triangles:
         return []
@@ -191,9 +200,9 @@ def _list_unconfirmed(
 
 
 def orient_triangles(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Return int32 triangles oriented counter-clockwise, without those of zero area."""
+    """Return triangles (m, 3) as int32, all counter-clockwise, without those of zero area."""
     triangles = np.ascontiguousarray(triangles, dtype=np.int32)
-    if all_left(points, triangles) == ALL_LEFT:
+    if classify_orientations(points, triangles) == ALL_LEFT:
         return triangles
     orientation = orientations(points, triangles)
     triangles = np.where((orientation < 0.0)[:, None], triangles[:, [0, 2, 1]], triangles)
@@ -201,13 +210,13 @@ def orient_triangles(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def insert_dropped_vertices(outline: Boundary, triangles: np.ndarray) -> np.ndarray:
-    """Split triangles at vertices that lie on edges; return (m', 3) int32.
+    """Split triangles (m, 3) at vertices that lie on their edges; return the new triangles, int32.
 
-    Each T-junction is resolved by an edge from the vertex to the opposite vertex. Area, coverage
-    and orientation do not change; the order of unsplit triangles is preserved. A sliver with a
-    vertex on the opposite edge is removed: the triangle across that edge is split there.
+    At each T-junction a triangle is split by an edge from the vertex to the opposite vertex. Area,
+    coverage and orientation do not change; the order of unsplit triangles is preserved. A sliver
+    with a vertex on the opposite edge is removed: the triangle across that edge is split there.
     """
-    loose = unmatched_edges(outline, triangles)
+    loose = find_unmatched_edges(outline, triangles)
     if not loose:
         return triangles
     inside = find_vertices_on(outline, np.array(list(loose), np.int32), tolerance(outline.points))
@@ -218,17 +227,17 @@ def insert_dropped_vertices(outline: Boundary, triangles: np.ndarray) -> np.ndar
             on_edge = inside.get((int(outline.site[tail]), int(outline.site[head])), [])
             chains.append([tail, *on_edge, head])
         if not any(set(chain[1:-1]) & set(corners) for chain in chains):
-            _split(chains, result)
+            _split_triangle(chains, result)
     return np.array(result, dtype=np.int32).reshape(-1, 3)
 
 
-def _split(chains: list[list[int]], result: list[tuple[int, int, int]]) -> None:
+def _split_triangle(chains: list[list[int]], result: list[tuple[int, int, int]]) -> None:
     """Append the pieces of a triangle to `result`; chains: the vertices along each of its edges."""
     for first in range(3):
         edge, second, third = chains[first], chains[first - 2], chains[first - 1]
         if len(edge) > 2:
             vertex, apex = edge[1], third[0]
-            _split([edge[:2], [vertex, apex], third], result)
-            _split([edge[1:], second, [apex, vertex]], result)
+            _split_triangle([edge[:2], [vertex, apex], third], result)
+            _split_triangle([edge[1:], second, [apex, vertex]], result)
             return
     result.append((chains[0][0], chains[1][0], chains[2][0]))

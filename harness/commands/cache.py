@@ -21,7 +21,7 @@ def cache(
         raise UsageError(f"cache {action}: unknown action (choose from info, clear)")
     with ModelDatabase(warn=Reporter().warn) as database:
         if action == "clear":
-            count, old = database.clear(), compiled_files.remove_old()
+            count, old = database.clear(), compiled_files.remove_old_code()
             typer.echo(f"deleted {count:,} triangulations in {database.path}")
             typer.echo(f"removed compiled code of {old:,} old modules")
             return

@@ -35,7 +35,7 @@ from scenes.registry import split_parameters
 from scenes.scene import NoteCounter
 from scenes.spec import convert_arguments
 from triangulators import TriangulationError, certify, full_name, parse
-from triangulators.checking.evidence import as_claim
+from triangulators.checking.evidence import make_claim
 from triangulators.devices import CPU
 from triangulators.methods.optimal import LIMIT
 from triangulators.polygon_arrays import PolygonArray, Triangulations
@@ -121,7 +121,7 @@ class Certified:
                 self.refused += 1
                 continue
             if evidence is not None:
-                claim = as_claim(polygon, triangles, self.criterion, certificate)
+                claim = make_claim(polygon, triangles, self.criterion, certificate)
                 evidence.write(json.dumps(claim) + "\n")
             self.polygons += 1
             self.proven += certificate.proven

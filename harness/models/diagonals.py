@@ -12,7 +12,7 @@ from harness.models.flat_faces import MIN_HEIGHT, Faces, Ints
 from triangulators import TriangulationError, criteria
 from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost, cost_at, plain_cost, total_cost
-from triangulators.geometry.flips import convex, run
+from triangulators.geometry.flips import convex, flip_while_gaining
 from triangulators.geometry.half_edges import link
 from triangulators.many import attempt_many
 from triangulators.polygon_arrays import PolygonArray, offsets_of
@@ -58,7 +58,7 @@ def _flip_to_lower_cost(
     points: np.ndarray, corner: np.ndarray, twin: np.ndarray, cost: Cost
 ) -> int:
     """Flip diagonals in `corner` and `twin` while the cost decreases; return their number."""
-    return run(points, corner, twin, _reduces_cost, _is_allowed_flip, cost)
+    return flip_while_gaining(points, corner, twin, _reduces_cost, _is_allowed_flip, cost)
 
 
 @dataclass

@@ -385,9 +385,9 @@ def _apply_order(frame: Frame, array: Triangles, options: Options) -> Triangles:
 
         return walk(array, len(frame.points))
     if options.order == "vertex-cache":
-        from triangulators.geometry.order import vertex_cache_order
+        from triangulators.geometry.order import sort_for_vertex_cache
 
-        return vertex_cache_order(array, len(frame.points))
+        return sort_for_vertex_cache(array, len(frame.points))
     if options.order == "morton":
         return array[np.argsort(_compute_morton_codes(frame, array), kind="stable")]
     if options.order == "shuffled":

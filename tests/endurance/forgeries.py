@@ -21,7 +21,7 @@ from harness.export import check_evidence
 from tests.endurance.brute_force import SmallPolygon, list_sides
 from triangulators import TriangulationError, certify, criteria, triangulate
 from triangulators.certificate.certify import make_certificate
-from triangulators.checking.evidence import Evidence, as_claim
+from triangulators.checking.evidence import Evidence, make_claim
 from triangulators.criteria.cost import make_cost
 from triangulators.polygon import boundary, boundary_area
 from triangulators.verify import verify
@@ -188,7 +188,7 @@ def make_genuine_claims(polygon: shapely.Polygon, name: str) -> list[Claim]:
     for method in (f"optimal:{name}", f"worst:{name}", "ear-clipping", "greedy"):
         triangles = triangulate(polygon, method)
         try:
-            claims.append(as_claim(polygon, triangles, name, certify(polygon, triangles, name)))
+            claims.append(make_claim(polygon, triangles, name, certify(polygon, triangles, name)))
         except TriangulationError:
             continue  # not conforming
     return claims
@@ -211,7 +211,7 @@ def find_lie(rng: np.random.Generator, claims: list[Claim]) -> Claim | None:
     first = {vertex: index for index, vertex in reversed(list(enumerate(small.vertex_of)))}
     triangles = np.array([[first[v] for v in t] for t in restricted[1]])
     polygon = shapely.Polygon(best["rings"][0], best["rings"][1:])
-    claim = as_claim(polygon, triangles, name, certify(polygon, triangles, name))
+    claim = make_claim(polygon, triangles, name, certify(polygon, triangles, name))
     if claim["potentials"] is None:
         return None
     try:

@@ -72,7 +72,7 @@ def flip_in_python(cases: Cases, name: str) -> tuple[np.ndarray, np.ndarray]:
     result, counts = cases.corners.copy(), []
     by, _, native = name.partition("-")
     by, _, scale = by.partition("@")
-    special = {"earcut": flips.as_earcut, "reorder": lambda *_: 0, "quads": _by_quads(scale)}
+    special = {"earcut": flips.flip_as_earcut, "reorder": lambda *_: 0, "quads": _by_quads(scale)}
     flip = special.get(by) or getattr(flips, f"by_{by}")
     for index, (begin, end) in enumerate(
         zip(cases.bounds[:-1, 1], cases.bounds[1:, 1], strict=True)

@@ -21,7 +21,7 @@ from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load
 from tests.measuring.test_run import MOCK, measure, plan_for
 from tests.mock import MockRasteriser
-from triangulators.geometry.order import vertex_cache_order
+from triangulators.geometry.order import sort_for_vertex_cache
 
 
 def fan(size: int) -> np.ndarray:
@@ -72,7 +72,7 @@ def index_buffers(count: int) -> list[np.ndarray]:
             rows = (np.sort(rng.integers(0, vertices, size))[:, None] + [0, 1, 2]) % vertices
         triangles = rows.astype(np.int32)
         if seed % 4 == 0:
-            triangles = vertex_cache_order(triangles, vertices, int(rng.integers(4, 33)))
+            triangles = sort_for_vertex_cache(triangles, vertices, int(rng.integers(4, 33)))
         buffers.append(triangles)
     return buffers
 

@@ -12,7 +12,7 @@ from triangulators.calling import triangulate_with_gap
 from triangulators.certificate import bridges, proof
 from triangulators.certificate.bridges import solve_by_bridges
 from triangulators.certificate.candidates import find_candidates, weigh_candidates
-from triangulators.certificate.proof import minimise
+from triangulators.certificate.proof import minimise_cost
 from triangulators.checking.units import compute_costs
 from triangulators.criteria.cost import make_cost, total_cost
 from triangulators.initial import find_any_triangulation
@@ -91,7 +91,7 @@ def test_exclusion_leaves_few_ways_to_cut(monkeypatch):
     monkeypatch.setattr(proof, "Program", refuse)
     for outline in outlines:
         cost = make_cost(criteria.find("half-perimeter"), 1.0, 1)
-        triangles, gap = minimise(outline, cost, np.inf)
+        triangles, gap = minimise_cost(outline, cost, np.inf)
         assert gap == 0.0
         assert len(triangles) == outline.expected_triangles
 

@@ -28,15 +28,15 @@ from triangulators.checking.evidence import CertificateError
 from triangulators.checking.units import (
     TOO_LARGE,
     Units,
-    _find_binary_places,
+    _count_binary_places,
     compute_costs,
+    compute_factor,
+    compute_noise,
     compute_weight,
     compute_weights,
     find_exact_scale,
-    find_factor,
     find_units,
     has_exact_sums,
-    noise,
     rotate_lowest_first,
 )
 from triangulators.criteria.cost import (
@@ -215,10 +215,10 @@ class TestChecker:
 @pytest.mark.parametrize("bits", range(11))
 def test_edge_noise_takes_all_values_below_its_bits(bits):
     """Symmetric in the ends, and zero without bits."""
-    values = {int(noise(a, b, bits)) for a in range(80) for b in range(a, 80)}
+    values = {int(compute_noise(a, b, bits)) for a in range(80) for b in range(a, 80)}
     assert values <= set(range(2**bits))
     assert len(values) >= 0.9 * 2**bits
-    assert noise(3, 70, bits) == noise(70, 3, bits)
+    assert compute_noise(3, 70, bits) == compute_noise(70, 3, bits)
 
 
 @pytest.mark.parametrize("bits", [1, 7, 10])
@@ -226,7 +226,7 @@ def test_edge_noise_equals_independent_checker(bits):
     """Compared with Python integers."""
     plain = SimpleNamespace(bits=bits)
     for a, b in combinations((*range(40), 10**6), 2):
-        assert noise(a, b, bits) == check_evidence.Claim.compute_noise(plain, a, b)
+        assert compute_noise(a, b, bits) == check_evidence.Claim.compute_noise(plain, a, b)
 
 
 @numba.njit
@@ -243,7 +243,7 @@ def test_weights_equal_definition_for_any_first_vertex(name, bits, scale):
     points = rng.integers(-50, 50, (20, 2)).astype(float)
     triangles = np.array([rng.permutation(20)[:3] for _ in range(60)], np.int32)
     cost = make_cost(criteria.find(name), 1.0, 18)
-    units = Units(scale, find_factor(18, bits), bits, True, False)
+    units = Units(scale, compute_factor(18, bits), bits, True, False)
     weights = compute_weights(points, triangles, cost, units)
     for turned in range(3):
         own = compute_weights(points, np.roll(triangles, turned, 1), cost, units)
@@ -254,7 +254,7 @@ def test_weights_equal_definition_for_any_first_vertex(name, bits, scale):
     first = np.array([np.roll(row, -np.argmin(row)) for row in triangles])
     for row, expected_weight in zip(first, weights.tolist(), strict=True):
         one = of_first_corner(*points[row].ravel())
-        own = sum(int(noise(row[k], row[k - 1], bits)) for k in range(3))
+        own = sum(int(compute_noise(row[k], row[k - 1], bits)) for k in range(3))
         assert expected_weight == units.factor * int(min(np.floor(one * scale), most)) + own
 
 
@@ -268,7 +268,7 @@ def weighing(each: float):
 
 def test_weight_range_is_symmetric():
     points = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
-    units = Units(1.0, find_factor(1, 10), 10, True, False)
+    units = Units(1.0, compute_factor(1, 10), 10, True, False)
     limit = 2**59 // units.factor
     zero_weight = compute_weight(points, 0, 1, 2, weighing(0.0), units)
     assert 0 < zero_weight < units.factor
@@ -281,7 +281,7 @@ def test_weight_range_is_symmetric():
 
 def test_weight_nan_proves_nothing():
     edges = find_edges(boundary(SQUARE))
-    units = Units(1.0, find_factor(7, 10), 10, True, False)
+    units = Units(1.0, compute_factor(7, 10), 10, True, False)
     none = np.zeros(len(edges.ends), np.int64)
     with pytest.raises(CertificateError, match="a weight is too large"):
         _check_potentials(edges, none, 0, weighing(np.nan), units)
@@ -308,10 +308,10 @@ def test_units_of_real_costs_are_fine_and_leave_noise_bits(count):
         assert 2.0**32 <= triangle_cost * units.scale < 2.0**36
         assert np.log2(units.scale) % 4 == 0
         assert (units.exact, units.real) == (False, True)
-        assert units.factor == find_factor(count, units.bits)
+        assert units.factor == compute_factor(count, units.bits)
         assert units.factor << 38 < 2**61
         more = units.bits + 1 if units.bits else 2
-        assert units.bits == 10 or find_factor(count, more) << 38 >= 2**61
+        assert units.bits == 10 or compute_factor(count, more) << 38 >= 2**61
     assert units.bits != 1
 
 
@@ -333,13 +333,13 @@ def test_exact_weights_of_four_triangulations_fit_with_noise():
         total = int(compute_costs(points, TRIANGLE, cost)[0] * units.scale)
         assert 4 * total * units.factor < 2**61
         more = units.bits + 1 if units.bits else 2
-        assert units.bits == 10 or 4 * total * find_factor(count, more) >= 2**61
+        assert units.bits == 10 or 4 * total * compute_factor(count, more) >= 2**61
 
 
 @pytest.mark.parametrize("bits", range(11))
 def test_unit_exceeds_noise_of_all_triangles(bits):
     for count in (1, 2, 5, 1000):
-        factor = find_factor(count, bits)
+        factor = compute_factor(count, bits)
         assert factor.bit_count() == 1
         assert 3 * count * (2**bits - 1) < factor <= max(1, 6 * count * 2**bits)
 
@@ -349,7 +349,7 @@ def test_unit_exceeds_noise_of_all_triangles(bits):
     [([0.5], 1), ([3.0, 4.0], 0), ([4.0, -8.0], -2), ([3 / 1024, 7.0], 10), ([0.0], -16)],
 )
 def test_binary_places_follow_finest_coordinate(values, places):
-    assert _find_binary_places(np.array(values)) == places
+    assert _count_binary_places(np.array(values)) == places
 
 
 def boxes(around: float = 0.0, box: float = 0.0):
@@ -361,7 +361,7 @@ def boxes(around: float = 0.0, box: float = 0.0):
 
 def test_four_times_total_stays_below_limit():
     """Of 2^k and one unit less, the larger leaves a bit less for noise."""
-    factor = find_factor(1, 10)
+    factor = compute_factor(1, 10)
     side = 2.0**58 / factor
     for total, bits in ((2 * side, 9), (2 * side - 1, 10)):
         points = np.array([(0.0, 0.0), (side, 0.0), (0.0, total - side)])

@@ -27,9 +27,9 @@ from tests.triangulators.cases import random_simple, touching_polygons
 from triangulators import certify, criteria, triangulate
 from triangulators.certificate.certify import make_certificate
 from triangulators.checking import checker
-from triangulators.checking.edges import _meets, find_edges
-from triangulators.checking.evidence import CertificateError, Evidence, as_claim
-from triangulators.checking.units import exact_total, find_units
+from triangulators.checking.edges import _do_segments_meet, find_edges
+from triangulators.checking.evidence import CertificateError, Evidence, make_claim
+from triangulators.checking.units import compute_exact_total, find_units
 from triangulators.criteria.cost import make_cost
 from triangulators.polygon import boundary, boundary_area
 
@@ -74,7 +74,7 @@ def test_extreme_coordinates_prove_nothing_false(power):
         for name in ("overdraw", "half-perimeter"):
             certificate = certify(polygon, worst, name)
             assert not certificate.proven
-            claim = as_claim(polygon, worst, name, certificate)
+            claim = make_claim(polygon, worst, name, certificate)
             assert not is_accepted_by_file(json.dumps(claim | {"proven": True}))
 
 
@@ -106,7 +106,7 @@ def test_overflow_of_64_bits_gives_valid_bound_without_proof():
             certificate = certify(polygon, triangles, "overdraw")
             assert not certificate.proven
             assert is_accepted_by_file(
-                json.dumps(as_claim(polygon, triangles, "overdraw", certificate))
+                json.dumps(make_claim(polygon, triangles, "overdraw", certificate))
             )
             optimal_cost = certify(polygon, best, "overdraw").cost
             assert certificate.lower_bound <= optimal_cost
@@ -207,7 +207,7 @@ def test_rejects_repeated_field():
 
 def test_unsupported_criteria_are_rejected_with_reason():
     triangles = triangulate(SQUARE, "optimal:shape")
-    claim = as_claim(SQUARE, triangles, "shape", certify(SQUARE, triangles, "shape"))
+    claim = make_claim(SQUARE, triangles, "shape", certify(SQUARE, triangles, "shape"))
     with pytest.raises(check_evidence.EvidenceError, match="shape: unsupported criterion"):
         check_evidence.check(json.dumps(claim))
 
@@ -216,7 +216,7 @@ def test_closed_ring_keeps_its_vertices():
     ring = [(0, 0), (9, 0), (9, 9), (0, 9), (0, 0), (0, 0)]
     polygon = shapely.Polygon(ring, [[(2, 2), (2, 4), (4, 3)]])
     triangles = triangulate(polygon, "optimal:half-perimeter")
-    claim = as_claim(polygon, triangles, "half-perimeter", certify(polygon, triangles))
+    claim = make_claim(polygon, triangles, "half-perimeter", certify(polygon, triangles))
     assert len(claim["rings"][0]) == 5
     assert is_accepted_by_package(json.dumps(claim))
     assert is_accepted_by_file(json.dumps(claim))
@@ -251,11 +251,11 @@ def test_real_costs_are_proven_within_one_unit_per_triangle(monkeypatch):
     units = find_units(outline, corners, cost)
     assert units.real
     assert not units.exact
-    total = exact_total(outline, corners, cost, units)
+    total = compute_exact_total(outline, corners, cost, units)
     for below, proven in ((len(corners), False), (len(corners) - 1, True)):
         bound = math.floor(total * Fraction(units.scale)) - below
         # What the total exceeds a whole number of units by is below a unit, too.
-        monkeypatch.setattr(checker, "lower_bound", lambda *_, b=bound: b * units.factor)
+        monkeypatch.setattr(checker, "compute_lower_bound", lambda *_, b=bound: b * units.factor)
         assert make_certificate(outline, corners, cost, evidence).proven is proven
 
 
@@ -268,14 +268,16 @@ def test_dynamic_program_potentials_are_tight(size):
         triangles = triangulate(polygon, "worst:overdraw")
         outline, sites, cost = about(polygon, triangles, "overdraw")
         true = certify(polygon, triangles, "overdraw").evidence
-        checker.lower_bound(outline, sites, cost, true)
+        checker.compute_lower_bound(outline, sites, cost, true)
         for edge in range(len(true.edges)):
             refused = []
             for change in (1, -1):
                 more = true.potentials.copy()
                 more[edge] += change
                 try:
-                    checker.lower_bound(outline, sites, cost, replace(true, potentials=more))
+                    checker.compute_lower_bound(
+                        outline, sites, cost, replace(true, potentials=more)
+                    )
                 except CertificateError as why:
                     refused.append(str(why))
             assert refused, edge
@@ -286,16 +288,16 @@ def test_rejects_side_that_is_not_an_edge():
     best = triangulate(SQUARE, "optimal:half-perimeter")
     outline, sites, cost = about(SQUARE, best)
     true = certify(SQUARE, best).evidence
-    checker.lower_bound(outline, sites, cost, true)
+    checker.compute_lower_bound(outline, sites, cost, true)
     beyond = replace(true, edges=np.where(true.edges == 0, len(outline.points), true.edges))
     with pytest.raises(CertificateError, match="out of range"):
-        checker.lower_bound(outline, sites, cost, beyond)
+        checker.compute_lower_bound(outline, sites, cost, beyond)
     seen = {tuple(sorted(edge)) for edge in find_edges(outline).ends.tolist()}
     across = next(p for p in itertools.combinations(range(len(outline.points)), 2) if p not in seen)
     third = next(k for k in range(len(outline.points)) if k not in across)
     sites[0] = [*across, third]
     with pytest.raises(CertificateError, match="not an edge of the polygon"):
-        checker.lower_bound(outline, sites, cost, true)
+        checker.compute_lower_bound(outline, sites, cost, true)
 
 
 def test_meets_includes_touching_but_not_disjoint_collinear_segments():
@@ -312,6 +314,6 @@ def test_meets_includes_touching_but_not_disjoint_collinear_segments():
         ((4, 10), False),  # below
     ):
         for scaled in (points, points / 64):
-            assert _meets(scaled, 0, 1, *second) == meets
-            assert _meets(scaled, *second, 0, 1) == meets
-            assert _meets(scaled, 1, 0, *second[::-1]) == meets
+            assert _do_segments_meet(scaled, 0, 1, *second) == meets
+            assert _do_segments_meet(scaled, *second, 0, 1) == meets
+            assert _do_segments_meet(scaled, 1, 0, *second[::-1]) == meets

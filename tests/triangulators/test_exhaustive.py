@@ -70,7 +70,7 @@ def test_lists_are_complete_and_without_duplicates():
         assert as_sets == expected
         assert len(listed) == len(expected) == count_triangulations(polygon)
         outline = boundary(polygon)
-        solve_by_cuts = Recursion(outline.points, drop_straight=False).all(
+        solve_by_cuts = Recursion(outline.points, drop_straight=False).list_triangulations(
             outline.edges[:, 0].tolist()
         )
         assert {frozenset(map(frozenset, triangles)) for triangles in solve_by_cuts} == expected

@@ -100,7 +100,12 @@ def test_change_in_called_module_recompiles(sources, tmp_path):
 
 
 def forget() -> None:
-    for function in (files.digest, files._read_source, files._find_imports, files._find_file):
+    for function in (
+        files.compute_digest,
+        files._read_source,
+        files._find_imports,
+        files._find_file,
+    ):
         function.cache_clear()
 
 
@@ -121,12 +126,12 @@ def in_memory(tmp_path, monkeypatch) -> Path:
 
 @pytest.mark.parametrize(("edited", "changed"), [("a", "a"), ("b", "ab"), ("c", "abc"), ("d", "d")])
 def test_digest_changes_for_importing_modules_only(in_memory, edited, changed):
-    before = {name: files.digest(in_memory / f"{name}.py") for name in "abcd"}
+    before = {name: files.compute_digest(in_memory / f"{name}.py") for name in "abcd"}
     with (in_memory / f"{edited}.py").open("a") as file:
         file.write("# changed\n")
-    for function in (files.digest, files._read_source, files._find_imports):
+    for function in (files.compute_digest, files._read_source, files._find_imports):
         function.cache_clear()
-    after = {name: files.digest(in_memory / f"{name}.py") for name in "abcd"}
+    after = {name: files.compute_digest(in_memory / f"{name}.py") for name in "abcd"}
     assert {name for name in "abcd" if before[name] != after[name]} == set(changed)
 
 
@@ -184,7 +189,7 @@ def test_remove_old_keeps_current_code(tmp_path, monkeypatch):
     numba_folder = tmp_path / "compiled" / "numba"
     monkeypatch.setattr(files, "cache_folder", lambda: numba_folder)
     source = ROOT / "triangulators/compute/operations.py"
-    current = f"triangulators.compute.operations-{files.digest(source)}"
+    current = f"triangulators.compute.operations-{files.compute_digest(source)}"
     past = time.time() - 2 * files.OLD_S
     for name, when in ((current, past), (GONE, past), (OTHER, None), ("mine-1", past)):
         (numba_folder / name).mkdir(parents=True)
@@ -192,5 +197,5 @@ def test_remove_old_keeps_current_code(tmp_path, monkeypatch):
         if when is not None:
             os.utime(numba_folder / name / "kernel.nbc", (when, when))
     assert files.measure_cache().files == 4
-    assert files.remove_old() == 1
+    assert files.remove_old_code() == 1
     assert {folder.name for folder in numba_folder.iterdir()} == {current, OTHER, "mine-1"}

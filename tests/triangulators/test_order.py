@@ -22,7 +22,7 @@ from triangulators import (
     triangulate_with_gap,
     vertices,
 )
-from triangulators.geometry.order import CACHE_SIZE, ORDERS, vertex_cache_order, walk
+from triangulators.geometry.order import CACHE_SIZE, ORDERS, sort_for_vertex_cache, walk
 
 BATCH = 120
 """Number of indices in a batch of the simulated GPU, which shades a vertex once per batch."""
@@ -188,16 +188,16 @@ def grid(side):
 def test_vertex_cache_order_permutes_triangles(number, count, cache_size, seed):
     rng = np.random.default_rng(seed)
     triangles = rng.integers(0, count, (number, 3)).astype(np.int32)
-    ordered = vertex_cache_order(triangles, count, cache_size)
+    ordered = sort_for_vertex_cache(triangles, count, cache_size)
     assert sorted(map(tuple, ordered)) == sorted(map(tuple, triangles))
-    assert np.array_equal(ordered, vertex_cache_order(triangles, count, cache_size))
+    assert np.array_equal(ordered, sort_for_vertex_cache(triangles, count, cache_size))
 
 
 @pytest.mark.parametrize("side", [20, 60])
 def test_a_shuffled_grid_shades_few_vertices_twice(side):
     triangles, count = grid(side)
     shuffled = np.random.default_rng(1).permutation(triangles)
-    misses = shaded(vertex_cache_order(shuffled, count), CACHE_SIZE) / len(triangles)
+    misses = shaded(sort_for_vertex_cache(shuffled, count), CACHE_SIZE) / len(triangles)
     # A large grid has half as many vertices as triangles: no order is below 0.5.
     assert 0.5 <= misses < 0.8
     assert shaded(shuffled, CACHE_SIZE) / len(triangles) > 2.5
@@ -207,12 +207,12 @@ def test_a_fan_shades_each_vertex_once():
     triangles = np.array([[0, k, k + 1] for k in range(1, 30)], np.int32)
     shuffled = np.random.default_rng(2).permutation(triangles)
     # Around the centre all triangles are given at once; the centre itself must stay in the cache.
-    assert shaded(vertex_cache_order(shuffled, 31, 64), 64) == 31
+    assert shaded(sort_for_vertex_cache(shuffled, 31, 64), 64) == 31
 
 
 def test_triangulations_of_buildings_shade_each_vertex_hardly_more_than_once():
     for polygon in load("city:buildings=30").polygons:
         triangles = triangulate(polygon, "delaunay")
         count = len(vertices(polygon))
-        ordered = vertex_cache_order(np.random.default_rng(3).permutation(triangles), count)
+        ordered = sort_for_vertex_cache(np.random.default_rng(3).permutation(triangles), count)
         assert shaded(ordered, CACHE_SIZE) <= 1.25 * count

@@ -12,7 +12,7 @@ from triangulators import criteria
 from triangulators.certificate import linear_program, proof
 from triangulators.certificate.candidates import find_candidates
 from triangulators.certificate.certify import make_certificate
-from triangulators.certificate.local_minimality import exclude, extend
+from triangulators.certificate.local_minimality import exclude_edges, extend_potentials
 from triangulators.certificate.proof import prove
 from triangulators.checking import checker
 from triangulators.checking.edges import find_diagonals
@@ -36,7 +36,7 @@ def proven(polygon, name="half-perimeter"):
     outline, cost = posed(polygon, name)
     solution = prove(outline, find_best_initial(outline, cost), cost)
     solution = prove(outline, solution.triangles, cost)  # evidence for the triangulation found
-    certificate = make_certificate(outline, solution.triangles, cost, solution.evidence())
+    certificate = make_certificate(outline, solution.triangles, cost, solution.make_evidence())
     assert certificate.proven, polygon.wkt
     return certificate.cost, solution
 
@@ -133,7 +133,7 @@ def test_extended_potentials_are_feasible_for_all_triangles(name):
     excluded = 0
     for polygon in [*holed(), annulus(9, 1)]:
         _, solution = proven(polygon, name)
-        evidence = solution.evidence()
+        evidence = solution.make_evidence()
         left = np.isin(np.arange(len(evidence.edges)), solution.excluded, invert=True)
         assert (evidence.potentials[left] == solution.potentials[left]).all()
         assert evidence.lift == solution.lift
@@ -145,8 +145,10 @@ def test_overflowing_potentials_give_trivial_bound(monkeypatch):
     polygon = holed()[0]
     outline, _ = posed(polygon)
     cost, solution = proven(polygon)
-    monkeypatch.setattr(proof, "extend", lambda *_: None)
-    weak = make_certificate(outline, solution.triangles, posed(polygon)[1], solution.evidence())
+    monkeypatch.setattr(proof, "extend_potentials", lambda *_: None)
+    weak = make_certificate(
+        outline, solution.triangles, posed(polygon)[1], solution.make_evidence()
+    )
     assert (weak.cost, weak.lower_bound, weak.proven) == (cost, 0.0, False)
 
 
@@ -160,7 +162,7 @@ def test_exclusion_is_scale_invariant():
         units = find_units(outline, start, cost)
         c = find_candidates(outline, start, proof.MAX_TRIPLES)
         exclusions.append(
-            exclude(c, compute_weights(c.points, c.triangles, cost, units), cost, units)[0]
+            exclude_edges(c, compute_weights(c.points, c.triangles, cost, units), cost, units)[0]
         )
     assert len(exclusions[0])
     assert np.array_equal(*exclusions)
@@ -172,14 +174,14 @@ def test_extension_preserves_lift():
     units = find_units(outline, start, cost)
     c = find_candidates(outline, start, proof.MAX_TRIPLES)
     weights = compute_weights(c.points, c.triangles, cost, units)
-    order, alive = exclude(c, weights, cost, units)
+    order, alive = exclude_edges(c, weights, cost, units)
     ahead = np.where(c.triangles < np.roll(c.triangles, -1, axis=1), 1, -1)
     rng = np.random.default_rng(0)
     for size in (0, 1, 10**6, 10**12):
         potentials = rng.integers(-size, size + 1, len(c.edges))
         slack = weights - (ahead * potentials[c.sides]).sum(axis=1)
         lift = min(int(slack[alive].min()), 0)
-        extended = extend(c, weights, order, potentials)
+        extended = extend_potentials(c, weights, order, potentials)
         slack = weights - (ahead * extended[c.sides]).sum(axis=1)
         assert int(slack.min()) >= lift
         assert (np.delete(extended, order) == np.delete(potentials, order)).all()
@@ -258,10 +260,10 @@ def test_checker_threads_agree(monkeypatch):
     polygon = star(300)
     outline, cost = posed(polygon)
     start = find_best_initial(outline, cost)
-    evidence = proof.prove(outline, start, cost).evidence()
-    bound = checker.lower_bound(outline, start, cost, evidence)
+    evidence = proof.prove(outline, start, cost).make_evidence()
+    bound = checker.compute_lower_bound(outline, start, cost, evidence)
     monkeypatch.setattr(checker, "_MAX_SINGLE_THREAD_EDGES", 0)
-    assert checker.lower_bound(outline, start, cost, evidence) == bound
+    assert checker.compute_lower_bound(outline, start, cost, evidence) == bound
     more = replace(evidence, lift=evidence.lift + 1)
     with pytest.raises(CertificateError, match="potentials exceed"):
-        checker.lower_bound(outline, start, cost, more)
+        checker.compute_lower_bound(outline, start, cost, more)

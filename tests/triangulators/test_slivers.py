@@ -9,7 +9,7 @@ from scenes import load
 from tests.paths import ROOT
 from tests.triangulators.cases import shared_rings
 from triangulators import flip, triangulate_many, vertices
-from triangulators.geometry.flips import as_earcut
+from triangulators.geometry.flips import flip_as_earcut
 from triangulators.geometry.half_edges import link
 
 NAMES = (
@@ -69,7 +69,7 @@ def test_slivers_of_earcuts_fixtures():
         ends = np.cumsum([len(ring) for ring in rings]).astype(np.uint32)
         raw = mapbox_earcut.triangulate_float64(points, ends).astype(np.int32)
         refined = raw.copy()
-        as_earcut(points, refined, link(refined))
+        flip_as_earcut(points, refined, link(refined))
         by_name = {"ear-clipping": raw.reshape(-1, 3), "earcut-refine": refined.reshape(-1, 3)}
         for name in NAMES[2:6]:
             by_name[name] = flip(points, raw, name.partition(":")[2])

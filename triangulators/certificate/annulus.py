@@ -1,4 +1,4 @@
-"""Positions of edges around one hole, for walks of bridges (see `bridges`)."""
+"""Kinds of edges of a polygon with one hole, and their positions around it (see `bridges`)."""
 
 import numpy as np
 
@@ -8,20 +8,24 @@ from triangulators.compute.kernels import njit
 from triangulators.compute.operations import group_by_key
 from triangulators.geometry.predicates import orientation
 
-CUT, UNUSED, POCKET, BRIDGE = range(4)  # kinds of edges; sides of rings are cuts
+CUT, UNUSED, POCKET, BRIDGE = range(4)  # kinds of edges (see `bridges`); sides of rings are cuts
 
 
 @njit(nogil=True)
 def find_rings(
     candidates: Candidates, ring_offsets: np.ndarray, hole: int, cut: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the outer ring of the cut polygon, and a hole from its leftmost site on."""
+    """Return the outer ring (m,) of the cut polygon, and the ring (q,) of the last unmerged hole.
+
+    hole: number of that hole in `ring_offsets`; its ring begins with the leftmost site. cut (e,):
+    flags of the edges along which the other holes are joined to the exterior.
+    """
     points, edges, side = candidates.points, candidates.edges, candidates.side
     first, last = ring_offsets[hole], ring_offsets[hole + 1]
     root = inner_root = -1
     for e in range(len(edges) - 1, -1, -1):
         if side[e] != 0:
-            root = e  # the last one is of the first site, on the exterior
+            root = e  # in the end the first boundary edge, at the first site: on the exterior
             if first <= edges[e, 0] < last:
                 inner_root = e
     outer, inner = make_ring(candidates, cut, root), make_ring(candidates, cut, inner_root)
@@ -40,11 +44,12 @@ def classify_edges(
     cut: np.ndarray,
     usable: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the kind, the first and the second number of each edge, (e,) each.
+    """Return the kind of each edge, and two numbers that locate the edge, (e,) each.
 
-    outer (m,), inner (q,): rings of sites with the polygon on the left; inner[0] is leftmost. The
-    numbers of a bridge are its positions on the outer ring and on the hole, those of a pocket its
-    length, negative if it runs from the higher to the lower site, and 0.
+    outer (m,), inner (q,): rings of sites with the polygon on the left; inner[0] is leftmost. cut,
+    usable (e,): flags. For a bridge, the numbers are the positions on the outer ring and on the
+    hole. For a pocket, the first number is the number of ring sides that the pocket spans, negative
+    if the pocket runs from the higher to the lower site; the second is 0.
     """
     points, edges, side = candidates.points, candidates.edges, candidates.side
     m, q, tip, upper = len(outer), len(inner), inner[0], inner[1]
@@ -92,9 +97,10 @@ def classify_edges(
 def _find_hole_position(
     points: np.ndarray, outer_end: int, end: int, inner: np.ndarray, index: int
 ) -> int:
-    """Return the position of a bridge on the hole, relative to the turn of its outer end.
+    """Return the position of a bridge on the hole, relative to the turn of the bridge's outer end.
 
-    index: of the bridge's end in `inner`, which runs clockwise around the hole.
+    outer_end, end: the sites on the outer ring and on the hole; index: that of `end` in `inner`,
+    which runs clockwise around the hole.
     """
     tip, q = inner[0], len(inner)
     if index == 0:
@@ -104,9 +110,10 @@ def _find_hole_position(
 
 @njit(nogil=True)
 def _count_turns(points: np.ndarray, a: int, b: int, i: int, j: int, tip: int, upper: int) -> int:
-    """Return the turns around a hole of its ring from i to j, and back along the edge b-a.
+    """Return how often the hole's ring from i to j, then the edge b-a, turns around the hole.
 
-    a, b: the sites at positions i and j. The hole's first vertex, on the ring, is passed upwards.
+    a, b: the sites at positions i and j of the ring. At the leftmost vertex `tip`, the ring runs
+    upwards; upper: the next site of the ring.
     """
     around = _count_crossings(points, b, a, tip)
     if i == 0:
@@ -129,7 +136,7 @@ def _count_crossings(points: np.ndarray, a: int, b: int, tip: int) -> int:
 
 @njit(nogil=True)
 def _is_above(points: np.ndarray, v: int, tip: int, upper: int) -> bool:
-    """Whether v sees the leftmost vertex of a hole from above; upper: its neighbour further up."""
+    """Whether v sees a hole's leftmost vertex `tip` from above; upper: the hole's site after it."""
     if points[v, 0] < points[tip, 0]:
         return bool(points[v, 1] > points[tip, 1])
     return bool(orientation(points, tip, upper, v) > 0.0)

@@ -1,33 +1,37 @@
-"""The optimum of a polygon with holes for any cost, by shortest closed walks of bridges.
+"""The optimum of a polygon with holes for any cost, by shortest closed walks over bridges.
 
-Every triangle is weighed once (see `candidates`); all that follows are additions.
+Each triangle's weight is computed once (see `candidates`); this module only adds weights.
 
 One hole. A *bridge* is an edge between the outer ring and the hole. Any other edge has both ends on
-one ring and cuts off a *pocket*, the side without the hole. A triangle with a bridge has two, and
-its third side is the end of a pocket:
+one ring and cuts off a *pocket*, the side without the hole. A triangle with a bridge has exactly
+two bridges, and its third side closes a pocket, or is a side of a ring:
 
-    pocket(e) = min over the triangles in the pocket, at e, of weight + the pockets of two sides,
-    walk(b) = min over the triangles a-b with the bridges a and b of walk(a) + weight + pocket.
+    pocket(e) = min over the triangles at e in e's pocket of weight + the pockets of both other
+                sides; 0 for a side of a ring,
+    walk(b) = min over the triangles with the bridges a and b of walk(a) + weight + the pocket of
+              the third side.
 
 Around the hole, the bridges of a triangulation follow each other counter-clockwise: a closed walk,
-which moves along the outer ring or along the hole with each triangle. Pockets are the same for all
-walks. Walks begin at the bridges of an extreme vertex of the hole, in a direction: the polygon's
-angle there exceeds 180 degrees, a triangle's does not, so each triangulation has a bridge that
-leads further in that direction. The vertex with the fewest is taken.
+in which each triangle advances one end, along the outer ring or along the hole. Pockets are the
+same for all walks. Walks begin at the bridges of an extreme vertex of the hole, such as the
+leftmost: the polygon's angle there exceeds 180 degrees, a triangle's does not, so each
+triangulation has a bridge that leads from this vertex further to the left. Of the four extreme
+vertices, that with the fewest such bridges is taken.
 
-Order of a walk. Take the plane as seen from the hole's leftmost vertex: counter-clockwise, the
-outer ring has the positions 0..m - 1, the hole 0..q - 1 from that vertex on, and each turn adds m
-and q. A bridge from outer position `o` ends on the hole at a position in the same turn as `o`, or
-in the next or previous one if it crosses the ray to the left of the vertex. Two bridges cross if
-their positions are in opposite order on the two rings. So a walk from a bridge visits bridges of
-ascending sum of both positions, until m + q is added: an acyclic graph. Turns are counted by exact
-predicates.
+Order of a walk. Number the sites of both rings counter-clockwise, the outer ring 0..m - 1, the hole
+0..q - 1 from the leftmost vertex on; each further turn around the hole adds m and q. A bridge from
+outer position `o` ends on the hole at a position in the same turn as `o`, or in the next or
+previous turn if the bridge crosses the ray from the leftmost vertex to the left. Two bridges cross
+if their positions are in opposite order on the two rings. So a walk from a bridge visits bridges
+whose two positions have an ascending sum, until the sum has grown by m + q: an acyclic graph. Exact
+predicates count the turns.
 
-More holes. The same extreme vertex, of all holes, has an edge to the outer ring. Cut along one such
-edge after another, in all ways, until one hole is left; edges that cross a cut are not used.
+More holes. The extreme vertex of all holes in a direction has an edge to the ring outside. Cut
+along one such edge, and repeat until one hole is left; all choices of cuts are tried. Edges that
+cross a cut are not used.
 
-Cost: t additions per way to cut, for t triangles, and once more for each first bridge. On 113
-letters with holes all of this takes a tenth of the time of the linear programs that it replaces.
+Cost: each choice of cuts takes t additions for t triangles, and t more for each bridge at which
+walks begin. For 113 letters with holes, the total is a tenth of the time of linear programs.
 """
 
 from typing import Any
@@ -45,10 +49,10 @@ from triangulators.certificate.annulus import (
 from triangulators.certificate.candidates import Candidates
 from triangulators.compute.kernels import njit
 from triangulators.compute.operations import group_by_key
-from triangulators.geometry.predicates import cross
+from triangulators.geometry.predicates import do_segments_cross
 
 MAX_CUTS = 250
-"""Ways to cut a polygon open that are tried."""
+"""Maximum number of ways to cut a polygon open; `solve_by_bridges` gives up if there are more."""
 
 
 @njit(nogil=True)
@@ -59,11 +63,12 @@ def solve_by_bridges(
     weights: np.ndarray,
     none: Any,
 ) -> np.ndarray:
-    """Return the indices (m,) of the triangles of minimum weight; none if there are too many cuts.
+    """Return the indices (m,) of the candidates that form the triangulation of minimum weight.
 
-    ring_offsets (h + 2,), h > 0: rings that do not touch, whose vertices are sites; alive, weights
-    (t,): usable triangles, and their weights; none: exceeds the weight of every triangulation, and
-    the sum of three does not overflow.
+    ring_offsets (h + 2,), h > 0: rings that do not touch, whose vertices are sites; alive (t,):
+    flags of the usable triangles; weights (t,): weight of each triangle; none: a number that
+    exceeds the weight of every triangulation, small enough that the sum of three does not overflow.
+    The result is empty if there are more than `MAX_CUTS` ways to cut, or no triangulation.
     """
     c = candidates
     holes, size = len(ring_offsets) - 2, len(c.edges)
@@ -75,7 +80,8 @@ def solve_by_bridges(
     cut = np.zeros(size, dtype=np.bool_)
     merged = np.zeros(holes + 1, dtype=np.bool_)
     choices = np.empty((holes, size), dtype=np.int32)
-    count = np.full(holes, -1, dtype=np.int64)  # of choices at each depth; -1: not listed yet
+    # Number of choices at each depth, -1 if they are not listed yet.
+    count = np.full(holes, -1, dtype=np.int64)
     taken, hole_at = np.zeros(holes, dtype=np.int64), np.zeros(holes, dtype=np.int64)
     best, solution = none, np.empty(0, dtype=np.int64)
     depth, cuts = 0, 0
@@ -107,7 +113,7 @@ def solve_by_bridges(
         cut[e], merged[hole_at[depth]] = True, True
         a, b = c.edges[e, 0], c.edges[e, 1]
         for f in range(size):
-            usable[depth + 1, f] = usable[depth, f] and not cross(
+            usable[depth + 1, f] = usable[depth, f] and not do_segments_cross(
                 c.points, a, b, c.edges[f, 0], c.edges[f, 1]
             )
         depth += 1
@@ -122,11 +128,11 @@ def _list_bridges(
     usable: np.ndarray,
     bridges: np.ndarray,
 ) -> tuple[int, int]:
-    """Write the bridges of an extreme vertex to `bridges`; return their number and the hole.
+    """Write the outward bridges of an extreme vertex to `bridges`; return their number and hole.
 
-    The vertex is the extreme vertex of all unmerged holes, to the left, right, bottom or top, from
-    which the fewest usable edges lead further in that direction. Every triangulation contains at
-    least one of these edges.
+    The vertex is extreme among those of all holes not in `merged`: leftmost, rightmost, lowest or
+    highest. Outward bridges are the `usable` edges from it that lead further in that direction;
+    every triangulation contains at least one. The direction with the fewest is taken.
     """
     points, edges = candidates.points, candidates.edges
     min_count, tip_owner = len(edges) + 1, 0
@@ -155,17 +161,20 @@ def _list_bridges(
 
 
 @njit(nogil=True)
-def _sort_triangles(
+def _find_pockets_and_steps(
     candidates: Candidates,
     kind: np.ndarray,
     length: np.ndarray,
     alive: np.ndarray,
     on_hole: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pocket (t,) at whose edge each triangle is, e if none, and the steps (s, 4).
+    """Return the pocket (t,) that each triangle can close, and the steps (s, 4) of walks.
 
-    A step has the bridges before and after a triangle with two bridges, the triangle, and its third
-    edge. A triangle is outside the pocket of a side if both run in the same direction along it.
+    A triangle without a bridge closes the pocket of the side across which the hole lies: the
+    pocket's edge index, or the number of edges if there is none. A triangle with two bridges is a
+    step: index of the bridge before it, of the bridge after it, of the triangle, and of its third
+    edge. kind, length (e,): kinds and first numbers of `classify_edges`; on_hole (n,): flags of the
+    sites. A triangle is outside the pocket of a side if both run along the side in one direction.
     """
     c = candidates
     pocket_of = np.full(len(alive), len(c.edges), dtype=np.int64)
@@ -199,7 +208,7 @@ def _sort_triangles(
 
 
 @njit(nogil=True)
-def _weigh_pockets(
+def _minimise_pockets(
     candidates: Candidates,
     kind: np.ndarray,
     length: np.ndarray,
@@ -207,9 +216,10 @@ def _weigh_pockets(
     weights: np.ndarray,
     none: Any,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the minimum weight (e,) of each pocket, and the triangle (e,) at its edge, by index.
+    """Return the minimum weight (e,) of each edge's pocket, and the triangle (e,) at the edge.
 
-    The weight of an edge that is no pocket is 0 for sides and cuts, `none` for all others.
+    pocket_of (t,): see `_find_pockets_and_steps`. The weight is 0 for sides and cuts, and `none`
+    for bridges, for unused edges, and for pockets without a triangulation.
     """
     sides, count = candidates.sides, len(kind)
     pocket = np.full(count, none, dtype=weights.dtype)
@@ -248,19 +258,20 @@ def _solve_annulus(
     starts: np.ndarray,
     none: Any,
 ) -> tuple[Any, np.ndarray]:
-    """Return the minimum weight with one unmerged hole, and the indices (m,) of its triangles.
+    """Return the minimum weight of a cut polygon with one hole, and the indices (m,) of triangles.
 
-    starts: bridges of which each triangulation has at least one. The weight is `none` if there is
-    no triangulation.
+    hole: number of the unmerged hole; cut, usable (e,): flags of cuts, and of edges that cross no
+    cut; starts: bridges of which each triangulation has at least one. Other arguments are those of
+    `solve_by_bridges`. The weight is `none` if there is no triangulation.
     """
     c, (outer, inner) = candidates, find_rings(candidates, ring_offsets, hole, cut)
     m, q = len(outer), len(inner)
     on_hole = np.zeros(len(c.points), dtype=np.bool_)
     on_hole[inner] = True
     kind, first, second = classify_edges(c, outer, inner, cut, usable)
-    pocket_of, steps = _sort_triangles(c, kind, first, alive, on_hole)
-    pocket, apex = _weigh_pockets(c, kind, first, pocket_of, weights, none)
-    # Move each bridge by whole turns to a sum of positions in 0..period - 1.
+    pocket_of, steps = _find_pockets_and_steps(c, kind, first, alive, on_hole)
+    pocket, apex = _minimise_pockets(c, kind, first, pocket_of, weights, none)
+    # Shift both positions of each bridge by full turns, so that their sum is in 0..period - 1.
     period = m + q
     sums = np.full(len(kind), period, dtype=np.int64)
     for e in range(len(kind)):
@@ -274,7 +285,9 @@ def _solve_annulus(
     rank = np.zeros(len(kind), dtype=np.int64)
     for k in range(len(order)):
         rank[order[k]] = k
-    # Group steps by the bridge after; exclude a step that leads around the wrong side of the hole.
+    # Group the steps by the bridge after each. A step whose positions do not advance by the sides
+    # that its third edge spans leads around the wrong side of the hole: it stays in the last group,
+    # which no walk reads.
     after = np.full(len(steps), len(kind), dtype=np.int64)
     sizes, costs = np.empty(len(steps), dtype=np.int64), np.empty(len(steps), weights.dtype)
     for k in range(len(steps)):
@@ -293,7 +306,7 @@ def _solve_annulus(
         if kind[s] == BRIDGE:
             at = rank[s]
             ahead = np.concatenate((order[at:], order[: at + 1]))
-            total = _walk(
+            total = _find_lightest_walk(
                 s,
                 ahead,
                 len(order) - at,
@@ -309,12 +322,12 @@ def _solve_annulus(
                 via,
             )
             if total < best:
-                best, solution = total, _trace(c, kind, apex, steps, via, s)
+                best, solution = total, _list_walk_triangles(c, kind, apex, steps, via, s)
     return best, solution
 
 
 @njit(nogil=True)
-def _walk(
+def _find_lightest_walk(
     start: int,
     ahead: np.ndarray,
     wrap: int,
@@ -332,8 +345,11 @@ def _walk(
     """Return the minimum weight of a closed walk from a bridge; write the last steps to `via`.
 
     ahead: bridges in order of their sums of positions, from `start` on and back to `start`; those
-    from index `wrap` on are a turn ahead. by_target: the steps grouped by the bridge after; walk
-    (e,): workspace for the weights of walks.
+    from index `wrap` on are a turn ahead. turn: sizes (m, q) of the rings. first, second (e,):
+    positions of bridges. steps (s, 4), sizes, costs (s,): see `_find_pockets_and_steps`, sides of
+    the ring that a step advances, and weight with the pocket. by_target: the steps grouped by the
+    bridge after; via (e,): output, the last step of the lightest walk to each bridge; walk (e,):
+    workspace, the weights of these walks.
     """
     begin, items = by_target
     m, q = turn
@@ -359,7 +375,7 @@ def _walk(
 
 
 @njit(nogil=True)
-def _trace(
+def _list_walk_triangles(
     candidates: Candidates,
     kind: np.ndarray,
     apex: np.ndarray,
@@ -367,7 +383,10 @@ def _trace(
     via: np.ndarray,
     start: int,
 ) -> np.ndarray:
-    """Return the triangles (m,) of a closed walk and of its pockets; via: last step to a bridge."""
+    """Return the triangles (m,) of the lightest closed walk from `start` and of its pockets.
+
+    via (e,): last step of the lightest walk to each bridge; apex (e,): triangle of each pocket.
+    """
     triangles = np.empty(len(apex), dtype=np.int64)
     stack = np.empty(len(apex), dtype=np.int64)
     size, height, b = 0, 0, start

@@ -1,9 +1,9 @@
 """Candidates: all edges and empty triangles that a triangulation of a polygon can contain.
 
-An edge is a pair of mutually visible sites, or a piece of the boundary; a triangle is three edges
-without a part of the boundary inside. Every triangulation is a subset of these triangles, and its
-cost is the sum of their weights. Exclusion (`local_minimality`) and the linear
-program (`linear_program`) use only the candidates and the weights.
+An edge is a pair of mutually visible sites (see `Boundary`), or an edge of the boundary; a triangle
+is empty if no hole lies inside. Every triangulation is a subset of the empty triangles, and its
+cost is the sum of their costs. Exclusion (`local_minimality`) and the linear program
+(`linear_program`) use only the candidates and their weights.
 """
 
 from itertools import pairwise
@@ -25,11 +25,11 @@ _BLOCK = 256  # triangles whose costs are computed in one call
 class Candidates(NamedTuple):
     """Edges and triangles of a polygon.
 
-    points (n, 2). edges (e, 2): pairs a < b, in ascending order; side (e,): 1 if a-b is a
-    boundary edge with the interior on the left, -1 if b-a is, 0 for a diagonal. triangles
-    (t, 3): vertices, counter-clockwise; sides (t, 3): the edge from vertex k to vertex k + 1.
-    start (2 e + 1,) and items: `items[start[2 * i]:start[2 * i + 1]]` are the triangles on the
-    left of edge i seen from a to b, and up to `start[2 * i + 2]` on the right.
+    points (n, 2). edges (e, 2): pairs of sites a < b, in ascending order; side (e,): 1 if a-b is a
+    boundary edge with the interior on the left, -1 if b-a is, 0 for a diagonal. triangles (t, 3):
+    sites, counter-clockwise; sides (t, 3): index of the edge from vertex k to vertex k + 1. start
+    (2 e + 1,), items (3 t,): `items[start[2 * i]:start[2 * i + 1]]` are the triangles on the left
+    of edge i, seen from a to b, and those up to `start[2 * i + 2]` the triangles on the right.
     """
 
     points: np.ndarray
@@ -46,7 +46,8 @@ def find_candidates(
 ) -> Candidates | None:
     """Return the candidates of a polygon, or None if there are too many visible triples.
 
-    triangles: (m, 3), any triangulation whose vertices are sites, for `find_visible_sites`.
+    triangles: (m, 3), any triangulation whose vertices are sites; visibility is computed from it.
+    max_triples: limit of triples of sites that see each other.
     """
     points = outline.points
     triangles = np.ascontiguousarray(triangles, dtype=np.int32)
@@ -63,17 +64,18 @@ def find_candidates(
         return None
     empty, sides = rows[:, :3].copy(), rows[:, 3:].copy()
     keys = 2 * sides
-    keys += empty > empty[:, [1, 2, 0]]  # a triangle right of an edge runs from the higher end
+    keys += empty > empty[:, [1, 2, 0]]  # on the right of an edge if the side descends (b to a)
     start, items = group_by_key(keys.ravel(), 2 * len(edges))
     items //= 3
     return Candidates(points, edges, side, empty, sides, start, items)
 
 
 def _sample_holes(outline: Boundary) -> np.ndarray:
-    """Return up to four sites of each hole, (h, 4), the last repeated.
+    """Return up to four sites of each hole, (h, 4); the last is repeated if there are fewer.
 
     A hole meets a triangle of candidate edges only at the triangle's vertices, so the hole is
-    entirely inside or entirely outside. The first of four sites that is not a vertex decides.
+    entirely inside or entirely outside. Of the four sites, the first that is not a vertex of the
+    triangle decides.
     """
     samples = np.zeros((outline.holes, 4), dtype=np.int32)
     for number, (begin, end) in enumerate(pairwise(outline.ring_offsets[1:])):
@@ -93,9 +95,9 @@ def _list_triangles(
 ) -> tuple[int, np.ndarray]:
     """Return the number of mutually visible triples, and the empty triangles, (t, 6).
 
-    first (n + 1,): edges first[a] to first[a + 1] - 1 begin at a; rings (h, 4): see
-    `_sample_holes`. A row of (t, 6) has the indices of a triangle's three vertices and three sides.
-    Stops when there are more than `max_triples` triples.
+    first (n + 1,): edges first[a] to first[a + 1] - 1 begin at a; edges (e, 2), side (e,): see
+    `Candidates`; rings (h, 4): see `_sample_holes`. A row has the indices of a triangle's three
+    vertices and three sides. Stops when there are more than `max_triples` triples.
     """
     n = len(points)
     edge_to = np.full(n, -1, dtype=np.int32)
@@ -155,7 +157,10 @@ def weigh_candidates(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> n
 
 @njit(nogil=True)
 def contains_hole(points: np.ndarray, rings: np.ndarray, a: int, b: int, c: int, sign: int) -> bool:
-    """Whether a hole is inside the triangle a-b-c, counter-clockwise (sign 1) or clockwise (-1)."""
+    """Whether a hole is inside the triangle a-b-c; rings (h, 4): see `_sample_holes`.
+
+    sign: 1 if the triangle is counter-clockwise, -1 if clockwise.
+    """
     low_x = min(points[a, 0], points[b, 0], points[c, 0])
     high_x = max(points[a, 0], points[b, 0], points[c, 0])
     low_y = min(points[a, 1], points[b, 1], points[c, 1])

@@ -12,20 +12,26 @@ from triangulators import criteria
 from triangulators.certificate.proof import PROGRAM_TIMEOUT_S, prove
 from triangulators.checking import checker
 from triangulators.checking.evidence import Certificate, Evidence
-from triangulators.checking.units import Units, exact_total, find_units, has_exact_sums, is_proof
+from triangulators.checking.units import (
+    Units,
+    compute_exact_total,
+    find_units,
+    has_exact_sums,
+    is_proof,
+)
 from triangulators.criteria import Criterion
 from triangulators.criteria.cost import Cost, make_cost, require_finite_total
 from triangulators.errors import TriangulationError
 from triangulators.geometry.half_edges import find_twins
 from triangulators.geometry.visibility import find_visible_pairs
 from triangulators.initial import find_ring_triangulation
-from triangulators.optimum.best_way import optimum
-from triangulators.optimum.visible_lists import far_costs
+from triangulators.optimum.best_way import find_optimum
+from triangulators.optimum.visible_lists import compute_far_costs
 from triangulators.polygon import Boundary, boundary_area, checked_boundary
 from triangulators.verify import verify_boundary
 
 MAX_RING_VERTICES = 2000
-"""Vertices up to which a dynamic program bounds the cost of a polygon without holes."""
+"""Number of vertices up to which a dynamic program bounds the cost of a polygon without holes."""
 
 
 def certify(
@@ -51,8 +57,9 @@ def certify(
         Time limit of each linear program. A program that reaches the limit gives a weak bound, and
         the triangulation is not proven optimal.
     evidence
-        If False, skip evidence and checker if a dynamic program proves the optimum and doubles
-        compute its sums exactly, which takes a fraction of the time.
+        False to omit the evidence, and the check of it, where neither is needed: for polygons
+        without holes whose optimum a dynamic program finds with exact sums in doubles. This takes a
+        fraction of the time.
     **parameters
         Parameters of the criterion.
 
@@ -73,11 +80,11 @@ def certify(
 
     Notes
     -----
-    Without holes, up to 2,000 vertices, a dynamic program over all sub-polygons gives the bound;
-    otherwise a linear program over all empty triangles. `checker` verifies either bound in
-    integers; costs that are not integers are rounded down after the tenth digit of the total (see
-    `checking.units`). A polygon with more than eight million triples of mutually visible vertices
-    gets no bound.
+    For polygons without holes, up to 2,000 vertices, a dynamic program over all sub-polygons gives
+    the bound; for all others a dynamic or a linear program over the triangles that local minimality
+    does not exclude. `checker` verifies either bound in integers; costs that are not integers are
+    rounded down after the tenth digit of the total (see `checking.units`). A polygon with more than
+    eight million triples of mutually visible vertices gets no bound.
 
     Examples
     --------
@@ -102,11 +109,11 @@ def certify(
         return make_certificate(outline, site_triangles, cost, certified)
     proof = prove(outline, site_triangles, cost, seconds)
     if proof is None:
-        total = exact_total(
+        total = compute_exact_total(
             outline, site_triangles, cost, find_units(outline, site_triangles, cost)
         )
         return Certificate(float(total), -math.inf, math.inf, False)
-    return make_certificate(outline, site_triangles, cost, proof.evidence())
+    return make_certificate(outline, site_triangles, cost, proof.make_evidence())
 
 
 def _make_ring_evidence(
@@ -115,7 +122,7 @@ def _make_ring_evidence(
     """Return evidence of the minimum cost of a polygon without holes.
 
     triangles: (m, 3), any triangulation, whose vertices are sites; units: those of the claim. The
-    minimum costs of all sub-polygons are potentials of the visible pairs (see `far_costs`).
+    minimum costs of all sub-polygons are potentials of the visible pairs (see `compute_far_costs`).
     """
     ring = outline.edges[:, 0].copy()
     position = np.empty(len(outline.points), dtype=np.int32)
@@ -124,7 +131,7 @@ def _make_ring_evidence(
     start, target = find_visible_pairs(
         outline.points[ring], local, find_twins(local), len(ring) ** 2
     )
-    costs, _ = far_costs(start, target, outline.points, ring, cost, units)
+    costs, _ = compute_far_costs(start, target, outline.points, ring, cost, units)
     a, b = np.repeat(ring, np.diff(start)), ring[target]
     edges = np.column_stack((np.minimum(a, b), np.maximum(a, b)))
     return Evidence(*units[:3], edges, np.where(a < b, -costs, costs), 0)
@@ -138,11 +145,12 @@ def make_certificate(
     Raises `CertificateError` if the evidence is invalid.
     """
     units = find_units(outline, triangles, cost)
-    total = exact_total(outline, triangles, cost, units)
-    # The noise of any triangulation is less than a unit, so the floor division removes the noise.
-    bound_units = checker.lower_bound(outline, triangles, cost, evidence) // units.factor
+    total = compute_exact_total(outline, triangles, cost, units)
+    # The noise of a full triangulation is less than a unit: the floor division removes the noise.
+    bound_units = checker.compute_lower_bound(outline, triangles, cost, evidence) // units.factor
     proven = is_proof(total, bound_units, len(triangles), units)
-    if not (units.exact or units.real):  # each triangle's cost is rounded by less than a unit
+    if not (units.exact or units.real):
+        # Integer costs too large for exact doubles: each is rounded by less than a unit.
         bound_units -= len(triangles)
     bound = Fraction(bound_units) / Fraction(units.scale)
     return Certificate(
@@ -151,9 +159,9 @@ def make_certificate(
 
 
 def _require_conforming(outline: Boundary, triangles: np.ndarray) -> np.ndarray:
-    """Return triangles with vertices replaced by sites.
+    """Return triangles (m, 3) with each vertex replaced by its site (see `Boundary`).
 
-    Raises `TriangulationError` unless they are a conforming triangulation.
+    Raises `TriangulationError` unless the triangles are a conforming triangulation.
     """
     verification = verify_boundary(outline, triangles)
     if not verification.conforming:
@@ -169,11 +177,15 @@ def _require_conforming(outline: Boundary, triangles: np.ndarray) -> np.ndarray:
 def _certify_exact_sums(
     outline: Boundary, triangles: np.ndarray, cost: Cost, units: Units
 ) -> Certificate:
-    """Return a certificate from the dynamic program in doubles, whose sums are exact."""
+    """Return a certificate without evidence, for costs whose sums in doubles are exact.
+
+    triangles: the triangulation (m, 3) to certify, of a polygon without holes. The dynamic program
+    finds the optimum, whose cost is the bound.
+    """
     ring = outline.edges[:, 0]
-    optimal = ring[optimum(outline.points[ring], find_ring_triangulation(outline, ring), cost)]
-    total = exact_total(outline, triangles, cost, units)
-    bound = exact_total(outline, optimal, cost, units)
+    optimal = ring[find_optimum(outline.points[ring], find_ring_triangulation(outline, ring), cost)]
+    total = compute_exact_total(outline, triangles, cost, units)
+    bound = compute_exact_total(outline, optimal, cost, units)
     return Certificate(float(total), _round_down(bound), _compute_gap(total, bound), total == bound)
 
 

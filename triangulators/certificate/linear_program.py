@@ -1,12 +1,13 @@
-"""The linear program over triangles, in dual form.
+"""The linear program over the triangles of all triangulations, in dual form.
 
 Sources: G. B. Dantzig, A. J. Hoffman and T. C. Hu, "Triangulations (tilings) and certain block
 triangular matrices", 1985; A. Yousefi and N. E. Young, "On a linear program for minimum-weight
 triangulation", 2014.
 
-Choose shares x >= 0 of the triangles, of minimum total weight, so that the shares on the left of
-each diagonal add up to those on the right, and those at each boundary edge to 1. The dual has a
-potential y for each edge, with the opposite sign in the opposite direction:
+Choose a share x >= 0 of each triangle, so that the shares on the left of each diagonal add up to
+those on its right, and the shares at each boundary edge add up to 1; minimise the sum of x times
+weight. An integral solution is a triangulation. The dual has a potential y for each edge, with the
+opposite sign in the opposite direction:
 
     maximise    the sum of y over the boundary
     subject to  y(ab) + y(bc) + y(ca) <= weight(abc)   for each triangle abc.
@@ -23,16 +24,17 @@ import numpy as np
 
 from triangulators.certificate.candidates import Candidates
 from triangulators.compute.kernels import njit
-from triangulators.compute.operations import join
+from triangulators.compute.operations import merge_trees
 
 _LOG2_TOTAL = 17
-"""The initial solution is scaled to at most 2^17, because the solver's tolerances are absolute."""
+"""Weights are scaled so that the initial solution weighs at most 2^17: the solver's tolerances are
+absolute."""
 
 _MAX_POTENTIAL = 2.0**20
 """Bound of a scaled potential: 8 to 16 times the weight of the initial solution."""
 
 _PENALTY = 2.0
-"""Added weight of a triangle that is not allowed, relative to the initial solution's weight."""
+"""Weight added to a triangle that is not allowed, relative to the initial solution's weight."""
 
 _OPTIONS: dict[str, Any] = {
     "output_flag": False,
@@ -49,12 +51,13 @@ _OPTIONS: dict[str, Any] = {
 
 
 class Program:
-    """A polygon's linear program over the `allowed` triangles (t,); weights: (t,) float64.
+    """The linear program over some candidate triangles of a polygon.
 
-    start: indices of the triangles of an initial solution, which makes the program feasible. Those
-    of them that are not allowed get a penalty, which excludes them from optimal solutions.
-    Potentials are bounded by 8 to 16 times the weight of the initial solution: without a bound some
-    become needlessly large, and with a much larger one the interior-point method does not converge.
+    weights (t,): float64; allowed (t,): flags; start (m,): indices of the triangles of an initial
+    solution, which makes the program feasible. Triangles of the initial solution that are not
+    allowed get a penalty, which excludes them from optimal solutions. Potentials are bounded by 8
+    to 16 times the weight of the initial solution: without a bound some potentials become
+    needlessly large, with a much larger bound the interior-point method does not converge.
     """
 
     def __init__(
@@ -71,20 +74,21 @@ class Program:
         self.inside = np.flatnonzero(allowed)
         triangles = candidates.triangles
         self.signs = np.where(triangles < np.roll(triangles, -1, axis=1), 1.0, -1.0)
-        # All edges except a spanning tree of the boundary and the initial solution.
+        # Edges with a potential to optimise: all except a spanning tree, whose potentials are 0.
+        # The tree has edges of the boundary first, then edges of the initial solution.
         self.free = np.ones(len(candidates.edges), dtype=np.bool_)
         inner = np.unique(candidates.sides[start])
         order = np.concatenate((np.flatnonzero(candidates.side != 0), inner))
-        _grow_tree(len(candidates.points), candidates.edges, order, self.free)
+        _fix_spanning_tree(len(candidates.points), candidates.edges, order, self.free)
 
     def solve(self, seconds: float, *, basic: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """Return the potentials (e,) of the edges, and the primal value (t,) of each triangle.
+        """Return the potentials (e,) of the edges, and the share (t,) of each triangle.
 
-        Solved by the interior-point method of HiGHS, which is many times faster than the simplex
-        method on tens of thousands of constraints, many of them tight. Potentials have about twelve
-        digits; all are zero if the solver did not finish. basic: continue with the simplex
-        method to a basic solution, which takes much longer, and whose triangles are a triangulation
-        more often.
+        Uses the interior-point method of HiGHS, which is many times faster than the simplex method
+        on tens of thousands of constraints, many of them tight. Potentials have about twelve
+        correct digits; all are zero if the solver did not finish within `seconds`. basic: continue
+        with the simplex method to a basic solution, which takes much longer, but whose shares are
+        more often 0 or 1, a triangulation.
         """
         model = highspy.Highs()
         crossover = {"run_crossover": "on" if basic else "off"}
@@ -116,8 +120,9 @@ class Program:
 
 
 @njit
-def _grow_tree(count: int, edges: np.ndarray, order: np.ndarray, free: np.ndarray) -> None:
+def _fix_spanning_tree(count: int, edges: np.ndarray, order: np.ndarray, free: np.ndarray) -> None:
+    """Clear `free` (e,) for the edges of a spanning tree of `count` points; order: edges to try."""
     root = np.arange(count)
     for e in order:
-        if join(root, edges[e, 0], edges[e, 1]):
+        if merge_trees(root, edges[e, 0], edges[e, 1]):
             free[e] = False

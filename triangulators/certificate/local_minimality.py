@@ -9,23 +9,23 @@ gives another triangulation; so
 
     weight(abc) + weight(bad) <= weight(dbc) + weight(cad).
 
-This uses only that the cost sums over triangles. Pair each remaining triangle on the left of an
+This uses only that the cost is a sum over triangles. Pair each remaining triangle on the left of an
 edge with each on the right: if a flip makes every pair lighter, the edge is excluded, and so are
-the triangles on both sides. Their exclusion may exclude more edges, until a fixed point is reached.
-A pair without a strictly convex quadrilateral cannot be flipped and blocks the exclusion: an
-optimum may contain the pair, whatever the weight. With the noise of `checking.units` ties are very
-rare; a tie would retain both diagonals of a rectangle.
+all triangles with that edge. Fewer triangles may allow further exclusions, so edges are examined
+until a fixed point is reached. A pair without a strictly convex quadrilateral cannot be flipped and
+blocks the exclusion: an optimum may contain the pair, whatever the weight. With the noise of
+`checking.units` ties are very rare; a tie would retain both diagonals of a rectangle.
 
 The fixed point does not depend on the order in which edges are examined: fewer triangles make fewer
 pairs, so an edge that can be excluded now can be excluded later. The order of exclusion is stored
 because each exclusion is justified by the earlier exclusions.
 
-An edge with t left and u right triangles takes at most t * u trial flips, and up to t + u more,
-each the first of another examination.
+An edge with t left and u right triangles takes at most t * u trial flips in total, plus one for
+each time that the edge is examined again, at most t + u times.
 
-Potentials of excluded edges, so that a proof needs no exclusions. Potentials prove that no
-triangulation weighs less than a bound (`linear_program`). This is the stronger statement: the
-potentials of the remaining edges always extend to the excluded ones (`extend`). Compare A. Yousefi
+Potentials of excluded edges. The checker knows nothing of exclusions: it requires a potential of
+every edge, so that no triangulation weighs less than the bound (`linear_program`). The potentials
+of the remaining edges always extend to the excluded edges (`extend_potentials`). Compare A. Yousefi
 and N. E. Young, "On a linear program for minimum-weight triangulation", 2014.
 
 Take the excluded edges in reverse, the last first. Let a-b be the next, and let abc on the left
@@ -46,15 +46,15 @@ boundary changes, so the bound does not change. With a lift, which is at most 0,
 exceed their weights by -lift each; y(ab) is then the midpoint, so that abc and bad exceed
 their weights by no more.
 
-If no triangle on one side of a-b has potentials at both other sides, y(ab) is unbounded on that
-side. The skipped triangles are considered at the side that was excluded first, the last to get a
-potential; so every triangle counts once.
+If no triangle on one side of a-b has potentials at both other sides, y(ab) is unbounded above or
+below. A triangle that has several excluded sides is considered when the last of them gets a
+potential, the one that was excluded first; so the inequality of every triangle is considered once.
 """
 
 import numpy as np
 
 from triangulators.certificate.candidates import Candidates
-from triangulators.checking.units import TOO_LARGE, Units, compute_units, noise
+from triangulators.checking.units import TOO_LARGE, Units, compute_noise, compute_units
 from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost
 from triangulators.geometry.predicates import orientation
@@ -62,18 +62,19 @@ from triangulators.geometry.predicates import orientation
 _MAX_POTENTIAL = np.int64(TOO_LARGE)
 
 
-def exclude(
+def exclude_edges(
     candidates: Candidates, weights: np.ndarray, cost: Cost, units: Units
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the excluded edges in order of exclusion, and flags (t,) of the remaining triangles.
+    """Return the excluded edges (k,) in order of exclusion, and flags (t,) of the other triangles.
 
-    weights (t,): weights of the candidate triangles by `compute_weights` with `units`.
+    weights (t,): weights of the candidate triangles, by `compute_weights` with `units`. The flags
+    are True for candidates without an excluded edge.
     """
     points, edges = candidates.points, candidates.edges
     spans = np.abs(points[edges[:, 0]] - points[edges[:, 1]]).sum(axis=1)
     queue = np.argsort(-spans, kind="stable")  # excluding a long edge removes many triangles
     alive = np.ones(len(candidates.triangles), dtype=np.bool_)
-    return _exclude(candidates, weights // units.factor, queue, alive, cost, units), alive
+    return _exclude_queued(candidates, weights // units.factor, queue, alive, cost, units), alive
 
 
 @njit
@@ -89,12 +90,12 @@ def _is_lighter_flipped(
 ) -> np.bool_:
     """Whether the triangles a-b-c and b-a-d weigh less after a flip of a-b to c-d.
 
-    value: cost of the two triangles together, in units.
+    value: cost of the two triangles together, in units, without noise.
 
-    c is left of a-b and d is right, so the quadrilateral a-d-b-c is strictly convex if the outline
-    also turns left at b and at a. The noise of the four sides is the same before and after. If
-    units are equal, the noise of the diagonals decides: twice the noise of an edge is less than a
-    unit.
+    c is left of a-b and d is right, so the quadrilateral a-d-b-c is strictly convex if its boundary
+    also turns left at b and at a. The noise of the four sides is the same before and after the
+    flip. Twice the noise of an edge is less than a unit, so the noise of the two diagonals only
+    decides if the costs in units are equal.
     """
     if orientation(points, d, b, c) <= 0.0 or orientation(points, c, a, d) <= 0.0:
         return np.bool_(False)
@@ -102,12 +103,12 @@ def _is_lighter_flipped(
         points, c, a, d, cost, units
     )
     if flipped == value:
-        return noise(c, d, units.bits) < noise(a, b, units.bits)
+        return compute_noise(c, d, units.bits) < compute_noise(a, b, units.bits)
     return flipped < value
 
 
 @njit(nogil=True)
-def _exclude(
+def _exclude_queued(
     candidates: Candidates,
     value: np.ndarray,
     queue: np.ndarray,
@@ -130,8 +131,8 @@ def _exclude(
     """
     points, edges, side, triangles, _sides, start, items = candidates
     excluded = np.empty(len(queue), dtype=np.int32)
-    # start[2 e], start[2 e + 1], start[2 e + 2]: begin of left triangles, begin of right triangles,
-    # end.
+    # The left triangles of edge e are in `items` from start[2 e] on, the right triangles from
+    # start[2 e + 1] on, up to start[2 e + 2] - 1.
     at_left, at_right = start[0:-1:2].copy(), start[1::2].copy()
     # Diagonals in the queue or on the stack, each at most once.
     waiting = side == 0
@@ -188,9 +189,9 @@ def _requeue_sides(
     stack: np.ndarray,
     height: int,
 ) -> int:
-    """Push the remaining sides of an excluded triangle t on `stack`; return the new height."""
+    """Push the undecided sides of an excluded triangle t on `stack`; return the new height."""
     for edge in candidates.sides[t]:
-        # Without a pair left to examine, the edge is excluded already.
+        # An edge without a pair left to examine is excluded already.
         is_open = at_left[edge] < candidates.start[2 * edge + 1]
         if candidates.side[edge] == 0 and is_open and not waiting[edge]:
             waiting[edge] = True
@@ -199,33 +200,38 @@ def _requeue_sides(
     return height
 
 
-def extend(
+def extend_potentials(
     candidates: Candidates,
     weights: np.ndarray,
     excluded: np.ndarray,
     potentials: np.ndarray,
 ) -> np.ndarray | None:
-    """Return potentials (e,) that are also valid for triangles with excluded edges.
+    """Return potentials (e,) that are also valid for triangles with excluded edges, or None.
 
     weights (t,): of the candidate triangles; excluded (k,): edges in order of exclusion;
-    potentials (e,): those of excluded edges are ignored. None if a potential would be too large.
+    potentials (e,): those of excluded edges are ignored. None if a potential would reach
+    `TOO_LARGE`.
     """
     extended = potentials.copy()
     is_set = np.ones(len(extended), dtype=np.bool_)
     is_set[excluded] = False
     last_first = excluded[::-1].astype(np.int64)
-    return extended if _extend(candidates, weights, last_first, is_set, extended) else None
+    return (
+        extended
+        if _set_excluded_potentials(candidates, weights, last_first, is_set, extended)
+        else None
+    )
 
 
 @njit(nogil=True)
-def _extend(
+def _set_excluded_potentials(
     candidates: Candidates,
     weights: np.ndarray,
     last_first: np.ndarray,
     is_set: np.ndarray,
     potentials: np.ndarray,
 ) -> bool:
-    """Set the potentials (e,) of the excluded edges; return False if a potential is too large.
+    """Set the potentials (e,) of the excluded edges; return False if one would be too large.
 
     last_first (k,): the excluded edges, the last excluded first; is_set (e,): edges that have a
     potential, updated. Invariant: y(ab) + y(bc) + y(ca) <= weight(abc), up to the lift, for every

@@ -1,7 +1,8 @@
-"""Find an optimum and evidence of optimality.
+"""Find the triangulation of minimum cost, and a lower bound of every triangulation's cost.
 
-Local minimality excludes most edges. If the remaining skeleton connects the polygon's rings, a
-dynamic program solves the rest (`skeleton`), otherwise the linear program (`linear_program`).
+Local minimality excludes most edges (`local_minimality`). If the uncrossed edges among those that
+remain connect the polygon's rings, a dynamic program finds the optimum (`skeleton`), otherwise a
+linear program does (`linear_program`). Vertices of triangles are sites (see `polygon.Boundary`).
 """
 
 from dataclasses import dataclass
@@ -12,10 +13,16 @@ import numpy as np
 from triangulators.certificate.bridges import solve_by_bridges
 from triangulators.certificate.candidates import Candidates, find_candidates
 from triangulators.certificate.linear_program import Program
-from triangulators.certificate.local_minimality import exclude, extend
+from triangulators.certificate.local_minimality import exclude_edges, extend_potentials
 from triangulators.certificate.skeleton import solve_skeleton
 from triangulators.checking.evidence import Evidence
-from triangulators.checking.units import Units, compute_weights, exact_total, find_units, is_proof
+from triangulators.checking.units import (
+    Units,
+    compute_exact_total,
+    compute_weights,
+    find_units,
+    is_proof,
+)
 from triangulators.criteria.cost import Cost
 from triangulators.initial import find_any_triangulation, find_best_initial
 from triangulators.optimum.best_way import search_cuts
@@ -26,18 +33,20 @@ PROGRAM_TIMEOUT_S = 60.0  # time limit of a linear program; a polygon may need t
 # Used if no time limit is given: limits of size end a proof within seconds, with the same result on
 # every machine.
 _MAX_UNTIMED_ROWS = 100_000  # constraints of a linear program
-_MAX_UNTIMED_TRIPLES = 1_500_000  # visible triples for exclusion
+_MAX_UNTIMED_TRIPLES = 1_500_000  # triples of mutually visible sites
 
-MAX_TRIPLES = 8_000_000  # visible triples of a polygon: about 1 GB
+MAX_TRIPLES = 8_000_000  # triples of mutually visible sites of a polygon; they take about 1 GB
 _MAX_POTENTIAL = 2.0**59  # the checker adds three potentials below 2^60 in 64 bits
 
 
 @dataclass(frozen=True)
 class Proof:
-    """The best triangulation found (m, 3), and potentials that give a lower bound of every cost.
+    """The best triangulation found (m, 3), and potentials that bound the cost of all others.
 
-    gap: (cost - bound) / cost, 0 if proven optimal. weights (t,): of the candidates, in `units`.
-    The potentials (e,) and the lift are valid for triangles without an edge in `excluded`.
+    gap: (cost - bound) / cost, 0 if proven optimal. weights (t,): integer weights of the candidate
+    triangles (see `checking.units`). excluded (k,): edges that no optimum contains, in order of
+    exclusion. potentials (e,), lift: satisfy the inequality of `checker` for the candidate
+    triangles without an excluded edge.
     """
 
     triangles: np.ndarray
@@ -49,12 +58,15 @@ class Proof:
     potentials: np.ndarray
     lift: int
 
-    def evidence(self) -> Evidence:
-        """Return unchecked evidence of the bound, extended to triangles with excluded edges.
+    def make_evidence(self) -> Evidence:
+        """Return unchecked evidence of the bound, with potentials also for the excluded edges.
 
-        The bound is trivial if a potential would be too large.
+        If such a potential would be too large for the checker, all potentials are 0, and the lift
+        is the smallest weight or 0: valid evidence of a weak bound.
         """
-        potentials = extend(self.candidates, self.weights, self.excluded, self.potentials)
+        potentials = extend_potentials(
+            self.candidates, self.weights, self.excluded, self.potentials
+        )
         lift = self.lift
         if potentials is None:
             potentials, lift = np.zeros_like(self.potentials), min(0, int(self.weights.min()))
@@ -62,7 +74,10 @@ class Proof:
 
 
 class _Search:
-    """Search for the best triangulation; `incumbent`: the best so far, as indices of candidates."""
+    """Search for the best triangulation.
+
+    incumbent: the best triangulation so far, as indices of candidate triangles.
+    """
 
     def __init__(self, candidates: Candidates, weights: np.ndarray, units: Units) -> None:
         self.candidates, self.weights, self.units = candidates, weights, units
@@ -70,9 +85,10 @@ class _Search:
         self.min_weight = np.inf
 
     def update_incumbent(self, selection: np.ndarray) -> None:
-        """Make a triangulation, given by candidate indices, the incumbent if lighter.
+        """Make a triangulation the incumbent if its weight is lower.
 
-        Ignored if a triangle is not a candidate (-1), so that the weight is unknown.
+        selection (m,): indices of candidates. The triangulation is ignored if a triangle is not a
+        candidate (index -1), because the weight is unknown.
         """
         if (selection < 0).any():
             return
@@ -81,12 +97,13 @@ class _Search:
             self.incumbent, self.min_weight = selection, total
 
     def solve(self, alive: np.ndarray, cost: Cost, seconds: float) -> tuple[np.ndarray, int]:
-        """Optimise over the triangles that are `alive` (t,); return potentials and a lift <= 0.
+        """Optimise over the candidates flagged in `alive` (t,); return potentials and a lift <= 0.
 
         The potentials give a lower bound of every triangulation that consists of these triangles.
         If the dynamic program applies, the bound equals the optimum. Otherwise the linear program's
         bound equals the optimum if the solution is integral, and leaves a gap if not. A linear
-        program is solved if `seconds` is finite and positive, or infinite and the program small.
+        program is solved if `seconds`, the time limit, is finite and positive, or if it is infinite
+        and the program has at most 100,000 rows.
         """
         c = self.candidates
         optimum = solve_skeleton(c, alive, cost, self.units)
@@ -95,31 +112,32 @@ class _Search:
             return optimum[1], 0
         timed = 0.0 < seconds < np.inf
         uses_program = timed or (seconds > 0.0 and int(alive.sum()) <= _MAX_UNTIMED_ROWS)
-        cost_weights = self.weights / self.units.factor  # in units, for the solver's doubles
+        # Costs in units, the noise as a fraction: integer weights have more bits than doubles.
+        cost_weights = self.weights / self.units.factor
         if uses_program:
             program = Program(c, cost_weights, alive, self.incumbent)
-            dual = self._try_solution(alive, *program.solve(seconds))
+            dual = self._evaluate_solution(alive, *program.solve(seconds))
             if self._is_bound_tight(*dual):
                 return dual
         else:
             dual = self._round_potentials(alive, np.zeros(len(c.edges)))
-        # Not proven yet: local search may find a better incumbent, also as an initial solution.
+        # Not proven yet: local search may find a better incumbent, which the retry starts from.
         self.update_incumbent(
             _find_candidate_indices(c, search_cuts(c.points, c.triangles[self.incumbent], cost))
         )
         if uses_program and not self._is_bound_tight(*dual):
             program = Program(c, cost_weights, alive, self.incumbent)
-            retry = self._try_solution(alive, *program.solve(seconds, basic=True))
-            dual = max(dual, retry, key=lambda pair: self.bound(*pair))
+            retry = self._evaluate_solution(alive, *program.solve(seconds, basic=True))
+            dual = max(dual, retry, key=lambda pair: self.compute_bound(*pair))
         return dual
 
-    def _try_solution(
+    def _evaluate_solution(
         self, alive: np.ndarray, potentials: np.ndarray, share: np.ndarray
     ) -> tuple[np.ndarray, int]:
         """Return a linear program's potentials as integers, and the lift; update the incumbent.
 
-        The triangles with a share above 1/2 are a new incumbent if they are a lighter
-        triangulation.
+        share (t,): primal solution. The triangles with a share above 1/2 become the incumbent if
+        they are a triangulation that weighs less.
         """
         c = self.candidates
         selection = np.flatnonzero(share > 0.5)
@@ -130,13 +148,14 @@ class _Search:
             self.update_incumbent(selection)
         return self._round_potentials(alive, potentials)
 
-    def _round_potentials(self, alive: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, int]:
-        """Return potentials in units, rounded to integer weights, and the lift.
+    def _round_potentials(self, alive: np.ndarray, in_units: np.ndarray) -> tuple[np.ndarray, int]:
+        """Return the potentials `in_units` (e,), converted to integer weights, and the lift.
 
-        -lift is the largest amount by which a triangle's potentials exceed its weight, or 0.
+        -lift is the largest amount by which the sum of the potentials around a triangle that is
+        `alive` (t,) exceeds the triangle's weight, or 0.
         """
         c = self.candidates
-        scaled = light * self.units.factor
+        scaled = in_units * self.units.factor
         scaled *= min(1.0, _MAX_POTENTIAL / max(float(np.abs(scaled).max()), 1.0))
         potentials = np.rint(scaled).astype(np.int64)
         is_forward = c.triangles < np.roll(c.triangles, -1, axis=1)
@@ -144,37 +163,39 @@ class _Search:
         slack = (self.weights - sums)[alive]
         return potentials, min(int(slack.min()), 0) if len(slack) else 0
 
-    def bound(self, potentials: np.ndarray, lift: int) -> int:
-        """Return the lower bound, as a weight."""
+    def compute_bound(self, potentials: np.ndarray, lift: int) -> int:
+        """Return the lower bound that potentials (e,) and a lift give, as a weight."""
         total: int = sum((potentials * self.candidates.side).tolist())
         return total + lift * len(self.incumbent)
 
     def _is_bound_tight(self, potentials: np.ndarray, lift: int) -> bool:
-        """Whether no triangulation is better than the incumbent by a unit of cost."""
+        """Whether the bound shows that no triangulation costs a unit less than the incumbent."""
         factor = self.units.factor
-        return self.bound(potentials, lift) // factor >= self.min_weight // factor
+        return self.compute_bound(potentials, lift) // factor >= self.min_weight // factor
 
 
 def prove(
     outline: Boundary, triangles: np.ndarray, cost: Cost, seconds: float = PROGRAM_TIMEOUT_S
 ) -> Proof | None:
-    """Improve a triangulation (m, 3) whose vertices are sites, and bound its gap to the optimum.
+    """Improve a triangulation (m, 3), and bound its gap to the optimum.
 
-    The units are those of claims about the given triangulation. seconds: time limit of each
-    linear program, which gives a weak bound when reached; infinite: solve programs of up to 100,000
-    triangles only; 0: solve none. Return None if more than eight million triples of vertices see
-    each other (1.5 million if seconds is 0 or infinite).
+    The units of weights are those of a claim about the given triangulation (see `find_units`).
+    seconds: time limit of each linear program, whose bound is weak if the limit is reached;
+    infinite: solve only programs of up to 100,000 triangles; 0: solve no linear program. Return
+    None if more than eight million triples of sites see each other (1.5 million if `seconds` is 0
+    or infinite).
     """
-    reduced = _exclude_edges(outline, triangles, cost, seconds)
+    reduced = _find_reduced_candidates(outline, triangles, cost, seconds)
     return None if reduced is None else _prove_reduced(outline, triangles, cost, seconds, *reduced)
 
 
-def minimise(outline: Boundary, cost: Cost, seconds: float) -> tuple[np.ndarray, float] | None:
-    """Return the triangles (m, 3) and the gap of `prove`, or None as `prove` does.
+def minimise_cost(outline: Boundary, cost: Cost, seconds: float) -> tuple[np.ndarray, float] | None:
+    """Return the best triangulation found (m, 3) and the gap to the optimum, without evidence.
 
-    If `solve_by_bridges` finds the optimum, potentials and linear programs are not needed.
+    seconds, None: as for `prove`. If `solve_by_bridges` finds the optimum, neither potentials nor
+    linear programs are computed.
     """
-    reduced = _exclude_edges(outline, find_any_triangulation(outline), cost, seconds)
+    reduced = _find_reduced_candidates(outline, find_any_triangulation(outline), cost, seconds)
     if reduced is None:
         return None
     candidates, weights, units, _, alive = reduced
@@ -183,26 +204,30 @@ def minimise(outline: Boundary, cost: Cost, seconds: float) -> tuple[np.ndarray,
         if len(selection) > 0:
             triangles = candidates.triangles[selection]
             total: int = sum(weights[selection].tolist())
-            return triangles, _find_gap(outline, triangles, cost, units, total, total)
+            return triangles, _compute_gap(outline, triangles, cost, units, total, total)
     proof = _prove_reduced(outline, find_best_initial(outline, cost), cost, seconds, *reduced)
     return proof.triangles, proof.gap
 
 
 _Reduced: TypeAlias = tuple[Candidates, np.ndarray, Units, np.ndarray, np.ndarray]
-"""Candidates, their weights, the units, the excluded edges, flags of the remaining triangles."""
+"""Candidates, weights (t,), units of weights, excluded edges (k,), flags (t,) of the remaining
+triangles: those without an excluded edge."""
 
 
-def _exclude_edges(
+def _find_reduced_candidates(
     outline: Boundary, triangles: np.ndarray, cost: Cost, seconds: float
 ) -> _Reduced | None:
-    """Return a polygon's candidates after exclusion, or None; see `prove` for limits."""
+    """Return a polygon's candidates after excluding edges, or None if there are too many triples.
+
+    triangles: any triangulation (m, 3); seconds: decides the limit of triples (see `prove`).
+    """
     units = find_units(outline, triangles, cost)
     max_triples = MAX_TRIPLES if 0.0 < seconds < np.inf else _MAX_UNTIMED_TRIPLES
     candidates = find_candidates(outline, triangles, max_triples)
     if candidates is None:
         return None
     weights = compute_weights(outline.points, candidates.triangles, cost, units)
-    excluded, alive = exclude(candidates, weights, cost, units)
+    excluded, alive = exclude_edges(candidates, weights, cost, units)
     return candidates, weights, units, excluded, alive
 
 
@@ -217,27 +242,31 @@ def _prove_reduced(
     excluded: np.ndarray,
     alive: np.ndarray,
 ) -> Proof:
+    """Search from a triangulation (m, 3); the arguments from `candidates` on are a `_Reduced`."""
     search = _Search(candidates, weights, units)
     search.update_incumbent(_find_candidate_indices(candidates, triangles))
     potentials, lift = search.solve(alive, cost, seconds)
-    total, bound = int(search.min_weight), search.bound(potentials, lift)
+    total, bound = int(search.min_weight), search.compute_bound(potentials, lift)
     triangles = candidates.triangles[search.incumbent]
-    gap = _find_gap(outline, triangles, cost, units, total, bound)
+    gap = _compute_gap(outline, triangles, cost, units, total, bound)
     return Proof(triangles, gap, candidates, weights, units, excluded, potentials, lift)
 
 
-def _find_gap(
+def _compute_gap(
     outline: Boundary, triangles: np.ndarray, cost: Cost, units: Units, total: int, bound: int
 ) -> float:
-    """Return the relative gap of triangles (m, 3) of weight `total` to a lower bound `bound`."""
-    exact, factor = exact_total(outline, triangles, cost, units), units.factor
+    """Return the gap of a triangulation (m, 3) to the optimum, relative to the cost; 0 if proven.
+
+    total, bound: weight of the triangulation, and lower bound of all weights.
+    """
+    exact, factor = compute_exact_total(outline, triangles, cost, units), units.factor
     if is_proof(exact, bound // factor, len(triangles), units):
         return 0.0
     return max(total - bound, factor) / max(abs(total), 1)
 
 
 def _find_candidate_indices(candidates: Candidates, triangles: np.ndarray) -> np.ndarray:
-    """Return the candidate index of each triangle, -1 for other triangles."""
+    """Return the index (m,) of each triangle (m, 3) among the candidates, -1 if it is not there."""
     n = len(candidates.points)
     keys = _make_keys(candidates.triangles, n)
     order = np.argsort(keys)
@@ -247,6 +276,7 @@ def _find_candidate_indices(candidates: Candidates, triangles: np.ndarray) -> np
 
 
 def _make_keys(triangles: np.ndarray, n: int) -> np.ndarray:
+    """Return an integer (m,) for each triangle's set of vertices below n, in any order."""
     low, middle, high = np.sort(triangles.astype(np.int64), axis=1).T
     keys: np.ndarray = (low * n + middle) * n + high
     return keys

@@ -1,17 +1,17 @@
-"""Solve the remaining problem by a dynamic program if the LMT skeleton connects all rings.
+"""Find the optimum by a dynamic program if the LMT skeleton connects all rings of a polygon.
 
-A remaining diagonal that crosses no remaining edge belongs to the skeleton (see `local_minimality`)
-and to every optimum. With holes, cut the polygon along diagonals of the skeleton that connect the
-boundary's rings. If all rings are connected, the result is a single ring, in which a site at the
-end of a cut occurs several times:
+LMT: locally minimal triangulation. After `local_minimality` has excluded edges, a remaining
+diagonal that crosses no remaining edge belongs to the skeleton, and to every optimum. Cut a polygon
+with holes along diagonals of the skeleton that connect the boundary's rings. If all rings are
+connected, the result is a single ring, in which a site at the end of a cut occurs several times:
 
     outline 0 1 2 3, hole 4 5 6, cut along 2-4:     ring 0 1 2 4 6 5 4 2 3
 
 The remaining edges are the pairs of ring positions that may be joined. No edge crosses a cut, so
 each edge lies in a single angle at either end, which determines the positions. Every triangle of
 remaining edges is empty, and has sides that are such pairs: a cut inside the triangle would have to
-leave across a side. So `far_costs` over these pairs gives the optimum, and potentials that satisfy
-the inequality of every remaining triangle, whether contained in a triangulation or not.
+leave across a side. So `compute_far_costs` over these pairs gives the optimum, and potentials that
+satisfy the inequality of every remaining triangle, whether contained in a triangulation or not.
 """
 
 import numpy as np
@@ -19,18 +19,19 @@ import numpy as np
 from triangulators.certificate.candidates import Candidates
 from triangulators.checking.units import Units
 from triangulators.compute.kernels import njit
-from triangulators.compute.operations import find_root, group_by_key, join
+from triangulators.compute.operations import find_root, group_by_key, merge_trees
 from triangulators.criteria.cost import Cost
-from triangulators.geometry.predicates import cross, orientation
-from triangulators.optimum.visible_lists import NOTHING, far_costs
+from triangulators.geometry.predicates import do_segments_cross, orientation
+from triangulators.optimum.visible_lists import NOTHING, compute_far_costs
 
 
 def solve_skeleton(
     candidates: Candidates, alive: np.ndarray, cost: Cost, units: Units
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return an optimum (m, 3) of the triangles that are `alive` (t,), and potentials (e,) int64.
+    """Return the optimum (m, 3) over the candidates flagged in `alive` (t,), and its potentials.
 
-    None if the skeleton does not connect all rings, or if there is no triangulation.
+    The potentials (e,), int64, prove the optimum: their bound equals its weight. Return None if the
+    skeleton does not connect all rings, or if these triangles contain no triangulation.
     """
     c = candidates
     remaining = c.side != 0
@@ -51,13 +52,16 @@ def solve_skeleton(
     high = np.concatenate((np.maximum(first, last), np.arange(1, n), [n - 1]))
     order = np.lexsort((high, low))
     start = np.searchsorted(low[order], np.arange(n + 1))
-    costs, triangles = far_costs(start, high[order].astype(np.int32), c.points, ring, cost, units)
+    costs, triangles = compute_far_costs(
+        start, high[order].astype(np.int32), c.points, ring, cost, units
+    )
     by_pair = np.empty_like(costs)
     by_pair[order] = costs
     if by_pair[-1] >= NOTHING or len(triangles) == 0:
         return None
     potentials = np.zeros(len(c.edges), dtype=np.int64)
-    # Edges run from the lower site; -far is the potential from the earlier ring position.
+    # The potential from the earlier to the later ring position is the far cost, negated (see
+    # `compute_far_costs`). Potentials of edges are those from the lower to the higher site.
     potentials[inner] = np.where(first < last, -by_pair[: len(inner)], by_pair[: len(inner)])
     closing = np.flatnonzero(c.side)[0]
     potentials[closing] = c.side[closing] * by_pair[-1]
@@ -68,10 +72,10 @@ def solve_skeleton(
 def _connect_rings(
     points: np.ndarray, edges: np.ndarray, side: np.ndarray, remaining: np.ndarray, cut: np.ndarray
 ) -> int:
-    """Mark in `cut` uncrossed diagonals that connect rings; return the number of connected parts.
+    """Mark in `cut` (e,) uncrossed diagonals that connect rings; return the number of components.
 
-    remaining (e,): flags of the remaining edges; one part means that all rings are connected. The
-    sites of a part have the same root in `parent`.
+    remaining (e,): flags of the edges that are not excluded. If there is one component, all rings
+    are connected. The sites of a component have the same root in `parent`.
     """
     parent = np.arange(len(points))
     on_boundary = np.zeros(len(points), dtype=np.bool_)  # if rings touch, some points are no sites
@@ -81,8 +85,9 @@ def _connect_rings(
             for v in edges[e]:
                 parts += not on_boundary[v]
                 on_boundary[v] = True
-            parts -= join(parent, edges[e, 0], edges[e, 1])
-    # A cut joins two different parts, and only edges whose x ranges overlap can cross a diagonal.
+            parts -= merge_trees(parent, edges[e, 0], edges[e, 1])
+    # Only edges whose x ranges overlap can cross: so edges are sorted by lowest x, and a search for
+    # a crossing edge stops at the width of the widest edge.
     low_x = np.empty(len(edges))
     widest = 0.0
     for e in range(len(edges)):
@@ -103,7 +108,7 @@ def _connect_rings(
             points, edges, remaining, order, low_x, position, widest
         ):
             cut[e] = True
-            parts -= join(parent, a, b)
+            parts -= merge_trees(parent, a, b)
     return parts
 
 
@@ -117,7 +122,11 @@ def _is_crossed(
     position: int,
     widest: float,
 ) -> bool:
-    """Whether a remaining edge crosses edge `order[position]`; `order` sorts edges by `low_x`."""
+    """Whether a remaining edge crosses edge `order[position]`.
+
+    low_x (e,): lowest x of each edge; order (e,): edges by ascending `low_x`; widest: largest
+    extent along x of a remaining edge.
+    """
     e = order[position]
     a, b = edges[e, 0], edges[e, 1]
     max_x = max(points[a, 0], points[b, 0])
@@ -128,7 +137,7 @@ def _is_crossed(
             index += step
             if (step > 0 and low_x[f] >= max_x) or (step < 0 and low_x[f] + widest <= low_x[e]):
                 break
-            if remaining[f] and cross(points, a, b, edges[f, 0], edges[f, 1]):
+            if remaining[f] and do_segments_cross(points, a, b, edges[f, 0], edges[f, 1]):
                 return True
     return False
 
@@ -147,11 +156,11 @@ def _is_in_angle(points: np.ndarray, before: int, vertex: int, after: int, other
 
 @njit(nogil=True)
 def make_ring(candidates: Candidates, cut: np.ndarray, root: int) -> np.ndarray:
-    """Return a ring of sites of the cut polygon, counter-clockwise, with repetitions.
+    """Return the ring of sites of the cut polygon that contains edge `root`, with repetitions.
 
-    The last site leads to the first along edge `root`, a side of the boundary. The ring follows the
-    boundary's directed sides, and each cut in both directions. The side after u-v is the first
-    that leaves v, clockwise from u: no part of the polygon lies between these sides.
+    The polygon is on the left. The last site leads to the first along `root`, a boundary edge. The
+    ring follows the boundary's directed edges, and each cut in both directions. The edge after u-v
+    is the first that leaves v, clockwise from u, because no cut lies in the angle between the two.
     """
     points, edges, side = candidates.points, candidates.edges, candidates.side
     count = 2 * cut.sum() + (side != 0).sum()
@@ -192,9 +201,10 @@ def find_position(
     site: int,
     other: int,
 ) -> int:
-    """Return the position of `site` in the ring whose angle contains `other`, or -1.
+    """Return the position of `site` in the ring whose interior angle contains `other`, or -1.
 
-    start, items: the positions of each site in the ring, by `group_by_key`.
+    A site at the end of a cut has several positions. start, items: the positions of each site in
+    the ring, as `group_by_key` returns them.
     """
     n = len(ring)
     for item in range(start[site], start[site + 1]):
@@ -211,7 +221,8 @@ def _find_positions(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the ring positions of the lower and of the higher ends of the `selected` edges.
 
-    selected (e,): flags. A position is -1 if the end is not in the ring.
+    selected (e,): flags, k of them set; the results are (k,) each. A position is -1 if no position
+    of that end has the other end in its angle.
     """
     points, edges = candidates.points, candidates.edges
     start, items = group_by_key(ring, len(points))

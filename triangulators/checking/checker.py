@@ -2,13 +2,15 @@
 
 The input is the polygon's boundary, the criterion, the triangles and the evidence:
 
-1. Units of weights follow from the first three (`units`); evidence in other units is rejected.
+1. The polygon, the criterion and the triangles determine the units of weights (`units`); evidence
+   in other units is rejected.
 2. The polygon's edges and empty triangles are enumerated here, from exact orientations (`edges`): a
    triangle is three edges that do not surround a hole.
 3. With y the potential of an edge (negative in the opposite direction), y(ab) + y(bc) + y(ca) +
-   lift is at most the weight of abc, for every empty triangle; an edge that is missing from the
-   evidence has 0. Summed over a triangulation, the potentials of diagonals cancel; the sum over the
-   boundary plus lift times the number of triangles remains. That is the lower bound.
+   lift must be at most the weight of abc, for every empty triangle; an edge that is missing from
+   the evidence has the potential 0. In the sum over a triangulation the potentials of diagonals
+   cancel. What remains is the lower bound: the sum of the potentials of the boundary, plus lift
+   times the number of triangles.
 4. A bound above the weight of the certified triangles is a contradiction, and is rejected.
 """
 
@@ -32,13 +34,16 @@ from triangulators.geometry.predicates import orientation
 from triangulators.polygon import Boundary
 
 _MAX_SINGLE_THREAD_EDGES = 20_000
-_SLICES = 16  # parts of the edges, each checked by a thread
+_SLICES = 16  # number of subsets of the edges that threads check at the same time
 
 
-def lower_bound(outline: Boundary, triangles: np.ndarray, cost: Cost, evidence: Evidence) -> int:
-    """Return the proven bound, as a weight; raise `CertificateError` if the evidence is invalid.
+def compute_lower_bound(
+    outline: Boundary, triangles: np.ndarray, cost: Cost, evidence: Evidence
+) -> int:
+    """Check evidence; return the lower bound that it proves, as a weight.
 
-    triangles: (m, 3), the triangulation that the evidence is about; the vertices are sites.
+    triangles: (m, 3), the triangulation that the evidence is about; the vertices are sites. Raises
+    `CertificateError` if the evidence is invalid.
     """
     units = find_units(outline, triangles, cost)
     if evidence.units != units[:3]:
@@ -53,7 +58,7 @@ def lower_bound(outline: Boundary, triangles: np.ndarray, cost: Cost, evidence: 
         raise CertificateError("evidence: the numbers of potentials and edges differ")
     if max(map(abs, [lift, *potentials.tolist()])) >= TOO_LARGE:
         raise CertificateError("evidence: a potential or the lift is too large")
-    indices = edges.find(pairs)  # pairs that are not edges (-1) give no bound
+    indices = edges.find(pairs)  # potentials of pairs that are not edges (-1) are ignored
     if len(np.unique(indices[indices >= 0])) != np.count_nonzero(indices >= 0):
         raise CertificateError("evidence: an edge is repeated")
     potential = np.zeros(len(edges.ends), dtype=np.int64)
@@ -74,8 +79,8 @@ def _check_potentials(
     Raises `CertificateError` if a triangle violates the inequality.
 
     potential (e,), lift and weights are below 2^60, so that sums of five fit 64 bits. Triangles are
-    enumerated without being stored, by merging the sorted neighbours of an edge's ends: time is
-    proportional to the neighbours of all ends, memory to the edges.
+    enumerated without being stored, by merging the sorted neighbours of both ends of each edge: the
+    time is proportional to the sum of the degrees of all ends, the memory to the number of edges.
     """
     n = len(edges.points)
     starts = np.searchsorted(edges.keys, np.arange(n + 1, dtype=np.int64) * n)
@@ -108,9 +113,9 @@ def _find_violation(
 ) -> np.ndarray:
     """Return the vertices of the first empty triangle that violates the inequality.
 
-    Checks the edges `number`, `number` + `slices` and so on: of each, the triangles whose two
-    lowest vertices are the edge's ends. Returns an empty array if no triangle violates the
-    inequality, and an array of length 1 if a weight is too large.
+    Checks the triangles whose two lowest vertices are the ends of edge `number`, or of every
+    `slices`-th edge after it. starts (n + 1,): first edge of each lower end. Returns an empty array
+    if no triangle violates the inequality, and an array of length 1 if a weight is too large.
     """
     ends, directions = edges.ends, edges.directions
     for e in range(number, len(ends), slices):

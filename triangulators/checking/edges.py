@@ -1,12 +1,13 @@
-"""Edges of a polygon for `checker`, computed from its boundary and exact orientations.
+"""Edges of a polygon for `checker`, computed from the boundary with exact orientations.
 
-An edge is a piece of the boundary or a diagonal: a segment between two sites that starts into the
-interior at both ends and meets no boundary edge between the ends. A binary tree of bounding boxes
-of the boundary's edges finds the edges that a segment may meet: boxes are compared with a margin,
-orientations are exact.
+An edge is a boundary edge or a diagonal: a segment between two sites that starts into the interior
+at both ends and meets no boundary edge between the ends. A binary tree of bounding boxes of the
+boundary edges finds the boundary edges that a segment may meet. Boxes are compared with a margin;
+then exact orientations decide.
 
-Order. Each site is paired with all later sites. A boundary edge that met a segment hides the sites
-behind it: the last few such edges are tested first, so most pairs need no search of the tree.
+Order. Each site is paired with all later sites. A boundary edge that a segment from the site meets
+hides the sites behind the edge. The last eight such edges are tested first, so most pairs need no
+search of the tree.
 """
 
 from typing import NamedTuple
@@ -17,14 +18,15 @@ from triangulators.compute.kernels import njit
 from triangulators.geometry.predicates import orientation
 from triangulators.polygon import Boundary
 
-_MAX_HIDING = 8  # boundary edges that are tested before the tree is searched
+_MAX_HIDING = 8  # number of boundary edges that are tested before the tree is searched
 
 
 class Edges(NamedTuple):
-    """Edges a-b of a polygon: ends (e, 2), a < b, ascending; keys (e,) = a n + b.
+    """Boundary edges and diagonals a-b of a polygon.
 
-    points (n, 2). directions (e,): 1 if a-b is a boundary edge (interior on the left), -1 if b-a
-    is, 0 for diagonals. holes (h, 4): up to four sites of each hole, padded with -1.
+    points (n, 2); ends (e, 2): pairs of sites a < b, in ascending order; keys (e,): a n + b, for
+    binary search; directions (e,): 1 if a-b is a boundary edge (interior on the left), -1 if b-a
+    is, 0 for diagonals; holes (h, 4): up to four sites of each hole, padded with -1.
     """
 
     points: np.ndarray
@@ -34,7 +36,10 @@ class Edges(NamedTuple):
     holes: np.ndarray
 
     def find(self, pairs: np.ndarray) -> np.ndarray:
-        """Return the edge index (k,) of pairs of sites (k, 2), or flat; -1 if not an edge."""
+        """Return the edge index (k,) of each pair of sites, -1 if the pair is not an edge.
+
+        pairs: (k, 2), or any shape that can be reshaped to it.
+        """
         pairs = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
         sought = pairs.min(axis=1) * len(self.points) + pairs.max(axis=1)
         nearest = np.minimum(np.searchsorted(self.keys, sought), len(self.keys) - 1)
@@ -42,7 +47,7 @@ class Edges(NamedTuple):
 
 
 def find_edges(outline: Boundary) -> Edges:
-    """Return the edges of a polygon."""
+    """Return the boundary edges and all diagonals of a polygon."""
     points, n = outline.points, len(outline.points)
     diagonals = find_diagonals(outline)
     pairs = np.sort(np.concatenate((outline.edges, diagonals)).astype(np.int64), axis=1)
@@ -82,12 +87,13 @@ def surrounds_hole(points: np.ndarray, holes: np.ndarray, a: int, b: int, c: int
 
 
 class _Sides(NamedTuple):
-    """The boundary: points (n, 2), directed edges (b, 2) with the interior on the left.
+    """The boundary of a polygon, with a tree of bounding boxes.
 
-    following (b,): index of the next edge of the ring. The edges that end at site v are
+    points (n, 2); edges (b, 2): directed, with the interior on the left; following (b,): index of
+    the next edge of the ring. ending (b,), first (n + 1,): the edges that end at site v are
     `ending[first[v]:first[v + 1]]`, several if rings touch there; each forms an angle with the next
-    edge, and the interior is left of all these angles. boxes (2 s, 4): min x, min y, max x, max y;
-    row s + e bounds edge e, row k < s bounds rows 2 k and 2 k + 1.
+    edge, and the interior at v is inside all these angles. boxes (2 s, 4), s a power of two: min x,
+    min y, max x, max y; row s + e bounds edge e, row k < s bounds rows 2 k and 2 k + 1.
     """
 
     points: np.ndarray
@@ -109,14 +115,14 @@ def find_diagonals(outline: Boundary) -> np.ndarray:
             ring_start = e + 1
     ending = np.argsort(edges[:, 1], kind="stable").astype(np.int32)
     first = np.searchsorted(edges[ending, 1], np.arange(len(points) + 1))
-    sides = _Sides(points, edges, following, ending, first, _bound_edges(points, edges))
+    sides = _Sides(points, edges, following, ending, first, _build_box_tree(points, edges))
     diagonals: np.ndarray = _list_diagonals(sides, np.unique(outline.site))
     return diagonals
 
 
 @njit
-def _bound_edges(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Return the boxes (2 s, 4) of `_Sides`; the last s - b rows are empty boxes."""
+def _build_box_tree(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Return the boxes (2 s, 4) of `_Sides` for b edges; the last s - b rows are empty boxes."""
     size = 1
     while size < len(edges):
         size *= 2
@@ -138,7 +144,7 @@ def _bound_edges(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 @njit
 def _starts_inside(sides: _Sides, a: int, b: int) -> bool:
-    """Whether the segment from a to b starts strictly into the interior; see `_Sides`."""
+    """Whether the segment from site a to site b starts strictly into the interior at a."""
     points, edges, following, ending, first, _boxes = sides
     for index in range(first[a], first[a + 1]):
         e = ending[index]
@@ -150,13 +156,13 @@ def _starts_inside(sides: _Sides, a: int, b: int) -> bool:
             if not (left_of_out and left_of_in):
                 return False
         elif not (left_of_out or left_of_in):
-            # Straight or reflex: left of either side suffices, unless b is on the line of a side.
+            # At a straight or reflex angle b must be strictly left of one of the two sides.
             return False
     return True
 
 
 @njit
-def _meets(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
+def _do_segments_meet(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
     """Whether the segments a-b and c-d, without a common end, have a point in common."""
     c_side, d_side = orientation(points, a, b, c), orientation(points, a, b, d)
     if (c_side > 0.0 and d_side > 0.0) or (c_side < 0.0 and d_side < 0.0):
@@ -175,11 +181,11 @@ def _meets(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
 
 @njit
 def _find_meeting_edge(sides: _Sides, scale: float, a: int, b: int, stack: np.ndarray) -> int:
-    """Return an edge that the segment a-b meets, -1 if there is none, -2 if a-b is an edge.
+    """Return the index of a boundary edge that a-b meets, -1 if there is none, -2 if a-b is one.
 
-    a-b starts into the interior at both ends. scale: largest absolute coordinate; stack: workspace,
-    two elements per level of the tree of boxes. A box is skipped if the segment's box does not meet
-    the box, or if the line of the segment passes the box at more than the rounding error.
+    The segment a-b starts into the interior at both ends. scale: largest absolute coordinate;
+    stack: workspace, two elements per level of the tree of boxes. A box is skipped if the segment's
+    box does not meet it, or if the segment's line passes it at more than the rounding error.
     """
     points, edges, _following, _ending, _first, boxes = sides
     ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
@@ -209,7 +215,7 @@ def _find_meeting_edge(sides: _Sides, scale: float, a: int, b: int, stack: np.nd
             # segment starts into the interior. The exception: the edge is the segment.
             if (c == a or c == b) and (d == a or d == b):  # noqa: SIM109
                 return -2
-        elif _meets(points, a, b, c, d):
+        elif _do_segments_meet(points, a, b, c, d):
             return int(node - size)
     return -1
 
@@ -219,7 +225,7 @@ def _is_hidden(points: np.ndarray, a: int, hiding: np.ndarray, b: int) -> bool:
     """Whether the segment a-b crosses one of the edges `hiding` (k, 2); move that edge first.
 
     a is left of all these edges, so a-b crosses an edge if b is right of the edge and between the
-    rays from a to both ends.
+    rays from a to the ends of the edge.
     """
     for index in range(len(hiding)):
         c, d = hiding[index, 0], hiding[index, 1]
@@ -243,10 +249,10 @@ def _move_to_front(hiding: np.ndarray, index: int, c: int, d: int) -> None:
 
 @njit(nogil=True)
 def _list_diagonals(sides: _Sides, sites: np.ndarray) -> np.ndarray:
-    """Return the pairs of sites that see each other, except the boundary's edges.
+    """Return the pairs (k, 2) of sites that see each other, except boundary edges.
 
-    `hiding` has edges that met an earlier segment from the same site, the last used first. This
-    only saves time: `_find_meeting_edge` would find every such edge.
+    sites: in ascending order. `hiding` has boundary edges that met an earlier segment from the same
+    site, the most recent first; testing them only saves searches of the tree.
     """
     points, edges = sides.points, sides.edges
     scale = np.abs(points).max()

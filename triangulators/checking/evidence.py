@@ -1,7 +1,7 @@
-"""The certificate of `certify`, the evidence for `checker`, and both as plain data for a file.
+"""The certificate that `certify` returns, its evidence, and both as plain data for a file.
 
-docs/reference/files.md documents the file's fields; harness/export/check_evidence.py checks them
-and shares no code with this package.
+docs/reference/files.md documents the file's fields. harness/export/check_evidence.py checks such
+files and shares no code with this package.
 """
 
 from dataclasses import dataclass, field
@@ -17,18 +17,20 @@ FORMAT = "raster-harness evidence 1"
 
 
 class CertificateError(TriangulationError):
-    """A certificate is invalid; the message is the reason."""
+    """The evidence of a certificate is invalid; the message is the reason."""
 
 
 @dataclass(frozen=True)
 class Evidence:
     """Evidence that no triangulation weighs less than a bound (see `checker`).
 
-    The weight of a triangle, its lowest vertex first, is factor * floor(scale * cost) plus the
-    noise of the edges: for an edge a < b the upper `bits` bits of splitmix64's mix of
-    a * 0x9E3779B97F4A7C15 + b * 0xD1B54A32D192ED03. The polygon, the criterion and the
-    triangulation determine scale, factor and bits (see `units`). edges (e, 2): pairs a < b;
-    potentials (e,) int64: in the direction from a to b; lift: added for every triangle.
+    The weight of a triangle is factor * floor(scale * cost) plus the noise of its three edges. The
+    cost is computed with the vertex of lowest index first. The noise of an edge a < b is the upper
+    `bits` bits of splitmix64's mix of a * 0x9E3779B97F4A7C15 + b * 0xD1B54A32D192ED03. The polygon,
+    the criterion and the triangulation determine scale, factor and bits (see `checking.units`).
+
+    edges (e, 2): pairs of sites a < b; potentials (e,) int64: potential of each edge in the
+    direction from a to b; lift: constant added to the three potentials of every triangle.
     """
 
     scale: float
@@ -40,7 +42,7 @@ class Evidence:
 
     @property
     def units(self) -> tuple[float, int, int]:
-        """Scale, factor and bits."""
+        """Scale, factor and bits: the first three fields of `checking.units.Units`."""
         return self.scale, self.factor, self.bits
 
 
@@ -57,12 +59,13 @@ class Certificate:
     gap : float
         (cost - lower_bound) / abs(cost).
     proven : bool
-        True if the triangulation is proven optimal. For costs that are integers on a grid
-        (half-perimeter and overdraw of coordinates that are integers or have few binary places)
-        optimal is meant exactly. For real costs, computed in doubles, it means that no
-        triangulation is cheaper by more than `gap`.
+        True if the triangulation is proven optimal. If costs are integers on a grid (half-perimeter
+        and overdraw, of coordinates that are integers or have few binary places), no triangulation
+        costs less. If costs are real numbers, computed in doubles, no triangulation is cheaper by
+        more than `gap`.
     evidence : Evidence or None
-        The input of a checker; None if there is no bound.
+        The input of a checker; None if there is no bound, or if `certify` was called without
+        evidence.
     """
 
     cost: float
@@ -72,13 +75,13 @@ class Certificate:
     evidence: Evidence | None = field(default=None, repr=False, compare=False)
 
 
-def as_claim(
+def make_claim(
     polygon: shapely.Polygon, triangles: np.ndarray, criterion: str, certificate: Certificate
 ) -> dict[str, Any]:
-    """Return a certificate of triangles (m, 3) of a polygon as plain data for JSON.
+    """Return the certificate of a polygon's triangles (m, 3) as plain data for JSON.
 
-    Coordinates are doubles; all numbers that are compared are integers. Without evidence the claim
-    is not proven, and `potentials` is None.
+    A checker of the data compares only integers; coordinates and costs are doubles. If the
+    certificate has no evidence, `potentials`, `gap` and `lower_bound` are None.
     """
     points, ring_offsets = rings_of(polygon)
     claim: dict[str, Any] = {

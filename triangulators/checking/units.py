@@ -3,24 +3,25 @@
 The units follow from the polygon, the criterion and the certified triangulation by the rules below,
 never from the claim's evidence: units that are too coarse would prove anything.
 
-A cost is counted in units of 1 / scale, rounded down. A small noise, a fixed hash of each edge (see
-`Evidence`), is added: ties are common in the L1 metric, where both diagonals of a rectangle have
-equal lengths, and with a tie neither diagonal could be excluded. A weight is
+A triangle's cost is counted in units of 1 / scale, rounded down. A small noise, a fixed hash of
+each edge (see `Evidence`), is added: ties are common in the L1 metric, where both diagonals of a
+rectangle have equal lengths, and with a tie neither diagonal could be excluded. The weight of the
+triangle a-b-c is
 
-    factor * units + noise(ab) + noise(bc) + noise(ca)
+    factor * (cost in units) + noise(ab) + noise(bc) + noise(ca)
 
-and `factor` exceeds the noise of a whole triangulation, three edges times 2^bits - 1 for each
-triangle. So a triangulation of minimum weight has minimum cost in units, and weight // factor of a
-triangulation is the cost in units. Weights are clamped to 2^59 to fit 64 bits; a lower weight
-leaves a lower bound valid. Clamping from below would not: a cost far below 0, or NaN, gets
-the weight `TOO_LARGE`, and the checker rejects all evidence.
+and `factor` exceeds the noise of a full triangulation, three edges times 2^bits - 1 for each
+triangle. So a triangulation of minimum weight has minimum cost in units, and the weight of a
+triangulation // factor is its cost in units. Weights are clamped to 2^59 to fit 64 bits; a lower
+weight leaves a lower bound valid. A higher weight would not: a cost far below 0, or NaN, gets the
+weight `TOO_LARGE`, and the checker rejects all evidence.
 
 Integer costs. Half-perimeter, overdraw and similar costs are sums and products of coordinates. If
-coordinates are multiples of 2^-k, half-perimeters are integers in units of 2^-k, areas of half a
-box in units of 4^-k. If doubles compute each cost exactly, these are the units. If coordinates
-are integers too large for that, no claim is proven. All other costs are real numbers, computed by
-the criterion's function in doubles; units are between 2^-36 and 2^-32 of the triangulation's cost.
-If units would be below 2^-896, no claim is proven, too.
+coordinates are multiples of 2^-k, half-perimeters are integers in units of 2^-k, areas of triangles
+in units of 4^-k / 2. If doubles compute each cost exactly, these are the units. If coordinates are
+integers too large for that, no claim is proven. All other costs are real numbers, computed by the
+criterion's function in doubles; a unit is then between 2^-36 and 2^-32 of the triangulation's cost.
+If scale reaches its maximum, 2^900, units may be too coarse, and no claim is proven either.
 """
 
 import math
@@ -47,8 +48,8 @@ TOO_LARGE = 2**60
 _MAX_TOTAL = 2**61  # four times the weight of the triangulation stays below
 _MAX_WEIGHT = 2**59  # weight of a triangle, without noise
 _ROUNDED_TOTAL_BITS = 36  # the total of costs that are rounded has up to 2^36 units
-_MAX_COEFFICIENT = 1024  # sum of the sizes of the weights of a cost that is counted exactly
-_MAX_EXPONENT = 900  # so that scaled costs do not overflow a double
+_MAX_COEFFICIENT = 1024  # sum of a criterion's absolute coefficients, if costs are counted exactly
+_MAX_EXPONENT = 900  # largest exponent of `scale`, so that scaled costs do not overflow a double
 _MAX_SCALE = 2.0**_MAX_EXPONENT
 EXACT = 2.0**52  # integers up to which sums and halves of doubles are exact
 _EXACT_FACTOR = 2.0**25  # integers up to which products are exact
@@ -57,9 +58,10 @@ _EXACT_FACTOR = 2.0**25  # integers up to which products are exact
 class Units(NamedTuple):
     """The conversion of costs to weights, also for compiled code.
 
-    scale: units per cost of 1, a power of two; factor: weight of a unit; bits: an edge's noise is
-    below 2^bits; exact: no triangle's cost is rounded; real: costs are real numbers, so that a
-    claim holds up to a relative error, unless scale is the maximum, where units may be too coarse.
+    scale: units in a cost of 1, a power of two; factor: weight of a unit; bits: an edge's noise is
+    below 2^bits; exact: True if no triangle's cost is rounded; real: True if costs are real
+    numbers, so that a claim holds up to a relative error. If `scale` is 2^900, the maximum, units
+    may be too coarse, and a claim is not proven.
     """
 
     scale: float
@@ -70,26 +72,29 @@ class Units(NamedTuple):
 
 
 def find_units(outline: Boundary, triangles: np.ndarray, cost: Cost) -> Units:
-    """Return the units of claims about a polygon's triangulation (m, 3) with sites as vertices."""
+    """Return the units of a claim about a polygon's triangulation (m, 3), whose vertices are sites.
+
+    See `Boundary` for sites. cost: the criterion's `Cost` on this polygon.
+    """
     total = math.fsum(np.abs(compute_costs(outline.points, triangles, cost)).tolist())
     count = outline.expected_triangles
     scale, is_integer, _ = find_exact_scale(outline.points, cost)
     if scale > 0.0:
         for bits in (*range(NOISE_BITS, 1, -1), 0):
-            factor = find_factor(count, bits)
+            factor = compute_factor(count, bits)
             if 4.0 * total * scale * factor < _MAX_TOTAL:
                 return Units(scale, factor, bits, True, False)
     exponent = _ROUNDED_TOTAL_BITS - math.frexp(total)[1] if total > 0.0 else 0
     # A multiple of 4, so that most triangulations of a polygon have the same units.
     exponent = max(-_MAX_EXPONENT, min(_MAX_EXPONENT, 4 * (exponent // 4)))
     for bits in (*range(NOISE_BITS, 1, -1), 0):
-        factor = find_factor(count, bits)
+        factor = compute_factor(count, bits)
         if factor << (_ROUNDED_TOTAL_BITS + 2) < _MAX_TOTAL:
             break
     return Units(2.0**exponent, factor, bits, False, not is_integer)
 
 
-def find_factor(count: int, bits: int) -> int:
+def compute_factor(count: int, bits: int) -> int:
     """Return a power of two above the noise of `count` triangles; 1 if bits is 0 (no noise)."""
     return 1 << (3 * count * 2**bits).bit_length() if bits > 0 else 1
 
@@ -100,10 +105,12 @@ def has_exact_sums(outline: Boundary, cost: Cost) -> bool:
     return scale > 0.0 and max_units * outline.expected_triangles < EXACT
 
 
-def exact_total(outline: Boundary, triangles: np.ndarray, cost: Cost, units: Units) -> Fraction:
-    """Return the cost of a triangulation (m, 3): the exact sum of costs computed in doubles.
+def compute_exact_total(
+    outline: Boundary, triangles: np.ndarray, cost: Cost, units: Units
+) -> Fraction:
+    """Return the cost of a triangulation (m, 3): the exact sum of triangle costs in doubles.
 
-    The costs are exact if `units.exact` is set, otherwise rounded.
+    The triangle costs themselves are exact if `units.exact` is set, otherwise rounded to doubles.
     """
     costs = compute_costs(outline.points, triangles, cost)
     if units.exact:
@@ -113,10 +120,11 @@ def exact_total(outline: Boundary, triangles: np.ndarray, cost: Cost, units: Uni
 
 
 def is_proof(total: Fraction, bound_units: int, count: int, units: Units) -> bool:
-    """Whether a bound of `bound_units` units proves the total cost of `count` triangles optimal.
+    """Whether a lower bound proves the triangulation with cost `total` optimal.
 
-    The bound does not exceed the total (see `checker`). Real costs are rounded down by less than a
-    unit per triangle, also of the optimum; units that may be too coarse are no proof.
+    bound_units: the bound in units, not above the total (see `checker`); count: number of
+    triangles. Real costs are rounded down to units, also those of the optimum: a difference of less
+    than a unit per triangle proves optimality, unless units may be too coarse.
     """
     bound = Fraction(bound_units) / Fraction(units.scale)
     if units.real and total != 0 and units.scale < _MAX_SCALE:
@@ -125,10 +133,11 @@ def is_proof(total: Fraction, bound_units: int, count: int, units: Units) -> boo
 
 
 def find_exact_scale(points: np.ndarray, cost: Cost) -> tuple[float, bool, float]:
-    """Return (scale, is_integer, max_units); scale 0 if no scale makes doubles exact.
+    """Return (scale, is_integer, max_units) of costs that doubles compute exactly.
 
-    is_integer: costs are integers, of any size, because all coordinates are; max_units: upper bound
-    of twice a cost, in units.
+    scale: units in a cost of 1, or 0.0 if doubles do not compute each cost exactly; is_integer:
+    costs are integers, of any size, because all coordinates (n, 2) are; max_units: upper bound of
+    twice a triangle's cost, in units.
     """
     if cost["custom"]:
         return 0.0, False, math.inf
@@ -140,7 +149,7 @@ def find_exact_scale(points: np.ndarray, cost: Cost) -> tuple[float, bool, float
     ):
         return 0.0, False, math.inf
     box = bool(features & {AREA, BBOX_AREA})
-    k = _find_binary_places(points)
+    k = _count_binary_places(points)
     is_in_range = (2 * k + 1 if box else k) < _MAX_EXPONENT
     steps = float(np.ptp(points, axis=0).max()) * 2.0**k if is_in_range else math.inf
     max_units = float(np.abs(coefficients).sum()) * (2.0 * steps * steps if box else 2.0 * steps)
@@ -149,20 +158,22 @@ def find_exact_scale(points: np.ndarray, cost: Cost) -> tuple[float, bool, float
     return 0.0, k <= 0, max_units
 
 
-def _find_binary_places(points: np.ndarray) -> int:
-    """Return the smallest k >= -16 for which 2^k times each coordinate is an integer."""
+def _count_binary_places(points: np.ndarray) -> int:
+    """Return the smallest k >= -16 such that 2^k times each coordinate (n, 2) is an integer."""
     mantissa, exponent = np.frexp(points[points != 0.0])
     digits = np.ldexp(mantissa, 53).astype(np.int64)
-    # frexp's exponent of a power of two is the index of the bit plus 1.
+    # Number of trailing zero bits: digits & -digits is the lowest bit, and frexp's exponent of a
+    # power of two is the bit's index plus 1.
     ending = np.frexp((digits & -digits).astype(float))[1] - 1
     return max(-16, int((53 - exponent - ending).max(initial=-16)))
 
 
 @njit(nogil=True)
 def compute_costs(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.ndarray:
-    """Return the cost (t,) of each triangle, computed from the lowest vertex on.
+    """Return the cost (t,) of each triangle (t, 3) of points (n, 2).
 
-    The last digit of a cost in doubles may depend on the vertex that comes first.
+    The vertex of lowest index comes first in the computation, because the last digit of a cost in
+    doubles may depend on the order of the vertices.
     """
     result = np.empty(len(triangles))
     for t in range(len(triangles)):
@@ -173,7 +184,7 @@ def compute_costs(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.n
 
 @njit
 def rotate_lowest_first(a: int, b: int, c: int) -> tuple[int, int, int]:
-    """Rotate a triangle's vertices so that the lowest comes first."""
+    """Rotate a triangle's vertex indices so that the lowest comes first."""
     if b < a and b < c:
         return b, c, a
     if c < a and c < b:
@@ -182,10 +193,10 @@ def rotate_lowest_first(a: int, b: int, c: int) -> tuple[int, int, int]:
 
 
 @njit
-def noise(a: int, b: int, bits: int) -> np.int64:
-    """Return the edge's noise, in 0..2^bits - 1, by mixing the ends (splitmix64).
+def compute_noise(a: int, b: int, bits: int) -> np.int64:
+    """Return the noise of the edge a-b, in 0..2^bits - 1: a hash of both ends by splitmix64.
 
-    splitmix64's last step is omitted, because only lower bits would change.
+    splitmix64's last step is omitted, because it changes only bits below the highest 31.
     """
     x = np.uint64(min(a, b)) * np.uint64(0x9E3779B97F4A7C15)
     x += np.uint64(max(a, b)) * np.uint64(0xD1B54A32D192ED03)
@@ -196,7 +207,7 @@ def noise(a: int, b: int, bits: int) -> np.int64:
 
 @njit
 def compute_units(points: np.ndarray, a: int, b: int, c: int, cost: Cost, units: Units) -> np.int64:
-    """Return the cost of a triangle in units."""
+    """Return the cost of the triangle a-b-c in units, rounded down, without noise."""
     a, b, c = rotate_lowest_first(a, b, c)
     scaled, max_units = (
         cost_at(points, a, b, c, cost) * units.scale,
@@ -211,16 +222,21 @@ def compute_units(points: np.ndarray, a: int, b: int, c: int, cost: Cost, units:
 def compute_weight(
     points: np.ndarray, a: int, b: int, c: int, cost: Cost, units: Units
 ) -> np.int64:
-    """Return the weight of a triangle."""
+    """Return the weight of the triangle a-b-c: factor times units, plus noise (see module)."""
     cost_units, bits = compute_units(points, a, b, c, cost, units), units.bits
-    return cost_units * units.factor + noise(a, b, bits) + noise(b, c, bits) + noise(c, a, bits)
+    return (
+        cost_units * units.factor
+        + compute_noise(a, b, bits)
+        + compute_noise(b, c, bits)
+        + compute_noise(c, a, bits)
+    )
 
 
 @njit(nogil=True)
 def compute_weights(
     points: np.ndarray, triangles: np.ndarray, cost: Cost, units: Units
 ) -> np.ndarray:
-    """Return the weight (t,) of each triangle."""
+    """Return the weight (t,) of each triangle (t, 3) of points (n, 2)."""
     result = np.empty(len(triangles), dtype=np.int64)
     for t in range(len(triangles)):
         a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]

@@ -112,11 +112,11 @@ def is_trusted_folder(folder: Path) -> bool:
 
 
 @lru_cache(maxsize=1024)
-def digest(file: Path) -> str:
+def compute_digest(file: Path) -> str:
     """Return a digest of the sources of a module and of all modules in `find_sources`."""
     sha = hashlib.sha256()
     for source in sorted(find_sources(file)):
-        sha.update(f"{module_name(source)}\n".encode() + _read_source(source) + b"\0")
+        sha.update(f"{find_module_name(source)}\n".encode() + _read_source(source) + b"\0")
     return sha.hexdigest()[:16]
 
 
@@ -156,7 +156,7 @@ def _find_file(module: str) -> Path | None:
     return None
 
 
-def module_name(file: Path) -> str:
+def find_module_name(file: Path) -> str:
     """Return a module's dotted name."""
     path = file.relative_to(SOURCES) if file.is_relative_to(SOURCES) else Path(file.name)
     return ".".join(path.with_suffix("").parts)
@@ -165,7 +165,7 @@ def module_name(file: Path) -> str:
 def is_cached(module: str) -> bool:
     """Whether compiled code of a module's current source is cached."""
     file = _find_file(module)
-    return file is not None and (cache_folder() / f"{module}-{digest(file)}").is_dir()
+    return file is not None and (cache_folder() / f"{module}-{compute_digest(file)}").is_dir()
 
 
 class CacheUsage(NamedTuple):
@@ -184,10 +184,10 @@ def measure_cache() -> CacheUsage:
     """Return the disk usage for all versions of Numba and Python."""
     root = cache_folder().parent
     files = [file.stat().st_size for file in root.rglob("*.nbc")]
-    return CacheUsage(root, len(files), sum(files), tuple(_find_old(root)))
+    return CacheUsage(root, len(files), sum(files), tuple(_find_old_folders(root)))
 
 
-def remove_old() -> int:
+def remove_old_code() -> int:
     """Remove old compiled code; return the number of folders."""
     old = measure_cache().old
     for folder in old:
@@ -195,9 +195,11 @@ def remove_old() -> int:
     return len(old)
 
 
-def _find_old(root: Path) -> Iterator[Path]:
+def _find_old_folders(root: Path) -> Iterator[Path]:
     current_names = {
-        f"{module_name(f)}-{digest(f)}" for p in PACKAGES for f in (SOURCES / p).rglob("*.py")
+        f"{find_module_name(f)}-{compute_digest(f)}"
+        for p in PACKAGES
+        for f in (SOURCES / p).rglob("*.py")
     }
     for folder in root.glob("numba*/*"):
         files = folder.iterdir() if _FOLDER.fullmatch(folder.name) else ()

@@ -61,7 +61,7 @@ def find_root(parent: np.ndarray, v: int) -> int:
 
 
 @njit
-def join(parent: np.ndarray, a: int, b: int) -> bool:
+def merge_trees(parent: np.ndarray, a: int, b: int) -> bool:
     """Merge the trees of `a` and `b`; return whether the trees were different."""
     a, b = find_root(parent, a), find_root(parent, b)
     parent[a] = b

@@ -22,11 +22,11 @@ from numba.core.sigutils import normalize_signature
 
 from triangulators.compute.compiled_files import (
     cache_folder,
-    digest,
+    compute_digest,
+    find_module_name,
     is_trusted,
     is_trusted_folder,
     make_folder,
-    module_name,
 )
 
 
@@ -111,7 +111,7 @@ class _Cache(FunctionCache):
         self._name = repr(source)
         self._py_func = source
         file = Path(source.__code__.co_filename).resolve()
-        folder = cache_folder() / f"{module_name(file)}-{digest(file)}"
+        folder = cache_folder() / f"{find_module_name(file)}-{compute_digest(file)}"
         self._impl = self._impl_class.__new__(self._impl_class)
         # Numba's warnings name the file; `save` makes the folder.
         self._impl._locator = SimpleNamespace(_py_file=str(file), ensure_cache_path=lambda: None)

@@ -22,9 +22,9 @@ from triangulators.criteria.criterion import (
     WEIGHTS_MARK,
     Criterion,
     calibrated,
+    make_weighted_criterion,
     mixed,
     read_weights,
-    weighted_sum,
 )
 from triangulators.errors import ArgumentError, UnknownNameError, suggest
 
@@ -43,7 +43,7 @@ AUXILIARY_FEATURES = ("triangles", "area", "bbox_area", "expected_setups")
 """Features that are not criteria; only fits of a device's time need their sums."""
 
 
-def exact_quads_of(*points: float) -> float:
+def count_exact_quads(*points: float) -> float:
     """Call the compiled `features.exact_quads`, imported on the first call."""
     from triangulators.criteria.features import exact_quads
 
@@ -53,7 +53,7 @@ def exact_quads_of(*points: float) -> float:
 CRITERIA: dict[str, Criterion] = {
     criterion.name: criterion
     for criterion in (
-        weighted_sum(
+        make_weighted_criterion(
             "overdraw",
             "bounding-box area minus triangle area",
             "the paper's overdraw",
@@ -62,7 +62,7 @@ CRITERIA: dict[str, Criterion] = {
             bbox_area=1,
             area=-1,
         ),
-        weighted_sum(
+        make_weighted_criterion(
             "half-perimeter",
             "bounding-box width plus height",
             "half-perimeter",
@@ -70,7 +70,7 @@ CRITERIA: dict[str, Criterion] = {
             "px",
             half_perimeter=1,
         ),
-        weighted_sum(
+        make_weighted_criterion(
             "expected-quads",
             "2x2 pixel quads to shade, averaged over all positions on the grid",
             "expected quads",
@@ -78,7 +78,7 @@ CRITERIA: dict[str, Criterion] = {
             "quads",
             expected_quads=1,
         ),
-        weighted_sum(
+        make_weighted_criterion(
             "expected-blocks",
             "4x4 pixel blocks touched, averaged over all positions on the grid",
             "expected 4x4 blocks",
@@ -86,8 +86,10 @@ CRITERIA: dict[str, Criterion] = {
             "blocks",
             expected_blocks=1,
         ),
-        weighted_sum("edge-length", "perimeter", "edge length", "E", "px", edge_length=1),
-        weighted_sum(
+        make_weighted_criterion(
+            "edge-length", "perimeter", "edge length", "E", "px", edge_length=1
+        ),
+        make_weighted_criterion(
             "shape",
             "deviation of the angles from 60 degrees",
             "the paper's shape deviation",
@@ -95,7 +97,7 @@ CRITERIA: dict[str, Criterion] = {
             "degrees",
             shape=1,
         ),
-        weighted_sum(
+        make_weighted_criterion(
             "beauty",
             "negative area over perimeter; Blender's Beauty maximises area over perimeter",
             "negative beauty",
@@ -103,7 +105,7 @@ CRITERIA: dict[str, Criterion] = {
             "px",
             beauty=-1,
         ),
-        weighted_sum(
+        make_weighted_criterion(
             "complexity",
             "24 bytes per triangle",
             "the paper's complexity",
@@ -114,7 +116,7 @@ CRITERIA: dict[str, Criterion] = {
         Criterion(
             "exact-quads",
             "2x2 pixel quads shaded at the triangle's position on the pixel grid, counted",
-            function=exact_quads_of,
+            function=count_exact_quads,
             label="exact quads",
             unit="quads",
             depends_on_position=True,
@@ -246,9 +248,9 @@ def predict(points: np.ndarray, triangles: np.ndarray) -> dict[str, float]:
     """
     points = np.ascontiguousarray(points, dtype=np.float64)
     triangles = np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1, 3)
-    from triangulators.criteria.features import feature_sums
+    from triangulators.criteria.features import sum_features
 
-    sums = feature_sums(points, triangles)[None]
+    sums = sum_features(points, triangles)[None]
     return {name: float(column[0]) for name, column in _combine_features(sums).items()}
 
 
@@ -259,9 +261,9 @@ def predict_many(
     triangle_offsets: np.ndarray,
 ) -> dict[str, np.ndarray]:
     """Return the sums of `predict` of p polygons, as columns (p,); arrays as in `Batch`."""
-    from triangulators.criteria.features import feature_sums_of_many
+    from triangulators.criteria.features import sum_features_of_many
 
-    sums = feature_sums_of_many(coords, vertex_offsets, triangles, triangle_offsets)
+    sums = sum_features_of_many(coords, vertex_offsets, triangles, triangle_offsets)
     return _combine_features(sums)
 
 

@@ -12,14 +12,14 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from triangulators.compute.kernels import intrinsic, njit
-from triangulators.criteria import exact_quads_of
+from triangulators.criteria import count_exact_quads
 from triangulators.criteria.criterion import FEATURES, Criterion
 from triangulators.criteria.features import (
     COUNT,
     SIGNATURE,
     exact_quads,
+    weigh_triangle,
     weigh_triangles,
-    weighted,
 )
 from triangulators.errors import TriangulationError
 
@@ -56,7 +56,7 @@ _RECORD = np.dtype((np.record, _FIELDS))
 
 
 @cache
-def _compile(function: Callable[..., float]) -> Any:
+def _compile_c_function(function: Callable[..., float]) -> Any:
     """Compile a function of three points as a C function, which lives as long as the process.
 
     Costs of a user's function that are NaN or too large are replaced by `MAX_COST`: a dynamic
@@ -64,7 +64,7 @@ def _compile(function: Callable[..., float]) -> Any:
     """
     import numba
 
-    if function is exact_quads_of:
+    if function is count_exact_quads:
         from triangulators.compute.storing import compile_cfunc
 
         return compile_cfunc(SIGNATURE, _call_exact_quads)
@@ -107,18 +107,20 @@ def make_cost(criterion: Criterion, polygon_area: float, triangles: int, sign: f
     sign: 1 to minimise the criterion, -1 to maximise it.
     """
     if criterion.function is not None:
-        return _record(custom=True, function=_compile(criterion.function).address, sign=sign)
+        return _make_record(
+            custom=True, function=_compile_c_function(criterion.function).address, sign=sign
+        )
     weights = sign * criterion.weights_for(polygon_area, triangles)
     is_box = not weights[EDGE_LENGTH + 1 :].any()
-    return _record(weights=weights, box=weights[_BOX], is_box=is_box, sign=sign)
+    return _make_record(weights=weights, box=weights[_BOX], is_box=is_box, sign=sign)
 
 
 def replace_fields(cost: Cost, **fields: Any) -> Cost:
     """Return a cost with some fields replaced."""
-    return _record(**{name: cost[name] for name in _FIELDS.names or ()} | fields)
+    return _make_record(**{name: cost[name] for name in _FIELDS.names or ()} | fields)
 
 
-def _record(**fields: Any) -> Cost:
+def _make_record(**fields: Any) -> Cost:
     records = np.zeros(1, _RECORD)
     for name, value in fields.items():
         records[name] = value
@@ -128,7 +130,9 @@ def _record(**fields: Any) -> Cost:
 
 
 @intrinsic
-def call(_typing: Any, _at: Any, _ax: Any, _ay: Any, _bx: Any, _by: Any, _cx: Any, _cy: Any) -> Any:
+def call_address(
+    _typing: Any, _at: Any, _ax: Any, _ay: Any, _bx: Any, _by: Any, _cx: Any, _cy: Any
+) -> Any:
     """Call the C function of six float64 at an address."""
     from llvmlite import ir  # type: ignore[import-untyped]
     from numba import types
@@ -147,8 +151,8 @@ def triangle_cost(
 ) -> float:
     """Cost of a triangle."""
     if cost.custom:
-        return float(cost.sign * call(cost.function, ax, ay, bx, by, cx, cy))
-    return weighted(cost.weights, ax, ay, bx, by, cx, cy)
+        return float(cost.sign * call_address(cost.function, ax, ay, bx, by, cx, cy))
+    return weigh_triangle(cost.weights, ax, ay, bx, by, cx, cy)
 
 
 @njit

@@ -119,13 +119,13 @@ class Criterion:
         if self.function is not None:
             costs = [self.function(*points[row].ravel().tolist()) for row in triangles]
             return math.fsum(costs)
-        from triangulators.criteria.features import feature_sums
+        from triangulators.criteria.features import sum_features
 
-        sums = feature_sums(points, np.ascontiguousarray(triangles, dtype=np.int32))
+        sums = sum_features(points, np.ascontiguousarray(triangles, dtype=np.int32))
         return float(np.dot(self.weights_for(float(sums[1]), len(triangles)), sums))
 
 
-def weighted_sum(
+def make_weighted_criterion(
     name: str,
     description: str,
     label: str,
@@ -177,7 +177,7 @@ def mixed(alpha: float = 1.0, beta: float = 1.0, gamma: float = 1.0) -> Criterio
     problem = _find_problem(dict(zip(MIXED_WEIGHTS, weights, strict=True)))
     if problem:
         raise _make_weights_error(name, problem)
-    linear = weighted_sum(
+    linear = make_weighted_criterion(
         name,
         "alpha*A/S + beta*D/(240 T) + gamma*C/(24 T); mixed=1/0.5/0 gives the weights",
         "mixture",
@@ -238,7 +238,9 @@ def calibrated(coefficients: Mapping[str, float]) -> Criterion:
             f"choose from {', '.join(CALIBRATED_FEATURES)}"
         )
     description = "T, S, H, w*h, D, Q, P and R at the rates fitted on a device"
-    linear = weighted_sum("calibrated", description, "calibrated time", "", "s", **coefficients)
+    linear = make_weighted_criterion(
+        "calibrated", description, "calibrated time", "", "s", **coefficients
+    )
     return replace(linear, is_family=True)
 
 

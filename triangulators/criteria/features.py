@@ -2,7 +2,7 @@
 
 The optimiser, the predictions and the tests share the definition of a feature: a Numba function of
 three points as six numbers. `criterion.FEATURES` lists the names in the order of weights; a new
-feature is added there, to `COUNT`, in `weighted` and in `feature_sums`.
+feature is added there, to `COUNT`, in `weigh_triangle` and in `sum_features`.
 
 Units follow from the coordinates: pixels for a frame. Only `exact_quads` depends on the triangle's
 position on the pixel grid.
@@ -163,7 +163,7 @@ def expected_setups(ax: float, ay: float, bx: float, by: float, cx: float, cy: f
 
 
 @njit
-def weighted(
+def weigh_triangle(
     weights: np.ndarray, ax: float, ay: float, bx: float, by: float, cx: float, cy: float
 ) -> float:
     """Weighted sum of the features of one triangle; `weights` in the order of `FEATURES`."""
@@ -210,7 +210,7 @@ def _add_feature(
 def weigh_triangles(
     weights: np.ndarray, corners: tuple[np.ndarray, ...], count: int, totals: np.ndarray
 ) -> None:
-    """Write `weighted` of many triangles to `totals`, bit by bit the same.
+    """Write `weigh_triangle` of many triangles to `totals`, bit by bit the same.
 
     corners: ax, ay, bx, by, cx, cy; count: number of triangles. The arrays have at least the next
     multiple of 8 elements; those of `totals` beyond the count are undefined.
@@ -233,7 +233,7 @@ def weigh_triangles(
 
 
 @njit
-def feature_sums(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+def sum_features(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Sum of each feature over (m, 3) triangles of (n, 2) points, shape (k,)."""
     sums = np.zeros(COUNT)
     for row in range(len(triangles)):
@@ -255,7 +255,7 @@ def feature_sums(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 @njit
-def feature_sums_of_many(
+def sum_features_of_many(
     coords: np.ndarray,
     vertex_offsets: np.ndarray,
     triangles: np.ndarray,
@@ -265,13 +265,13 @@ def feature_sums_of_many(
 
     coords (n, 2), vertex_offsets (p + 1,): vertices; triangles (m, 3), triangle_offsets (p + 1,):
     vertex indices, which start at 0 in each polygon. The order of summation is that of
-    `feature_sums`.
+    `sum_features`.
     """
     sums = np.empty((len(vertex_offsets) - 1, COUNT))
     for polygon in range(len(sums)):
         points = coords[vertex_offsets[polygon] : vertex_offsets[polygon + 1]]
         rows = triangles[triangle_offsets[polygon] : triangle_offsets[polygon + 1]]
-        sums[polygon] = feature_sums(points, rows)
+        sums[polygon] = sum_features(points, rows)
     return sums
 
 

@@ -1,10 +1,10 @@
-"""Ear clipping by mapbox_earcut, about a local origin.
+"""Ear clipping by mapbox_earcut, after translating polygons that are far from the origin.
 
 earcut joins a hole to the outer ring where a horizontal line from the hole meets an edge, and
 computes that point in absolute coordinates. Far from the origin the rounding error exceeds small
-distances of the polygon, so the wrong edge may be chosen, and triangles overlap: by 6.9 % of the
-area for a triangle with two holes at (2.5e6, -5e5). Near the origin the error is relative to the
-polygon's size. The translation is exact (Sterbenz' lemma), so no vertex moves relative to another.
+distances in the polygon, so the wrong edge may be chosen, and triangles overlap: by 6.9 % of the
+area for a triangle with two holes at (2.5e6, -5e5). Near the origin the rounding error is relative
+to the polygon's size. The translation is exact (Sterbenz' lemma), so the shape does not change.
 """
 
 from typing import Any
@@ -21,13 +21,13 @@ _BY_TYPE: dict[Any, Any] = {
 }
 
 
-_FIRST = np.zeros(1, np.int64)
+_FIRST = np.zeros(1, np.int64)  # argument `starts` of `far_offsets` for a single polygon
 
 
 def clip_ears(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Return mapbox_earcut's indices (3 m,) uint32; raises the same errors.
+    """Return mapbox_earcut's vertex indices (3 m,) uint32; raises the errors of mapbox_earcut.
 
-    points : (n, 2) float64, int32 or int64; ends : (r,) uint32, the end of each ring
+    points : (n, 2) float64, int32 or int64; ends : (r,) uint32, the end of each ring in `points`
     """
     if isinstance(points, np.ndarray) and points.ndim == 2 and len(points):
         offsets = far_offsets(points, _FIRST)
@@ -40,10 +40,11 @@ def clip_ears(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
 
 @njit(nogil=True)
 def far_offsets(points: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """Return the translations (k, 2) of polygons that are far from the origin.
+    """Return the offset (k, 2) to subtract from each polygon so that it is near the origin.
 
-    points : (n, 2) of all polygons; starts : (k,) of nonempty polygons. A translation is 0 unless
-    the distance from the origin exceeds the extent; then x - offset is exact.
+    points : (n, 2), the vertices of all polygons; starts : (k,), first vertex of each nonempty
+    polygon. The offset along an axis is 0 unless the polygon's distance from 0 exceeds its extent;
+    subtracting the offset is exact.
 
     >>> points = np.array([(2e6, -5e5), (2e6 + 9, -5e5 - 7), (2e6, -1.0)])
     >>> far_offsets(points, np.array([0])).tolist()

@@ -1,15 +1,17 @@
 """Flips of diagonals, in the order that all language ports share (see ports/ORDER.md).
 
-Two triangles that share an edge form a quadrilateral. If it is strictly convex, a flip replaces its
-diagonal by the other one. Diagonals are flipped until no flip gains. Each test decreases a sum or
-replaces lengths by shorter ones, so no triangulation occurs twice and the flips terminate.
+Two triangles that share an edge form a quadrilateral. If the quadrilateral is strictly convex, a
+flip replaces its diagonal by the other diagonal. Diagonals are flipped while a flip gains, by one
+of the tests below. Each flip decreases a sum or replaces a diagonal by a shorter one, so no
+triangulation occurs twice and the flips terminate.
 
-A flip is made only if both new triangles certainly have the orientation of the old ones, so the
-triangulation remains valid. Integer coordinates up to 2^25 are decided exactly; for others, a
-filter rejects flips that depend on rounding.
+A flip is made only if both new triangles certainly have the orientation of the old triangles, so
+the triangulation remains valid. For integer coordinates up to 2^25 orientations are exact; for
+others, a filter rejects flips that depend on rounding.
 
-Sources: C. L. Lawson, "Software for C1 surface interpolation", 1977; the order is that of `refine`
-in npm's earcut 3.2.4; flips to shorter diagonals after ear clipping are in HelperLaneViz, 2025.
+Sources: C. L. Lawson, "Software for C1 surface interpolation", 1977. The order is that of the
+function `refine` in npm's earcut 3.2.4. HelperLaneViz, 2025, flips to shorter diagonals after ear
+clipping.
 """
 
 from typing import Any
@@ -20,15 +22,16 @@ from triangulators.compute.kernels import njit
 from triangulators.geometry.half_edges import link, next_edge, previous_edge
 from triangulators.geometry.order import walk_along
 
-_MAX_INTEGER = 2.0**25  # integer coordinates up to this have exact orientations and lengths
-_UNDERFLOW = 1e-300  # exceeds the error of a product by underflow
+_MAX_INTEGER = 2.0**25  # orientations and lengths of integer coordinates up to this are exact
+_UNDERFLOW = 1e-300  # exceeds the error that underflow causes in a product
 
 
 @njit(nogil=True)
 def list_diagonals(twin: np.ndarray, stack: np.ndarray, waiting: np.ndarray) -> int:
-    """Push the earlier half-edge of each diagonal, in the order of the later ones.
+    """Push one half-edge of each diagonal on `stack`; return the stack's size.
 
-    Returns the stack's size; marks the pushed half-edges in `waiting`.
+    Of both half-edges, that with the lower number is pushed and marked in `waiting` (3 m,);
+    diagonals are in ascending order of the higher number.
     """
     size = 0
     for latter in range(len(twin)):
@@ -49,7 +52,11 @@ def flip_edge(
     waiting: np.ndarray,
     size: int,
 ) -> int:
-    """Flip the diagonal e and push the quadrilateral's sides; return the new size of the stack."""
+    """Flip the diagonal of half-edge e, push the quadrilateral's sides; return the stack's size.
+
+    Updates corner, twin (3 m,) in place. Sides on the boundary and sides that are on the stack
+    already, marked in `waiting`, are not pushed.
+    """
     f: Any = np.int64(twin[e])
     e2, f2 = previous_edge(e), previous_edge(f)
     corner[e], corner[f] = corner[f2], corner[e2]
@@ -68,7 +75,7 @@ def flip_edge(
 
 
 @njit(nogil=True, inline="always")
-def run(
+def flip_while_gaining(
     points: np.ndarray, corner: np.ndarray, twin: np.ndarray, gains: Any, convex: Any, context: Any
 ) -> int:
     """Flip in place until no flip gains; return the number of flips.
@@ -77,11 +84,11 @@ def run(
     a-d is better than b-c, the common edge of the triangles a, b, c and d, c, b; convex(points, a,
     b, c, d): whether the quadrilateral of both triangles is convex.
 
-    Order: diagonals wait on a stack, initially each once, in the order of its later half-edge. The
-    top diagonal is tried; after a flip the four sides of the quadrilateral are pushed unless they
-    are on the stack already. Invariant: flipping a diagonal that does not wait would not gain. So a
-    flip takes constant time, and the stack cannot overflow, because `waiting` admits a half-edge
-    once.
+    Order: diagonals to try are on a stack, initially all, as `list_diagonals` pushes them. The top
+    diagonal is tried; after a flip the four sides of the quadrilateral are pushed, except sides
+    that are on the stack already. Invariant: flipping a diagonal that is not on the stack would not
+    gain. A flip takes constant time, and the stack cannot overflow, because `waiting` admits each
+    half-edge once.
     """
     stack = np.empty(len(corner), dtype=np.int32)
     waiting = np.zeros(len(corner), dtype=np.bool_)
@@ -102,7 +109,8 @@ def run(
 
 
 @njit(nogil=True)
-def _all_integers(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
+def _are_all_integers(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
+    """Whether the coordinates of four points are integers of at most 2^25 in size."""
     for point in (a, b, c, d):
         for value in (points[point, 0], points[point, 1]):
             if not (abs(value) <= _MAX_INTEGER and value == np.floor(value)):
@@ -126,29 +134,32 @@ def convex(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
     return (
         abs(first) > 4e-16 * (abs(p) + abs(q)) + _UNDERFLOW
         and abs(second) > 4e-16 * (abs(r) + abs(s)) + _UNDERFLOW
-    ) or _all_integers(points, a, b, c, d)
+    ) or _are_all_integers(points, a, b, c, d)
 
 
 @njit(nogil=True)
-def _shorter_l1(points: np.ndarray, a: int, b: int, c: int, d: int, _: Any) -> bool:
+def _is_shorter_l1(points: np.ndarray, a: int, b: int, c: int, d: int, _: Any) -> bool:
+    """Whether the diagonal a-d is shorter than b-c in the L1 metric."""
     new = abs(points[d, 0] - points[a, 0]) + abs(points[d, 1] - points[a, 1])
     return bool(new < abs(points[c, 0] - points[b, 0]) + abs(points[c, 1] - points[b, 1]))
 
 
 @njit(nogil=True)
-def _shorter(points: np.ndarray, a: int, b: int, c: int, d: int, _: Any) -> bool:
+def _is_shorter(points: np.ndarray, a: int, b: int, c: int, d: int, _: Any) -> bool:
+    """Whether the diagonal a-d is shorter than b-c."""
     x, y = points[d, 0] - points[a, 0], points[d, 1] - points[a, 1]
     u, v = points[c, 0] - points[b, 0], points[c, 1] - points[b, 1]
     return bool(x * x + y * y < u * u + v * v)
 
 
 @njit(nogil=True)
-def _in_circle(points: np.ndarray, a: int, b: int, c: int, d: int, winding: float) -> bool:
+def _is_in_circle(points: np.ndarray, a: int, b: int, c: int, d: int, winding: float) -> bool:
     """Whether d is certainly inside the circle through a, b, c (counter-clockwise if winding > 0).
 
-    No allowed flip depends on rounding, so flips terminate. With s the sum of three squared
-    distances, the rounding error is below 4e-16 s^2. If the sign is in doubt for integers, s is at
-    most 3 * 2^53, so the exact value is below 1.4e-15 s^2 < 2^60: sums modulo 2^64 give it.
+    Flips that depend on rounding are rejected, so flips terminate. With s the sum of the squared
+    distances of a, b and c from d, the rounding error of the determinant is below 4e-16 s^2. For
+    integers s is at most 3 * 2^53; if the sign is in doubt, the exact determinant is below
+    1.4e-15 s^2 < 2^60, so 64-bit sums, which are exact modulo 2^64, give its value.
     """
     px, py = points[a, 0] - points[d, 0], points[a, 1] - points[d, 1]
     qx, qy = points[b, 0] - points[d, 0], points[b, 1] - points[d, 1]
@@ -158,14 +169,14 @@ def _in_circle(points: np.ndarray, a: int, b: int, c: int, d: int, winding: floa
     inside, size = (p * i + q * j + r * k) * winding, p + q + r
     if abs(inside) > 1e-15 * size * size + _UNDERFLOW:
         return bool(inside > 0.0)
-    if not _all_integers(points, a, b, c, d):
+    if not _are_all_integers(points, a, b, c, d):
         return False
     exact = np.int64(p) * np.int64(i) + np.int64(q) * np.int64(j) + np.int64(r) * np.int64(k)
     return bool(exact * winding > 0.0)
 
 
 @njit(nogil=True)
-def _in_circle_as_earcut(points: np.ndarray, a: int, b: int, c: int, d: int, _: Any) -> bool:
+def _is_in_circle_as_earcut(points: np.ndarray, a: int, b: int, c: int, d: int, _: Any) -> bool:
     """The in-circle test of npm's earcut 3.2.4, operation by operation, with its tolerance."""
     px, py = points[a, 0] - points[d, 0], points[a, 1] - points[d, 1]
     qx, qy = points[b, 0] - points[d, 0], points[b, 1] - points[d, 1]
@@ -177,7 +188,8 @@ def _in_circle_as_earcut(points: np.ndarray, a: int, b: int, c: int, d: int, _: 
 
 
 @njit(nogil=True)
-def _left_as_earcut(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
+def _is_convex_as_earcut(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
+    """Whether a, b, d and a, d, c turn left by npm's earcut 3.2.4, operation by operation."""
     ax, ay = points[a, 0], points[a, 1]
     x, y = points[d, 0] - ax, points[d, 1] - ay
     if (points[b, 0] - ax) * y - (points[b, 1] - ay) * x <= 0.0:
@@ -186,7 +198,7 @@ def _left_as_earcut(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
 
 
 @njit(nogil=True)
-def _winding(points: np.ndarray, corner: np.ndarray) -> float:
+def _find_orientation(points: np.ndarray, corner: np.ndarray) -> float:
     """Return the orientation, 1 or -1, of the first triangle with an area; 0 if there is none."""
     for e in range(0, len(corner), 3):
         a, b, c = corner[e], corner[e + 1], corner[e + 2]
@@ -202,35 +214,45 @@ def _winding(points: np.ndarray, corner: np.ndarray) -> float:
 
 
 @njit(nogil=True)
-def by_l1(points: np.ndarray, corner: np.ndarray, twin: np.ndarray) -> int:
-    """Flip to diagonals that are shorter in the L1 metric, see `run`."""
-    return run(points, corner, twin, _shorter_l1, convex, None)
+def flip_by_l1(points: np.ndarray, corner: np.ndarray, twin: np.ndarray) -> int:
+    """Flip to diagonals that are shorter in the L1 metric; see `flip_while_gaining`."""
+    return flip_while_gaining(points, corner, twin, _is_shorter_l1, convex, None)
 
 
 @njit(nogil=True)
-def by_euclidean(points: np.ndarray, corner: np.ndarray, twin: np.ndarray) -> int:
-    """Flip to shorter diagonals, see `run`."""
-    return run(points, corner, twin, _shorter, convex, None)
+def flip_by_length(points: np.ndarray, corner: np.ndarray, twin: np.ndarray) -> int:
+    """Flip to diagonals that are shorter in the Euclidean metric; see `flip_while_gaining`."""
+    return flip_while_gaining(points, corner, twin, _is_shorter, convex, None)
 
 
 @njit(nogil=True)
-def by_delaunay(points: np.ndarray, corner: np.ndarray, twin: np.ndarray) -> int:
-    """Flip where a vertex is inside the circumcircle of the adjacent triangle, see `run`."""
-    return run(points, corner, twin, _in_circle, convex, _winding(points, corner))
+def flip_by_delaunay(points: np.ndarray, corner: np.ndarray, twin: np.ndarray) -> int:
+    """Flip until no vertex is certainly inside an adjacent triangle's circumcircle.
+
+    See `flip_while_gaining`.
+    """
+    return flip_while_gaining(
+        points, corner, twin, _is_in_circle, convex, _find_orientation(points, corner)
+    )
 
 
 @njit(nogil=True)
-def as_earcut(points: np.ndarray, corner: np.ndarray, twin: np.ndarray) -> int:
+def flip_as_earcut(points: np.ndarray, corner: np.ndarray, twin: np.ndarray) -> int:
     """Flip as `refine` of npm's earcut 3.2.4 does: the same triangles in the same order."""
-    return run(points, corner, twin, _in_circle_as_earcut, _left_as_earcut, None)
+    return flip_while_gaining(
+        points, corner, twin, _is_in_circle_as_earcut, _is_convex_as_earcut, None
+    )
 
 
 @njit(nogil=True)
-def shorten(points: np.ndarray, indices: np.ndarray, in_walk: bool) -> None:
-    """Apply `by_l1`, then a walk if `in_walk`, in place to indices (3 m,) of any integer type."""
+def shorten_diagonals(points: np.ndarray, indices: np.ndarray, in_walk: bool) -> None:
+    """Apply `flip_by_l1` in place to the triangles `indices` (3 m,), of any integer type.
+
+    in_walk: True to put the result in walk order (see `order`).
+    """
     corner = indices.astype(np.int32)
     twin = link(corner)
-    by_l1(points, corner, twin)
+    flip_by_l1(points, corner, twin)
     if in_walk:
         corner = walk_along(corner.reshape(-1, 3), twin, len(points)).reshape(-1)
     indices[:] = corner

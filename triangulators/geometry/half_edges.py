@@ -1,6 +1,7 @@
 """Half-edges: triangle t has the half-edges 3 t, 3 t + 1 and 3 t + 2, from a vertex to the next.
 
-A half-edge's twin is the half of the same edge in the adjacent triangle.
+The twin of a half-edge is the half-edge of the adjacent triangle along the same edge, in the
+opposite direction.
 """
 
 from typing import Any
@@ -27,8 +28,8 @@ def previous_edge(e: Any) -> Any:
 def link(corner: np.ndarray) -> np.ndarray:
     """Return the twin (3 m,) of each half-edge, or -1; twins are mutual.
 
-    corner (3 m,): start vertex of each half-edge. If several half-edges could be the twin, the
-    first unmatched half-edge is.
+    corner (3 m,): start vertex of each half-edge. If several half-edges could be the twin, that
+    with the lowest number is taken.
 
     A hash table with open addressing, at most two thirds full, has a slot per undirected edge. The
     slot has the last half-edge of a queue of unmatched half-edges of that edge, all in the same
@@ -85,8 +86,9 @@ def is_triangulation(
     """Whether triangles, given by half-edges, are a conforming triangulation of a polygon's rings.
 
     points (n, 2), ring_offsets (h + 2,): rings of either orientation; corner, twin: (3 m,), see
-    `link`. Requires n + 2 h - 2 triangles, all counter-clockwise, whose unshared edges are edges of
-    the rings. Then all edges add up to the boundary, so the triangles cover the interior once.
+    `link`. True if there are n + 2 h - 2 triangles, all counter-clockwise, and the edges without a
+    twin are the edges of the rings: all edges then add up to the boundary, so the triangles cover
+    the interior once.
     """
     n = len(points)
     if len(corner) != 3 * (n + 2 * (len(ring_offsets) - 2) - 2):

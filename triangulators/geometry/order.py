@@ -1,15 +1,16 @@
 """Triangle order: a walk over neighbours, or an order for a vertex cache.
 
-Walk: from a triangle to a neighbour, the vertex that is new last. A renderer shades a vertex again
-after the vertex has left the vertex cache, or when a batch ends. So the triangles are visited along
-the dual graph, depth first and the smaller branch first: about log2(m) edges are open at any time.
-Each triangle begins with the edge over which the walk enters: lookups in a vertex cache are then
-hit, hit, miss for every triangle, which a processor's branch predictor learns.
+Walk order: the next triangle is a neighbour of an earlier one, and the vertex that only the new
+triangle has is its last. A renderer shades a vertex again after the vertex has left the vertex
+cache, or when a batch ends. So the triangles are visited along the dual graph, depth first, the
+smaller branch first: at most about log2(m) edges then lead to unvisited triangles. Each triangle
+begins with the edge over which the walk enters: lookups in a vertex cache are then hit, hit, miss
+for every triangle, which a processor's branch predictor learns.
 
-Order. Each connected component is walked from the first triangle with a single neighbour, or the
-first triangle if there is none, along a breadth-first spanning tree (holes are cycles of the dual
-graph). Branch sizes are summed from the leaves; then the tree is walked with a stack. Neighbours
-are visited in order from the entry edge on, so that the order does not depend on the rotation of a
+Each connected component is walked from the first triangle with a single neighbour, or the first
+triangle if there is none, along a breadth-first spanning tree (holes are cycles of the dual graph).
+Branch sizes are summed from the leaves; then the tree is walked with a stack. Neighbours are
+visited in order from the entry edge on, so that the order does not depend on the rotation of a
 triangle's vertices. The time is linear.
 
 Vertex cache: Tipsify, in linear time. Source: P. V. Sander, D. Nehab, J. Barczak, "Fast triangle
@@ -18,9 +19,9 @@ section 4.
 
 The model is a first-in first-out cache of shaded vertices. All remaining triangles around a
 vertex, a fan, are emitted. The next fan is around a vertex that is still in the cache: the oldest
-vertex whose fan can be emitted before the vertex drops out; a fan of r triangles shades at most 2 r
-new vertices. Without such a vertex, the search goes back along the emitted vertices, and then to
-the next vertex by index.
+vertex whose fan can be emitted before the vertex leaves the cache; a fan of r triangles shades at
+most 2 r new vertices. If there is no such vertex, the last emitted vertex with remaining triangles
+is taken, and if there is none, the next such vertex by index.
 """
 
 import numpy as np
@@ -34,9 +35,12 @@ CACHE_SIZE = 16
 """Assumed size of the vertex cache; GPUs reuse 16 to 32 vertices in each batch."""
 
 ORDERS = ("walk", "native")
-"""Orders of triangles: from neighbour to neighbour, or the triangulator's order."""
+"""Orders of triangles: "walk", from neighbour to neighbour; "native", as the triangulator returns
+them."""
 
-_FREE, _ROOT = -2, -1  # markers instead of the half-edge over which a triangle is entered
+# Markers of triangles without an entry, the half-edge over which the walk enters: not yet reached,
+# and the first of a component.
+_FREE, _ROOT = -2, -1
 
 
 def is_walk(order: str) -> bool:
@@ -48,14 +52,17 @@ def is_walk(order: str) -> bool:
 
 @njit(nogil=True)
 def walk(triangles: np.ndarray, count: int) -> np.ndarray:
-    """Return triangles (m, 3) of `count` points in walk order, with rotated vertices."""
+    """Return triangles (m, 3) in walk order, rotated so that a new vertex is last.
+
+    count: number of points that the triangles index.
+    """
     return walk_along(triangles, link(triangles.reshape(-1)), count)
 
 
 @njit(nogil=True)
 def walk_along(triangles: np.ndarray, twin: np.ndarray, count: int) -> np.ndarray:
-    """Return triangles as `walk` does, given the twins (3 m,) of their half-edges."""
-    rows = _walk_rows(twin)
+    """Return triangles (m, 3) in walk order, as `walk`, given the twins (3 m,) of half-edges."""
+    rows = _find_walk_order(twin)
     ordered = np.empty_like(triangles)
     met = np.zeros(count, dtype=np.bool_)
     for row in range(len(ordered)):
@@ -71,7 +78,7 @@ def walk_along(triangles: np.ndarray, twin: np.ndarray, count: int) -> np.ndarra
 
 
 @njit(nogil=True)
-def _walk_rows(twin: np.ndarray) -> np.ndarray:
+def _find_walk_order(twin: np.ndarray) -> np.ndarray:
     """Return the indices (m,) of triangles in walk order, from the twins (3 m,)."""
     m = len(twin) // 3
     entry = np.full(m, _FREE, dtype=np.int32)  # half-edge over which a triangle is entered
@@ -83,12 +90,12 @@ def _walk_rows(twin: np.ndarray) -> np.ndarray:
     for first in range(m):
         if entry[first] == _FREE:
             root = _find_leaf(twin, first, entry, queue)
-            done = _walk_part(twin, root, entry, size, queue, stack, order, done)
+            done = _walk_component(twin, root, entry, size, queue, stack, order, done)
     return order
 
 
 @njit(nogil=True)
-def _walk_part(
+def _walk_component(
     twin: np.ndarray,
     root: int,
     entry: np.ndarray,
@@ -100,8 +107,8 @@ def _walk_part(
 ) -> int:
     """Append the component of triangle `root` to `order`, from index `done` on; return the new end.
 
-    entry, size (m,): see `_walk_rows`; queue, stack: workspaces. A half-edge leads down the tree if
-    the twin is the entry of the adjacent triangle.
+    entry, size (m,): see `_find_walk_order`; queue, stack: workspaces. A half-edge leads down the
+    spanning tree if its twin is the entry of the adjacent triangle.
     """
     entry[root] = _ROOT
     queue[0] = root
@@ -140,9 +147,9 @@ def _walk_part(
 
 @njit(nogil=True)
 def _find_leaf(twin: np.ndarray, first: int, entry: np.ndarray, queue: np.ndarray) -> int:
-    """Return a triangle of first's component with less than two neighbours, or `first`.
+    """Return a triangle of first's component with less than two neighbours, or `first` if none.
 
-    Searches breadth first; `entry` is restored.
+    Searches breadth first. entry (m,), queue (m,): workspaces; entry is _FREE before and after.
     """
     queue[0] = first
     entry[first] = _ROOT
@@ -166,10 +173,10 @@ def _find_leaf(twin: np.ndarray, first: int, entry: np.ndarray, queue: np.ndarra
     return leaf if leaf >= 0 else first
 
 
-def vertex_cache_order(
+def sort_for_vertex_cache(
     triangles: np.ndarray, count: int, cache_size: int = CACHE_SIZE
 ) -> np.ndarray:
-    """Return triangles (m, 3) of `count` points in vertex-cache order."""
+    """Return triangles (m, 3) of `count` points in Tipsify's order for a cache of that size."""
     rows = np.ascontiguousarray(triangles, dtype=np.int32)
     ordered: np.ndarray = rows[_tipsify(rows, count, cache_size)]
     return ordered
@@ -177,12 +184,13 @@ def vertex_cache_order(
 
 @njit(nogil=True)
 def _tipsify(triangles: np.ndarray, count: int, cache_size: int) -> np.ndarray:
-    """Return the indices (m,) of triangles in the order of Tipsify."""
+    """Return the indices (m,) of triangles (m, 3) of `count` points in the order of Tipsify."""
     m = len(triangles)
     begin, items = group_by_key(triangles.reshape(-1), count)
     around = items // np.int32(3)  # the rows of each vertex's triangles
     remaining = np.diff(begin).astype(np.int32)  # triangles of each vertex that are not emitted yet
-    entered = np.zeros(count, dtype=np.int64)  # the time at which a vertex entered the cache
+    # The time at which a vertex entered the cache; a shaded vertex is one step of time.
+    entered = np.zeros(count, dtype=np.int64)
     time = cache_size + 1
     emitted = np.zeros(m, dtype=np.bool_)
     order = np.empty(m, dtype=np.int32)
@@ -221,7 +229,10 @@ def _tipsify(triangles: np.ndarray, count: int, cache_size: int) -> np.ndarray:
 def _choose_next_fan(
     emitted: np.ndarray, remaining: np.ndarray, entered: np.ndarray, time: int, cache_size: int
 ) -> int:
-    """Return the vertex of the next fan among the vertices just emitted, or -1."""
+    """Return the vertex of the next fan, among the vertices of the fan just emitted, or -1.
+
+    remaining, entered (n,), time: see `_tipsify`.
+    """
     fan, best = -1, -1
     for vertex in emitted:
         if remaining[vertex] > 0:

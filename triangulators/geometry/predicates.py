@@ -1,9 +1,10 @@
-"""The orientation predicate, exact in sign for doubles up to 1e150 (no overflow).
+"""The orientation predicate, with an exact sign for doubles up to 1e150 (no overflow).
 
-If products would underflow, all coordinates are scaled up first. That reaches down to 1e-290 of the
-largest coordinate: products of two smaller coordinates count as 0.
+If products would underflow, all coordinates are scaled up first. Products of two coordinates that
+are both below 1e-290 of the largest coordinate may still underflow, and count as 0.
 
-A float64 filter decides almost all calls; the rest are evaluated exactly as an expansion.
+A float64 filter decides almost all calls; all others are evaluated exactly as an expansion, a sum
+of doubles that do not overlap.
 Source: J. R. Shewchuk, "Adaptive Precision Floating-Point Arithmetic and Fast Robust Geometric
 Predicates", 1997. On coordinates snapped to 1/256 below 2^14 the filter itself is already exact.
 """
@@ -17,14 +18,14 @@ from triangulators.compute.kernels import njit
 # (3 + 16 eps) eps with eps = 2^-53: Shewchuk's bound on the error of the plain determinant.
 FILTER = 3.3306690738754716e-16
 _MIN_PRODUCT = 1e-250  # the rounding error of a larger product is representable
-_NO_UNDERFLOW = 1e-125  # squares of larger numbers exceed _MIN_PRODUCT
+_NO_UNDERFLOW = 1e-125  # products of two larger numbers exceed _MIN_PRODUCT
 _ACCURATE = 1e-4  # a determinant above this share of its two products has eleven correct digits
-_SPLITTER = 134217729.0  # 2^27 + 1
+_SPLITTER = 134217729.0  # 2^27 + 1: splits a double into two halves of 26 bits (Dekker)
 
 
 @njit(nogil=True)
 def _multiply_exactly(a: float, b: float) -> tuple[float, float]:
-    """Return a * b as (rounded, error), exactly (Dekker)."""
+    """Return (rounded product, error), whose sum is exactly a * b (Dekker's algorithm)."""
     rounded = a * b
     c = _SPLITTER * a
     a_high = c - (c - a)
@@ -37,8 +38,11 @@ def _multiply_exactly(a: float, b: float) -> tuple[float, float]:
 
 
 @njit(nogil=True)
-def _grow(expansion: np.ndarray, length: int, value: float) -> int:
-    """Add `value` in place to an expansion of `length` non-overlapping terms; return the length."""
+def _add_to_expansion(expansion: np.ndarray, length: int, value: float) -> int:
+    """Add `value` in place to an expansion of `length` terms; return the new number of terms.
+
+    Shewchuk's GROW-EXPANSION, which omits terms that are zero.
+    """
     carry = value
     size = 0
     for index in range(length):
@@ -58,6 +62,7 @@ def _grow(expansion: np.ndarray, length: int, value: float) -> int:
 
 @njit(nogil=True)
 def _orient_exactly(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """Return `orient` by an expansion, after scaling coordinates whose products would underflow."""
     largest, smallest = 0.0, np.inf
     for x in (ax, ay, bx, by, cx, cy):
         largest = max(largest, abs(x))
@@ -73,12 +78,13 @@ def _orient_exactly(ax: float, ay: float, bx: float, by: float, cx: float, cy: f
 
 @njit(nogil=True)
 def _orient_by_expansion(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """Return the sum of the determinant's six products, computed exactly and then rounded."""
     expansion = np.empty(13)
     length = 0
     for first, second in ((ax, by), (-ax, cy), (-cx, by), (-ay, bx), (ay, cx), (cy, bx)):
         rounded, error = _multiply_exactly(first, second)
-        length = _grow(expansion, length, error)
-        length = _grow(expansion, length, rounded)
+        length = _add_to_expansion(expansion, length, error)
+        length = _add_to_expansion(expansion, length, rounded)
     # Components do not overlap: the last has the sign, and at least half of the value.
     total = 0.0
     for index in range(length):
@@ -102,9 +108,10 @@ def _have_exact_differences(a: float, b: float, c: float, d: float) -> bool:
 def _orient_in_doubt(
     ax: float, ay: float, bx: float, by: float, cx: float, cy: float, plus: float, minus: float
 ) -> float:
-    """Return `orient` if the rounded determinant plus - minus may have the wrong sign.
+    """Return the value of `orient` where the rounded determinant may have the wrong sign.
 
-    A separate function, so that `orient` is short enough for LLVM to inline.
+    plus, minus: the two rounded products, whose difference is the determinant. A separate function,
+    so that `orient` is short enough for LLVM to inline.
     """
     if (
         _have_exact_differences(ax, cx, by, cy)
@@ -122,7 +129,7 @@ def _orient_in_doubt(
 
 @njit(nogil=True)
 def orient(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Return twice the signed area of a, b, c: positive for a left turn; exact in sign."""
+    """Return twice the signed area of a, b, c, positive for a left turn; the sign is exact."""
     plus = (ax - cx) * (by - cy)
     minus = (ay - cy) * (bx - cx)
     determinant = plus - minus
@@ -133,9 +140,9 @@ def orient(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> 
 
 @njit(nogil=True)
 def twice_area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Return twice the area of a, b, c, to eleven digits, also of slivers.
+    """Return twice the area of a, b, c, with eleven correct digits, also for slivers.
 
-    Rounding leaves a sliver's determinant few digits, which depend on the first vertex.
+    A sliver's rounded determinant has few correct digits, and depends on which vertex is first.
     """
     plus = (bx - ax) * (cy - ay)
     minus = (by - ay) * (cx - ax)
@@ -146,7 +153,7 @@ def twice_area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float)
 
 @njit(nogil=True)
 def orientation(points: np.ndarray, a: int, b: int, c: int) -> float:
-    """`orient` of three rows of `points`."""
+    """Return `orient` of three rows of points (n, 2)."""
     return orient(
         points[a, 0], points[a, 1], points[b, 0], points[b, 1], points[c, 0], points[c, 1]
     )
@@ -154,7 +161,7 @@ def orientation(points: np.ndarray, a: int, b: int, c: int) -> float:
 
 @njit(nogil=True)
 def orientations(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """`orientation` of every triangle, shape (m,)."""
+    """Return `orientation` (m,) of each triangle (m, 3)."""
     result = np.empty(len(triangles))
     for index in range(len(triangles)):
         result[index] = orientation(
@@ -167,8 +174,11 @@ ALL_LEFT, NOT_ALL_LEFT, OUTSIDE = range(3)
 
 
 @njit(nogil=True)
-def all_left(points: np.ndarray, triangles: np.ndarray) -> int:
-    """Whether all triangles are left turns: ALL_LEFT, NOT_ALL_LEFT, or OUTSIDE for a bad index."""
+def classify_orientations(points: np.ndarray, triangles: np.ndarray) -> int:
+    """Return ALL_LEFT if all triangles (m, 3) are counter-clockwise, otherwise NOT_ALL_LEFT.
+
+    OUTSIDE if an index is out of range.
+    """
     count = len(points)
     result = ALL_LEFT
     for row in range(len(triangles)):
@@ -181,7 +191,7 @@ def all_left(points: np.ndarray, triangles: np.ndarray) -> int:
 
 
 @njit(nogil=True)
-def on_segment(points: np.ndarray, v: int, a: int, b: int, tolerance: float) -> bool:
+def is_on_segment(points: np.ndarray, v: int, a: int, b: int, tolerance: float) -> bool:
     """Whether vertex `v` lies on the open segment a-b, to within `tolerance` times |b - a|."""
     dx = points[b, 0] - points[a, 0]
     dy = points[b, 1] - points[a, 1]
@@ -193,13 +203,13 @@ def on_segment(points: np.ndarray, v: int, a: int, b: int, tolerance: float) -> 
 
 
 @njit(nogil=True)
-def touching(
+def find_touching_vertices(
     points: np.ndarray, edges: np.ndarray, vertices: np.ndarray, allowed: float
 ) -> list[tuple[int, int]]:
-    """Return (row of `edges`, vertex) for each of `vertices` that lies inside an edge (b, 2).
+    """Return (row of `edges`, vertex) for each vertex on an edge, between the edge's ends.
 
-    vertices (k,): in ascending order of x, so that a short edge is compared with few; allowed: the
-    tolerance of `on_segment`.
+    edges (b, 2); vertices (k,): in ascending order of x, so that a short edge is compared with few
+    vertices; allowed: tolerance, see `is_on_segment`.
     """
     incidences = [(0, 0) for _ in range(0)]
     x_of = points[vertices, 0]
@@ -214,7 +224,7 @@ def touching(
             if x_of[index] > high_x:
                 break
             near = low_y <= points[v, 1] <= high_y and v not in (a, b)
-            if near and on_segment(points, v, a, b, allowed):
+            if near and is_on_segment(points, v, a, b, allowed):
                 incidences.append((edge, v))
     return incidences
 
@@ -234,8 +244,9 @@ def bounding_box(points: np.ndarray) -> tuple[float, float, float, float]:
 def grid_unit(points: np.ndarray) -> float:
     """Return the largest power of two that all coordinates (n, 2) are multiples of, or 0.0.
 
-    0.0 if the span of the points exceeds 2^24 such units. Otherwise float64 determinants are exact:
-    differences fit 25 bits and products 50. Frames snapped to 1/256 px always have a grid.
+    0.0 means that the points are not on a grid: their span exceeds 2^24 units. On a grid, float64
+    determinants are exact: differences fit 25 bits and products 50. Coordinates of frames, snapped
+    to 1/256 px, are always on a grid.
     """
     _, _, w, h = bounding_box(points)
     span = max(w, h)
@@ -255,16 +266,17 @@ def grid_unit(points: np.ndarray) -> float:
 
 
 def tolerance(points: np.ndarray) -> float:
-    """Return the distance up to which a vertex counts as on an edge, in coordinate units.
+    """Return the distance from an edge up to which a vertex counts as on the edge.
 
-    Zero if float64 determinants are exact, otherwise the rounding error of a coordinate.
+    In units of the coordinates (n, 2): zero if they are on a grid, so that float64 determinants are
+    exact; otherwise four rounding errors of the largest coordinate.
     """
     return 0.0 if grid_unit(points) > 0.0 else float(np.abs(points).max()) * 4.0 * 2.0**-52
 
 
 @njit(nogil=True)
-def cross(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
-    """Whether the open segments a-b and c-d intersect in a point."""
+def do_segments_cross(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
+    """Whether the segments a-b and c-d cross at an inner point of both."""
     ax, bx, cx, dx = points[a, 0], points[b, 0], points[c, 0], points[d, 0]
     if max(cx, dx) < min(ax, bx) or min(cx, dx) > max(ax, bx):
         return False
@@ -273,7 +285,7 @@ def cross(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
         return False
     if a in (c, d) or b in (c, d):
         return False
-    # Compares signs: a product of determinants may underflow.
+    # Signs are compared, not multiplied: a product of determinants may underflow.
     side_c, side_d = orientation(points, a, b, c), orientation(points, a, b, d)
     if not (min(side_c, side_d) < 0.0 < max(side_c, side_d)):
         return False

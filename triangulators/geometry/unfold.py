@@ -1,15 +1,15 @@
 """Cut a triangulated region open along diagonals, into a simple polygon.
 
-A region whose dual graph is a tree is a simple polygon, if repeated vertices are distinguished by
-the position on the outline. So a tree of adjacent triangles defines the cuts, holes need no
-geometry, and the current triangulation is a triangulation of the polygon.
+A region whose dual graph is a tree is a simple polygon, if a vertex that occurs several times on
+the outline counts as several vertices. So a tree of adjacent triangles defines the cuts: the edges
+between its triangles that the tree does not cross. No geometry of holes is needed, and the region's
+triangles are a triangulation of the polygon.
 
 `grow` chooses the tree, `unfold` walks the tree from the root and returns the polygon as a cycle of
 vertices, and `fold_back` replaces the tree's triangles by another triangulation of that cycle. All
-take time linear in the triangles of the tree; `grow` and `fold_back` also clear a mark for each
-triangle of the triangulation.
+take time linear in the number of triangles of the tree.
 
-Half-edges are numbers as in `half_edges`; twin (m, 3) is the result of `find_twins`.
+Half-edges are numbered as in `half_edges`; twin (m, 3) is the result of `find_twins`.
 """
 
 import numpy as np
@@ -31,14 +31,13 @@ def grow(
 ) -> int:
     """Grow a tree of up to `max_size` adjacent triangles from `root`; return their number.
 
-    Breadth first gives a compact region, depth first a long region; the edges of a triangle are
-    tried from index `first_edge` on. Edges between its triangles that the tree does not cross are
-    the cuts. Writes the triangles to `rows`,
-    and marks the crossed edges, from both sides, in `tree` (m, 3), which has no marks before.
-    visited (m,): workspace, False before and after.
+    depth_first: False for a compact region, grown breadth first; True for a long region.
+    first_edge: the edges of a triangle are tried from this index (0 to 2) on. Writes the indices of
+    the triangles to `rows`, and marks the edges that the tree crosses, from both sides, in `tree`
+    (m, 3), which must have no marks. visited (m,): workspace, False before and after.
     """
-    # Half-edges over which to enter triangles. A triangle may occur three times, and is skipped
-    # after the first. The root's half-edge only encodes the root's index.
+    # Half-edges over which to enter triangles. A triangle may occur three times; the second and the
+    # third are skipped. The half-edge of the root only encodes the index of the root.
     entries = np.empty(3 * max_size + 3, dtype=np.int32)
     entries[0] = 3 * root
     first, last, size = 0, 1, 0
@@ -74,15 +73,16 @@ def unfold(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a tree of triangles as a simple polygon: (cycle, local triangles, outline).
 
-    triangles: (m, 3); tree: (m, 3), the marks of `grow`; size: number of triangles in the tree.
-    With k = size + 2: cycle (k,) has the vertices counter-clockwise, as indices of points; local
-    triangles (size, 3) are the tree's, breadth first, as positions in the cycle; outline (k,) has
-    the half-edge from each vertex to the next.
+    triangles, twin: (m, 3); tree: (m, 3), the marks of `grow`; size: number of triangles in the
+    tree. The results, with k = size + 2: cycle (k,), the polygon's vertices counter-clockwise, as
+    indices of points; local triangles (size, 3), the tree's triangles, breadth first, as positions
+    in the cycle; outline (k,), the half-edge from each vertex to the next.
 
     The outline is a linked list of corners, initially those of the root. A triangle that is entered
     over the side tail-head inserts a new corner for the apex between tail and head, even if the
-    point has a corner already: that is the cut. Invariant: the neighbours of the first `done`
-    triangles are inserted; the first `discovered` triangles are on the outline.
+    point has a corner already: the outline then runs along both sides of a cut. Invariant: the
+    apexes of the first `discovered` triangles are inserted; `done` of these have been examined for
+    neighbours.
     """
     corner = np.empty(size + 2, dtype=np.int32)  # point of each corner, in order of discovery
     after = np.empty(size + 2, dtype=np.int32)  # the next corner on the outline
@@ -141,11 +141,11 @@ def fold_back(
 ) -> None:
     """Replace the triangles `rows` (k,) by `better` (k, 3), positions in `cycle`; update `twin`.
 
-    Row r of `better` replaces triangle rows[r]. `inner` has the twins inside `better`; a half-edge
-    without such a twin is a side of the cycle, from a position to the next, and gets the twin of
-    the old half-edge on the outline. That twin is outside the piece or, across a cut, at another
-    position of the outline, and then is replaced as well. position_of (3 m,): workspace for the
-    positions of old half-edges, -1 before and after.
+    Row r of `better` replaces triangle rows[r]; cycle, outline: see `unfold`. `inner` has the twins
+    among the half-edges of `better`. A half-edge without such a twin is a side of the cycle, from a
+    position to the next, and gets the twin of the old half-edge there. That twin is outside the
+    piece or, across a cut, at another position of the outline, where the half-edge is new as well.
+    position_of (3 m,): workspace for the positions of old half-edges, -1 before and after.
     """
     size = len(cycle)
     inner = link(better.reshape(-1))

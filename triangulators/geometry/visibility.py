@@ -2,13 +2,13 @@
 
 From a vertex the view extends triangle by triangle through the visible edges. Source: Q. Xu et al.,
 F. Bungiu et al., "Efficient computation of visibility polygons" (triangular expansion), 2014. The
-work is proportional to the visible triangles, not to pairs of vertices times edges, and only
-orientations are evaluated.
+time is proportional to the number of triangles seen from all vertices, not to pairs of vertices
+times edges, and only orientations are evaluated.
 
-Derivation. The edge right-left opposite to v in a triangle is a window of v. The third vertex of
-the triangle behind it is the apex of two more windows. The view through a window is the cone
-between two rays from v, through the vertices `view_right` and `view_left` that narrowed the view
-so far. The apex is inside, right of or left of the cone:
+Derivation. The edge right-left opposite to v in a triangle at v is a window of v. The triangle
+behind the window has a third vertex, the apex, and two more edges, the next windows. The view
+through a window is the cone between two rays from v, through the vertices `view_right` and
+`view_left` that narrowed the view so far. The apex is inside, right of or left of the cone:
 
     inside: v sees the apex, the cone splits, and both windows are visible;
     right of the cone or on the right ray: only the left window is visible, the cone stays;
@@ -16,13 +16,13 @@ so far. The apex is inside, right of or left of the cone:
 
 Each window is visited at most once from each vertex, because the dual graph is a tree.
 
-Rounding. The two tests are exact orientations of v and two more vertices, so a vertex on a ray is
+Rounding. The two tests are exact orientations of v and two more vertices. A vertex on a ray is
 hidden by the vertex that defines the ray: the segment from v would touch the boundary.
 
 Loop order. Windows are taken from a stack, with the right window on top, then the apex, then the
-left window. So vertices are reported in the order of the cycle, and the lists of visible pairs are
-ascending without sorting. Only vertices after v are reported; windows entirely before v are never
-visited.
+left window. So visible vertices are appended in the order of the cycle, and the lists of visible
+pairs are ascending without sorting. Only vertices after v are appended; windows whose vertices are
+all before v are never visited.
 """
 
 import numpy as np
@@ -37,10 +37,10 @@ def find_visible_pairs(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (start, target): `target[start[i]:start[i + 1]]` are the vertices > i that i sees.
 
-    points: (n, 2), a counter-clockwise cycle; triangles: (n - 2, 3), any triangulation of it, and
-    `twin` (n - 2, 3), see `half_edges`. Lists are ascending. Sides of the polygon are included; a
-    diagonal is visible if the open segment does not meet the boundary. Stops early, with `start[n]
-    > max_pairs`, if there are more than `max_pairs` pairs.
+    points: (n, 2), a counter-clockwise cycle; triangles: (n - 2, 3), any triangulation of the
+    cycle; twin: (n - 2, 3), see `half_edges`. Lists are ascending. Sides of the polygon are
+    included; a diagonal is visible if the open segment does not meet the boundary. If there are
+    more than `max_pairs` pairs, the result is incomplete, and `start[n] > max_pairs`.
     """
     n = len(points)
     start = np.zeros(n + 1, dtype=np.int64)
@@ -95,9 +95,9 @@ def _look_through(
 ) -> int:
     """Append the vertices > floor that v sees through a window to `target`; return the new count.
 
-    stack: workspace, whose first row has the window's first three columns. A row is a window: the
-    half-edge of the triangle behind it, from left to right; its right and left ends; and the
-    vertices view_right and view_left. Or a row is (-1, vertex, ...), a vertex to report.
+    stack (k, 5): workspace, whose first row has the first three columns of the window on entry. A
+    row is a window: the half-edge of the triangle behind it, from left to right; the right end; the
+    left end; view_right; view_left. Or a row is (-1, vertex, ...): a vertex to append.
     """
     height = 1
     stack[0, 3], stack[0, 4] = stack[0, 1], stack[0, 2]
@@ -115,7 +115,7 @@ def _look_through(
         hidden_right = orientation(points, v, view_right, apex) <= 0.0
         hidden_left = not hidden_right and orientation(points, v, apex, view_left) <= 0.0
         split = not (hidden_right or hidden_left)
-        # With floor v in a cycle: pairs of v with earlier vertices are reported from those.
+        # `find_visible_pairs` passes v as `floor`: it lists a pair only at the lower vertex.
         seen = split and apex > floor
         if not hidden_left and apex > floor and over_left >= 0:
             stack[height, 0], stack[height, 1], stack[height, 2] = over_left, apex, left
@@ -135,9 +135,10 @@ def _look_through(
 
 @njit
 def find_visible_sites(points: np.ndarray, triangles: np.ndarray, twin: np.ndarray) -> np.ndarray:
-    """Return the pairs (p, 2) of points, a < b, that see each other in a polygon, also with holes.
+    """Return the pairs (p, 2) of points, a < b, that see each other in a polygon.
 
-    points: (n, 2); triangles: (m, 3), with their twins. Edges of triangles are included.
+    The polygon may have holes. points: (n, 2); triangles, twin: (m, 3), any triangulation of the
+    polygon, and the twins of the half-edges. Boundary edges are included.
     """
     n = len(points)
     stack = np.empty((3 * len(triangles) + 16, 5), dtype=np.int32)

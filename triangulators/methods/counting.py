@@ -1,9 +1,10 @@
 """The number of triangulations of a simple polygon, and uniform random triangulations.
 
-The dynamic program of the optimum, with sums and products instead of minima and sums. The apex over
-a pair of vertices is drawn in proportion to the number of triangulations that contain it, so that
-all triangulations are equally likely. Source: P. Epstein and J.-R. Sack, "Generating triangulations
-at random", 1994.
+The dynamic program is that of the optimum (`optimum.visible_lists`), with sums and products instead
+of minima and sums. In a random triangulation, the apex of the triangle at a pair of vertices is
+drawn in proportion to the number of triangulations that contain this triangle, so that all
+triangulations are equally likely. Source: P. Epstein and J.-R. Sack, "Generating triangulations at
+random", 1994.
 """
 
 import numpy as np
@@ -14,14 +15,14 @@ from triangulators.errors import SkippedError
 from triangulators.initial import Cycle, make_cycle
 from triangulators.polygon import Boundary, checked_boundary
 
-MAX_VERTICES = 2000  # vertices up to which `draw`, with a matrix of all pairs, is used
+MAX_VERTICES = 2000  # maximum for `draw_triangulation`, which stores a matrix of all vertex pairs
 
 
 def count_triangulations(polygon: shapely.Polygon, max_count: int | None = None) -> int:
     """Return the exact number of triangulations of a polygon without holes.
 
     max_count: stop above this number and return a lower bound, see `count_in_cycle`. Raises
-    `InvalidPolygonError`, and `SkippedError` for holes.
+    `InvalidPolygonError` for an invalid polygon, and `SkippedError` for holes.
     """
     return count_in_cycle(make_cycle(checked_boundary(polygon), "count"), max_count)
 
@@ -53,18 +54,19 @@ def count_in_cycle(ring: Cycle, max_count: int | None = None) -> int:
 
 
 @njit
-def log_counts(start: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Return the logarithm of the number of triangulations of each visible pair's sub-polygon.
+def compute_log_counts(start: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Return the logarithms (p,) of the numbers of triangulations of all pairs' sub-polygons.
 
-    start, target: the `find_visible_pairs` of a cycle. Logarithms, because the numbers overflow any
-    float; sums are relative to the largest term, `top`. Vertex i descends, so that the apexes'
-    numbers are available: `row[k]` is that of i..k, `below[j, k]` that of k..j, and minus infinity
-    for pairs that do not see each other. n^2 numbers; n^3 / 6 steps at most.
+    start, target: the p visible pairs of a cycle of n vertices, see `find_visible_pairs`. The
+    numbers themselves would overflow a float; in a sum, all terms are divided by the largest, whose
+    logarithm is `top`. Vertex i descends, so that the numbers of smaller sub-polygons are
+    available: `row[k]` is the logarithm for the sub-polygon i..k, `below[j, k]` for k..j, minus
+    infinity for pairs that do not see each other. Stores n^2 numbers; takes at most n^3 / 6 steps.
     """
     n = len(start) - 1
     result = np.full(len(target), -np.inf)
     row = np.full(n, -np.inf)
-    below = np.full((n, n), -np.inf)  # [j, k]: of the vertices k..j
+    below = np.full((n, n), -np.inf)
     for i in range(n - 1, -1, -1):
         for p in range(start[i], start[i + 1]):
             j = target[p]
@@ -86,16 +88,16 @@ def log_counts(start: np.ndarray, target: np.ndarray) -> np.ndarray:
 
 
 @njit
-def _draw(
+def _draw_from_counts(
     start: np.ndarray, target: np.ndarray, ways: np.ndarray, chances: np.ndarray
 ) -> np.ndarray:
-    """Draw one triangulation (n - 2, 3); chances: (n - 2,) uniform in [0, 1).
+    """Return a random triangulation (n - 2, 3) of a cycle of n vertices.
 
-    start, target: the `find_visible_pairs` of a cycle; ways (pairs,): `log_counts`. Of the W(i, j)
-    triangulations of the pair i-j, W(i, k) W(k, j) have the apex k, so this fraction is subtracted
-    from the random number for each k. The first k that makes it negative is the apex, or the last
-    possible k if rounding leaves a remainder. A stack of pairs, from 0, n - 1 on; n^2 numbers, and
-    up to n steps for each triangle.
+    start, target: the p visible pairs of the cycle; ways (p,): see `compute_log_counts`; chances
+    (n - 2,): uniform random numbers in [0, 1). Of the W(i, j) triangulations of the sub-polygon
+    i..j, W(i, k) W(k, j) have the apex k: this fraction is subtracted from a random number for one
+    k after another. The first k that makes the number negative is the apex, or the last possible k
+    if rounding leaves a remainder. Stores n^2 numbers; takes up to n steps for each triangle.
     """
     n = len(start) - 1
     counts = np.full((n, n), -np.inf)
@@ -125,14 +127,14 @@ def _draw(
     return triangles
 
 
-def draw(outline: Boundary, *, seed: int = 0) -> np.ndarray:
-    """Return a random triangulation (n - 2, 3), uniform over all; it depends only on the seed.
+def draw_triangulation(outline: Boundary, *, seed: int = 0) -> np.ndarray:
+    """Return a random triangulation (n - 2, 3), all being equally likely, from a seed.
 
     Raises `SkippedError` for holes and for more than 2000 vertices.
     """
     if len(outline.edges) > MAX_VERTICES:
         raise SkippedError(f"random: {len(outline.edges)} vertices, more than {MAX_VERTICES}")
     ring = make_cycle(outline, "random")
-    ways = log_counts(ring.start, ring.target)
+    ways = compute_log_counts(ring.start, ring.target)
     chances = np.random.default_rng(seed).random(max(len(ring.cycle) - 2, 0))
-    return np.asarray(ring.cycle[_draw(ring.start, ring.target, ways, chances)])
+    return np.asarray(ring.cycle[_draw_from_counts(ring.start, ring.target, ways, chances)])

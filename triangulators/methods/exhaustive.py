@@ -1,9 +1,9 @@
 """The method of the paper (Kryvda and Sulema): list all triangulations, return the best.
 
-Mode `paper` is the paper's recursion over cuts (`Recursion`); like the paper's program, it drops
-vertices that have become collinear, so some results do not conform. Mode `conforming` lists all
-valid triangulations once, by a recursion over the apexes of one side: without dropping vertices,
-the paper's recursion gives the same set after removing duplicates.
+Mode `paper` is the paper's recursion over cuts (`Recursion`). Like the paper's program, it drops
+vertices that have become collinear after a cut, so some results have T-junctions. Mode `conforming`
+lists every conforming triangulation once, by a recursion over the apexes of one side. The paper's
+recursion without dropped vertices gives the same set, after removing duplicates.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,7 +29,7 @@ from triangulators.polygon_arrays import polygon_of_rings
 
 Mode = Literal["conforming", "paper"]
 MAX_TRIANGULATIONS = 1_000_000  # in mode `conforming`
-MAX_PAPER_TRIANGULATIONS = 20_000  # the recursion stores a set for every remaining polygon
+MAX_PAPER_TRIANGULATIONS = 20_000  # in mode `paper`, which stores a set for every remaining polygon
 Triangle = tuple[int, int, int]
 Triangulation = frozenset[Triangle]
 Corners = tuple[int, ...]
@@ -47,23 +47,24 @@ def enumerate_triangulations(
     outline = checked_boundary(polygon)
     ring = make_cycle(outline, "exhaustive")
     if mode == "conforming":
-        return np.asarray(ring.cycle[_list_all(ring)])
+        return np.asarray(ring.cycle[_list_triangulations(ring)])
     if mode != "paper":
         raise ValueError(f"unknown mode {mode!r} (choose from conforming, paper)")
     _check_count(ring, MAX_PAPER_TRIANGULATIONS)
-    results = Recursion(outline.points, drop_straight=True).all(ring.cycle.tolist())
+    results = Recursion(outline.points, drop_straight=True).list_triangulations(ring.cycle.tolist())
     ordered = sorted(map(sorted, results))
     return [np.array(triangles, dtype=np.int32) for triangles in ordered]
 
 
 def _check_count(ring: Cycle, max_count: int) -> None:
+    """Raise `SkippedError` if a cycle has more than `max_count` triangulations."""
     if count_in_cycle(ring, max_count) > max_count:
         raise SkippedError(
             f"exhaustive: more than {max_count} triangulations; use 'optimal', which lists none"
         )
 
 
-def _list_all(ring: Cycle) -> np.ndarray:
+def _list_triangulations(ring: Cycle) -> np.ndarray:
     """Return all triangulations of a cycle, (count, n - 2, 3), as positions in the cycle."""
     _check_count(ring, MAX_TRIANGULATIONS)
     n = len(ring.cycle)
@@ -74,15 +75,22 @@ def _list_all(ring: Cycle) -> np.ndarray:
             if j == i + 1:
                 row[j] = np.empty((1, 0, 3), dtype=np.int16)
                 continue
-            parts = [_join(row[k], right, (i, k, j)) for k, right in lists[j].items() if k in row]
+            parts = [
+                _combine_parts(row[k], right, (i, k, j))
+                for k, right in lists[j].items()
+                if k in row
+            ]
             row[j] = np.concatenate(parts) if parts else np.empty((0, j - i - 1, 3), np.int16)
         for j, part in row.items():
             lists[j][i] = part
     return lists[n - 1][0].astype(np.int32)
 
 
-def _join(before: np.ndarray, after: np.ndarray, triangle: Triangle) -> np.ndarray:
-    """Return all combinations of parts before and after the apex with the triangle between them."""
+def _combine_parts(before: np.ndarray, after: np.ndarray, triangle: Triangle) -> np.ndarray:
+    """Return the triangulations (b * a, m, 3) that consist of a part before, a triangle, one after.
+
+    before (b, ., 3), after (a, ., 3): triangulations of the sub-polygons on both sides of the apex.
+    """
     count = len(before) * len(after)
     between = np.broadcast_to(np.array(triangle, dtype=np.int16), (count, 1, 3))
     return np.concatenate(
@@ -104,16 +112,16 @@ def triangulate(
     ring = make_cycle(outline, "exhaustive")
     resolved = criteria.find(criterion, **parameters)
     cost = make_cost(resolved, boundary_area(outline), outline.expected_triangles)
-    listed = _list_all(ring)
+    listed = _list_triangulations(ring)
     return np.asarray(ring.cycle[listed[find_cheapest(ring.points, listed, cost)]])
 
 
 def triangulate_listed(outline: Boundary, *, k: int = 0) -> np.ndarray:
     """Return the k-th of all triangulations (m, 3), in ascending order of A and then of D.
 
-    A is "overdraw", D is "shape". The list is that of mode `paper`, with T-junctions. The lists of
-    recent polygons are cached. Raises `SkippedError` for holes, for more than 20,000
-    triangulations, and if there is no entry k.
+    A is the criterion "overdraw", D is "shape". The list is that of mode `paper`, including results
+    with T-junctions. The lists of the last eight polygons are cached. Raises `SkippedError` for
+    holes, for more than 20,000 triangulations, and if the list has no entry k.
     """
     listed = _list_sorted(polygon_of_rings(outline.points, outline.ring_offsets).wkb)
     if not 0 <= k < len(listed):
@@ -123,12 +131,14 @@ def triangulate_listed(outline: Boundary, *, k: int = 0) -> np.ndarray:
 
 @lru_cache(maxsize=8)
 def _list_sorted(wkb: bytes) -> list[np.ndarray]:
+    """Return all triangulations of a polygon in mode `paper`, by ascending A and then D."""
     polygon = shapely.from_wkb(wkb)
     points = vertices(polygon)
 
     def order(triangles: np.ndarray) -> tuple[float, float]:
         sums = criteria.predict(points, triangles)
-        return round(sums["overdraw"], 9), round(sums["shape"], 9)  # ties despite rounding
+        # Rounded, so that sums that differ by rounding errors only are ties.
+        return round(sums["overdraw"], 9), round(sums["shape"], 9)
 
     return sorted(enumerate_triangulations(polygon, "paper"), key=order)
 
@@ -136,10 +146,10 @@ def _list_sorted(wkb: bytes) -> list[np.ndarray]:
 class Recursion:
     """All triangulations of the polygons over one set of points, by cutting ears.
 
-    From each starting edge of the remaining polygon three cuts are tried: the triangle of this and
-    the next edge (the paper's firstPart), the triangle of the two edges before (secondPart), and
-    both triangles (thirdPart). A cut is allowed if its triangles are inside; the remaining polygon
-    is treated in the same way until one triangle remains. The result is a set, without duplicates.
+    From each edge of the remaining polygon three cuts are tried: the triangle of this and the next
+    edge (firstPart in the paper), the triangle of the two edges before it (secondPart), and both
+    triangles (thirdPart). A cut is allowed if the triangles are inside the polygon; what remains is
+    cut in the same way until one triangle is left. The result is a set, without duplicates.
 
     points: (n, 2). drop_straight: drop a vertex that a cut has made collinear, like the paper's
     program; triangulations without that vertex do not conform.
@@ -148,15 +158,16 @@ class Recursion:
     def __init__(self, points: np.ndarray, *, drop_straight: bool) -> None:
         rows = points.tolist()
         self._drop_straight = drop_straight
-        # Cached: many of the remaining polygons share triples and parts.
+        # Cached, because the same triples and the same remaining polygons occur many times.
         self._orientation = cache(lambda a, b, c: orient(*rows[a], *rows[b], *rows[c]))
         self._triangulations = cache(self._cut_all)
 
-    def all(self, cycle: Sequence[int]) -> set[Triangulation]:
+    def list_triangulations(self, cycle: Sequence[int]) -> set[Triangulation]:
         """Return the distinct triangulations of a counter-clockwise cycle of points."""
         return self._triangulations(_rotate_to_lowest(list(cycle)))
 
     def _cut_all(self, cycle: Corners) -> set[Triangulation]:
+        """Return the triangulations of a remaining polygon, over all cuts at all edges."""
         results: set[Triangulation] = set()
         if len(cycle) == 3:
             if self._orientation(*cycle) > 0.0:
@@ -171,7 +182,7 @@ class Recursion:
         return results
 
     def _cut_ears(self, cycle: Corners, ears: tuple[int, ...]) -> set[Triangulation]:
-        """Return the triangulations that begin by cutting these vertices off, one by one."""
+        """Return the triangulations that begin by cutting off the vertices `ears`, one by one."""
         ears_cut: set[Triangle] = set()
         for vertex in ears:
             if len(cycle) == 3 or vertex not in cycle:
@@ -198,6 +209,7 @@ class Recursion:
         )
 
     def _remove_vertex(self, cycle: Corners, at: int) -> Corners:
+        """Return a cycle without the vertex at index `at`, and without vertices to drop."""
         remaining = [*cycle[at + 1 :], *cycle[:at]]
         if self._drop_straight:
             # Only neighbours of the cut can have become collinear: the ends of `remaining`.

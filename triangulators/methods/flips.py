@@ -1,9 +1,9 @@
 """Flips of existing triangles, and the triangulators that flip after ear clipping.
 
-Two triangles that share an edge form a quadrilateral. If it is strictly convex, a flip replaces its
-diagonal by the other one. Diagonals are flipped until no flip gains. For the half-perimeter the
-test is whether the other diagonal is shorter in the L1 metric, because 2 H is the L1 length of the
-boundary plus twice that of the diagonals.
+Two triangles that share an edge form a quadrilateral. If the quadrilateral is strictly convex, a
+flip replaces its diagonal by the other diagonal. Diagonals are flipped until no flip reduces the
+cost. For the half-perimeter H the test is whether the other diagonal is shorter in the L1 metric,
+because 2 H is the L1 length of the boundary plus twice the L1 length of the diagonals.
 
 Source: C. L. Lawson, "Software for C1 surface interpolation", 1977, with the in-circle test.
 """
@@ -23,14 +23,14 @@ from triangulators.criteria.cost import Cost, make_cost, plain_cost, total_cost
 from triangulators.errors import UnknownNameError
 from triangulators.geometry.ear_clipping import clip_ring
 from triangulators.geometry.flips import (
-    as_earcut,
-    by_delaunay,
-    by_euclidean,
-    by_l1,
+    flip_as_earcut,
+    flip_by_delaunay,
+    flip_by_l1,
+    flip_by_length,
 )
 from triangulators.geometry.half_edges import is_triangulation, link
 from triangulators.geometry.order import is_walk, walk_along
-from triangulators.initial import initial_triangulations
+from triangulators.initial import find_initial_triangulations
 from triangulators.libraries import ear_clipping
 from triangulators.methods.cost_flips import flip_by_cost
 from triangulators.optimum.windows import optimise_windows
@@ -38,23 +38,30 @@ from triangulators.polygon import Boundary, boundary_area
 from triangulators.polygon_arrays import Batch, rings_at
 from triangulators.verify import check_rows
 
-# Flip tests, the first three in the order of FLIP_TESTS; NONE: no flips.
+# Flip tests, the first three in the order of FLIP_TESTS. COST: test by a `Cost`; NONE: no flips.
 L1, EUCLIDEAN, DELAUNAY, AS_EARCUT, COST, NONE = range(6)
 
+# Argument for flip tests that read no cost; compiled code needs a value of the type.
 NO_COST = make_cost(criteria.find("half-perimeter"), 1.0, 1)
 
 
 @njit(nogil=True)
-def flip_by(points: np.ndarray, corner: np.ndarray, twin: np.ndarray, test: int, cost: Cost) -> int:
-    """Flip in place until no flip gains; return the number of flips. See `geometry.flips.run`."""
+def flip_by_test(
+    points: np.ndarray, corner: np.ndarray, twin: np.ndarray, test: int, cost: Cost
+) -> int:
+    """Flip in place until no flip passes `test`; return the number of flips.
+
+    corner, twin: (3 m,), see `half_edges`; cost: read by the test COST only. See
+    `geometry.flips.flip_while_gaining` for the order of flips.
+    """
     if test == L1:
-        return by_l1(points, corner, twin)
+        return flip_by_l1(points, corner, twin)
     if test == EUCLIDEAN:
-        return by_euclidean(points, corner, twin)
+        return flip_by_length(points, corner, twin)
     if test == DELAUNAY:
-        return by_delaunay(points, corner, twin)
+        return flip_by_delaunay(points, corner, twin)
     if test == AS_EARCUT:
-        return as_earcut(points, corner, twin)
+        return flip_as_earcut(points, corner, twin)
     if test == COST:
         return flip_by_cost(points, points, corner, twin, cost)
     return 0
@@ -64,14 +71,15 @@ def flip_by(points: np.ndarray, corner: np.ndarray, twin: np.ndarray, test: int,
 def refine(
     points: np.ndarray, corner: np.ndarray, twin: np.ndarray, test: int, cost: Cost
 ) -> np.ndarray:
-    """Return a triangulation (m, 3) that no flip improves, in walk order.
+    """Return a triangulation (m, 3), in walk order, that costs no more than the given triangles.
 
-    corner, twin: (3 m,) half-edges, see `geometry.half_edges`; both are overwritten. The result is
-    never worse than these triangles.
+    corner, twin: (3 m,) half-edges, see `geometry.half_edges`; both are overwritten. test, cost:
+    flip test, and the cost that it decreases.
 
     For L1 and Euclidean lengths, there are two initial solutions, because the result of flips
-    depends on it: the given triangulation, and the constrained Delaunay triangulation, reached from
-    it by flips with the in-circle test. Both are flipped, and the cheaper result is returned.
+    depends on the initial solution: the given triangulation, and the constrained Delaunay
+    triangulation, reached from the given one by flips with the in-circle test. Diagonals of both
+    are flipped, and the cheaper result is returned.
 
     For other costs, windows are optimised, then diagonals are flipped. A flip evaluates four
     triangles, so that flips alone, from both initial solutions, take as long and leave the expected
@@ -80,14 +88,14 @@ def refine(
     rows = corner.reshape(-1, 3)
     if test == COST:
         if not optimise_windows(points, rows, twin.reshape(-1, 3), cost):
-            flip_by(points, corner, twin, test, cost)
+            flip_by_test(points, corner, twin, test, cost)
         return walk_along(rows, twin, len(points))
     delaunay, delaunay_twin = corner.copy(), twin.copy()
-    use_delaunay = by_delaunay(points, delaunay, delaunay_twin) > 0
-    flip_by(points, corner, twin, test, cost)
+    use_delaunay = flip_by_delaunay(points, delaunay, delaunay_twin) > 0
+    flip_by_test(points, corner, twin, test, cost)
     if use_delaunay:
         delaunay_rows = delaunay.reshape(-1, 3)
-        flip_by(points, delaunay, delaunay_twin, test, cost)
+        flip_by_test(points, delaunay, delaunay_twin, test, cost)
         if total_cost(points, delaunay_rows, cost) < total_cost(points, rows, cost):
             return walk_along(delaunay_rows, delaunay_twin, len(points))
     return walk_along(rows, twin, len(points))
@@ -97,9 +105,10 @@ def refine(
 def _refine_if_valid(
     points: np.ndarray, ring_offsets: np.ndarray, corner: np.ndarray, test: int, cost: Cost
 ) -> np.ndarray:
-    """Return `refine` of triangles `corner` (3 m,), which is overwritten; no rows if invalid.
+    """Return the triangles (m, 3) of `refine`, or no rows if the given triangles are invalid.
 
-    Invalid: not a conforming triangulation of the rings.
+    corner (3 m,): the given triangles, overwritten; valid if they are a conforming triangulation of
+    the rings. Other arguments are those of `refine`.
     """
     twin = link(corner)
     if is_triangulation(points, ring_offsets, corner, twin):
@@ -120,11 +129,11 @@ def improve_batch(
 ) -> None:
     """Improve the triangles of the polygons first..last - 1; mark in `done` those that conform.
 
-    raw: (triangles, bounds, to_clip): triangles (m, 3), which are overwritten; polygon i has the
-    rows bounds[i - first] to bounds[i - first + 1] - 1; to_clip (p,): polygons whose ears are
-    clipped here instead. test, cost: see `refine`. two_starts: whether to `refine` instead of
-    flipping once. in_walk: whether to put the triangles in walk order; those of `refine` always
-    are.
+    raw: (triangles, bounds, to_clip): triangles (m, 3) of ear clipping, which are overwritten;
+    polygon i has the rows bounds[i - first] to bounds[i - first + 1] - 1; to_clip (p,): flags of
+    polygons without such rows, whose ears are clipped here. test, cost: see `refine`. two_starts:
+    True to improve triangles by `refine`, False to flip the given triangles only. in_walk: True to
+    put flipped triangles in walk order; the result of `refine` is always in walk order.
     """
     raw_triangles, bounds, to_clip = raw
     coords, ring_offsets, geom_offsets, _vertex_offsets, offsets, triangles, done = batch
@@ -139,7 +148,7 @@ def improve_batch(
         corner = rows.reshape(-1)
         twin = link(corner)
         if not two_starts:
-            flip_by(points, corner, twin, test, cost)
+            flip_by_test(points, corner, twin, test, cost)
         if is_triangulation(points, rings, corner, twin):
             if two_starts:
                 rows = refine(points, corner, twin, test, cost)
@@ -149,8 +158,8 @@ def improve_batch(
             done[index] = True
 
 
-def find_test(cost: Cost) -> int:
-    """Return the flip test that decreases a cost."""
+def find_flip_test(cost: Cost) -> int:
+    """Return the flip test that decreases a cost: L1, EUCLIDEAN, or COST for any other cost."""
     by_l1, by_area, by_l2 = cost["box"].tolist()
     if cost["is_box"] and by_area == 0.0:
         if by_l1 > 0.0 and by_l2 == 0.0:
@@ -168,7 +177,7 @@ def flip(
     scale: float = 1.0,
     **parameters: Any,
 ) -> np.ndarray:
-    """Flip the diagonals of existing triangles while a flip gains.
+    """Flip the diagonals of existing triangles until no flip reduces a cost.
 
     A diagonal is an edge of two triangles; no other edge changes, and no vertex is added. The order
     of flips and of the resulting triangles is specified in ports/ORDER.md.
@@ -180,10 +189,11 @@ def flip(
     triangles
         (m, 3) or (3 m,) indices, all of the same orientation.
     by
-        "l1" flips to diagonals with less abs(dx) + abs(dy), on which the number of a GPU's 2x2
-        pixel quads depends; "euclidean" to shorter diagonals; "delaunay" until no vertex is inside
-        a neighbour's circumcircle; a criterion (see `criteria.find`) until no flip decreases it. By
-        "expected-quads", pairs of flips are tried, too.
+        "l1" flips to diagonals with less abs(dx) + abs(dy), which reduces the number of 2x2 pixel
+        quads that a GPU shades; "euclidean" flips to shorter diagonals; "delaunay" flips until no
+        vertex is inside the circumcircle of an adjacent triangle; a criterion (see `criteria.find`)
+        flips until no flip decreases the criterion. For "expected-quads", pairs of flips are tried
+        as well.
     order
         "walk" puts the result in an order from neighbour to neighbour, in which a GPU transforms
         few vertices twice; "native" leaves a flip's two triangles at the positions of the old two.
@@ -230,7 +240,7 @@ def flip(
     if test == COST:
         flip_by_cost(points, scaled, corner, twin, cost)
     else:
-        flip_by(points, corner, twin, test, cost)
+        flip_by_test(points, corner, twin, test, cost)
     return walk_along(rows, twin, len(points)) if in_walk else rows
 
 
@@ -240,6 +250,10 @@ def _resolve_cost(
     by: criteria.Criterion | str | Callable[..., float],
     parameters: dict[str, Any],
 ) -> tuple[Cost, int]:
+    """Return the cost and the flip test of `flip`'s argument `by`.
+
+    points (n, 2), rows (m, 3): the triangles, whose area and number some criteria need.
+    """
     if isinstance(by, str) and by in FLIP_TESTS and not parameters:
         return NO_COST, FLIP_TESTS.index(by)
     try:
@@ -252,7 +266,7 @@ def _resolve_cost(
         sides = points[rows[:, 1:]] - points[rows[:, :1]]
         area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]).sum() / 2.0
         cost = make_cost(resolved, float(area), len(rows))
-    return cost, find_test(cost)
+    return cost, find_flip_test(cost)
 
 
 def triangulate(
@@ -261,14 +275,14 @@ def triangulate(
     criterion: criteria.Criterion | str | Callable[..., float] = "l1",
     **parameters: Any,
 ) -> np.ndarray:
-    """Return ear clipping's triangles (m, 3) after `flip`, in native order (see `registry`)."""
+    """Return ear clipping's triangles (m, 3) after `flip` by `criterion`, in native order."""
     return flip(outline.points, ear_clipping(outline), criterion, "native", **parameters)
 
 
 def triangulate_as_earcut(outline: Boundary) -> np.ndarray:
-    """Return ear clipping's triangles (m, 3) after `refine` of npm's earcut 3.2.4."""
+    """Return ear clipping's triangles (m, 3) after the flips of npm's earcut 3.2.4 (`refine()`)."""
     corner = np.array(ear_clipping(outline), dtype=np.int32).reshape(-1)
-    as_earcut(outline.points, corner, link(corner))
+    flip_as_earcut(outline.points, corner, link(corner))
     return corner.reshape(-1, 3)
 
 
@@ -278,22 +292,26 @@ def triangulate_refined(
     criterion: criteria.Criterion | str | Callable[..., float] = "half-perimeter",
     **parameters: Any,
 ) -> np.ndarray:
-    """Return a triangulation (m, 3) that no flip improves, never worse than ear clipping."""
+    """Return ear clipping's triangulation (m, 3), improved by `refine` for a criterion.
+
+    If ear clipping's result does not conform, the first initial triangulation that does is refined.
+    """
     resolved = criteria.find(criterion, **parameters)
-    cost, test = _plain_cost_and_test(resolved)
+    cost, test = _find_plain_cost_and_test(resolved)
     if cost is None:
         cost = make_cost(resolved, boundary_area(outline), outline.expected_triangles)
-        test = find_test(cost)
+        test = find_flip_test(cost)
     points, rings = outline.points, outline.ring_offsets
     ears = ear_clipping(outline).astype(np.int32).reshape(-1)
     rows: np.ndarray = _refine_if_valid(points, rings, ears, test, cost)
     if len(rows) > 0:
         return rows
-    corner = np.array(next(initial_triangulations(outline)), dtype=np.int32).reshape(-1)
+    corner = np.array(next(find_initial_triangulations(outline)), dtype=np.int32).reshape(-1)
     return refine(points, corner, link(corner), test, cost)
 
 
 @lru_cache(maxsize=64)
-def _plain_cost_and_test(criterion: criteria.Criterion) -> tuple[Cost | None, int]:
+def _find_plain_cost_and_test(criterion: criteria.Criterion) -> tuple[Cost | None, int]:
+    """Return the cost and flip test of a criterion; (None, NONE) if they depend on the polygon."""
     cost = plain_cost(criterion)
-    return cost, NONE if cost is None else find_test(cost)
+    return cost, NONE if cost is None else find_flip_test(cost)

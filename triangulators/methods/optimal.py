@@ -1,9 +1,10 @@
 """The optimum of a criterion over all triangulations of a polygon.
 
-Without holes a dynamic program over all sub-polygons is exact, up to `limit` vertices. With few
-holes and vertices all ways to cut the holes open are tried (`cut_holes`); otherwise `proof`
-improves the better of ear clipping and Delaunay, and proves the result if it can. Beyond `limit`
-vertices, windows of that initial solution are optimised.
+For polygons without holes a dynamic program over all sub-polygons is exact, up to `limit` vertices.
+For few holes and vertices all ways to cut the holes open are tried (`cut_holes`, `bridges`). For
+other polygons with holes, `certificate.proof` improves the better of the ear-clipping and the
+Delaunay triangulation, and proves optimality if possible. Beyond `limit` vertices, pieces of that
+better triangulation are optimised (`best_way.sweep_windows`).
 """
 
 import math
@@ -26,27 +27,27 @@ from triangulators.initial import (
 from triangulators.optimum.any_cost import FLOAT
 from triangulators.optimum.best_way import (
     PIECE,
-    optimum,
+    find_optimum,
     search_cuts,
     solve_small,
     sweep_windows,
 )
 from triangulators.polygon import Boundary, boundary_area
 
-LIMIT = 2000  # vertices up to which a polygon is optimised in one piece
+LIMIT = 2000  # number of vertices up to which a polygon is optimised in one piece
 MAX_PLACED_VERTICES = 500
-"""Vertices up to which a criterion that depends on the position on the pixel grid is optimised."""
+"""Maximum number of vertices for criteria that depend on the position on the pixel grid."""
 
 MAX_PROGRAM_VERTICES = 500
-"""Vertices up to which the linear program is used if the skeleton does not connect all rings.
+"""Maximum number of vertices for a linear program, if the skeleton does not connect all rings.
 
-With more vertices a linear program can take minutes; `certify` uses it for polygons of any size. A
-maximum is never proven, because local minimality excludes almost no edge then.
+With more vertices a linear program can take minutes; `certify` uses it for polygons of any size.
+`worst` uses none, because local minimality excludes almost no edge when a cost is maximised.
 """
 
 
 MAX_BRIDGED_HOLES = 2
-"""Holes up to which `bridges` optimises a polygon over all its edges, before any is excluded."""
+"""Number of holes up to which `bridges` optimises over all edges, without excluding any first."""
 
 MAX_TRIPLES = 1_500_000
 """Maximum number of visible triples for which `bridges` is tried over all edges."""
@@ -55,9 +56,9 @@ MAX_TRIPLES = 1_500_000
 class SearchOptions(NamedTuple):
     """Parameters of `optimal` and `worst` other than the criterion and its parameters.
 
-    limit : vertices up to which a polygon is optimised in one piece, in cubic time at worst; larger
-        polygons are optimised in windows
-    seed : seed of the local search's random choices
+    limit : number of vertices up to which a polygon is optimised as a whole, in cubic time at
+        worst; larger polygons are optimised piece by piece
+    seed : seed of the random choices of the local search
     """
 
     limit: int = LIMIT
@@ -65,7 +66,7 @@ class SearchOptions(NamedTuple):
 
     @classmethod
     def split(cls, parameters: Mapping[str, Any]) -> tuple["SearchOptions", dict[str, Any]]:
-        """Return the search options among parameters, and the parameters of the criterion."""
+        """Split a triangulator's parameters into search options and the criterion's parameters."""
         options = {name: parameters[name] for name in cls._fields if name in parameters}
         return cls(**options), {
             name: parameters[name] for name in parameters if name not in options
@@ -75,8 +76,8 @@ class SearchOptions(NamedTuple):
 def triangulate(outline: Boundary, **parameters: Any) -> np.ndarray:
     """Return the triangulation (m, 3) that minimises `criterion`.
 
-    parameters: `criterion`, see `criteria.find`, "overdraw" by default; `SearchOptions`; all others
-    are the criterion's.
+    parameters: `criterion` (see `criteria.find`; "overdraw" by default), the fields of
+    `SearchOptions`, and parameters of the criterion.
     """
     return _optimise(outline, 1.0, **parameters).triangles
 
@@ -87,26 +88,28 @@ def triangulate_worst(outline: Boundary, **parameters: Any) -> np.ndarray:
 
 
 def triangulate_with_gap(outline: Boundary, **parameters: Any) -> tuple[np.ndarray, float]:
-    """Return the result of `triangulate`, and its gap to the optimum relative to its cost.
+    """Return the result of `triangulate`, and its gap to the optimum, relative to its cost.
 
-    The gap is 0 for an optimum: by a dynamic program, or by a proof as in `certify`, but unchecked;
-    for real costs, up to rounding. It is a rounding bound (about 1e-16) if sums of integer costs
-    exceed 2^53, and infinite if there is no bound: after windows or local search.
+    The gap is 0 if a dynamic program found the optimum, or if it is proven as in `certify`, but
+    without the check; for real costs, 0 means optimal up to rounding. If sums of integer costs
+    exceed 2^53, the gap is a bound of the rounding error, about 1e-16. The gap is infinite after
+    local search, which gives no lower bound.
     """
     result = _optimise(outline, 1.0, **parameters)
     if result.exact_for is None:
         return result.triangles, result.gap
-    return result.triangles, _bound_rounding(outline, result.exact_for, result.triangles)
+    return result.triangles, _bound_rounding_gap(outline, result.exact_for, result.triangles)
 
 
-def _bound_rounding(
+def _bound_rounding_gap(
     outline: Boundary, criterion: criteria.Criterion, triangles: np.ndarray
 ) -> float:
-    """Return a bound on the relative gap of a dynamic program's result (m, 3) due to rounding.
+    """Return a bound of the gap of a dynamic program's result (m, 3) that rounding may cause.
 
-    For costs that are not negative, it is enough that the sums that add up to the optimum are
-    exact: larger sums are never chosen. Otherwise each sum has a relative error of 2^-53 for each
-    number added, and for the three operations that computed it.
+    The bound is relative to the cost. For costs that are not negative, it is 0 if the partial sums
+    of the optimum are exact, because larger sums are never chosen. Otherwise each sum has a
+    relative error of 2^-53 for each number added, and for the three operations that computed the
+    number.
     """
     points, count = outline.points, outline.expected_triangles
     cost = make_cost(criterion, boundary_area(outline), count)
@@ -130,7 +133,8 @@ def _bound_rounding(
 class _Result(NamedTuple):
     """A triangulation (m, 3) and its relative gap to the optimum, infinite if unknown.
 
-    exact_for: the criterion, if a dynamic program in doubles found the optimum.
+    exact_for: the criterion that a dynamic program in doubles minimised or maximised; None if
+    another method gave the result.
     """
 
     triangles: np.ndarray
@@ -158,6 +162,7 @@ def _optimise(
 def _search(
     outline: Boundary, criterion: criteria.Criterion, sign: float, options: SearchOptions
 ) -> _Result:
+    """Return the optimum, or the best triangulation found, in any order of triangles."""
     points, (limit, seed) = outline.points, options
     if criterion.depends_on_position and len(points) > MAX_PLACED_VERTICES:
         raise SkippedError(
@@ -168,7 +173,7 @@ def _search(
     if outline.holes == 0 and len(outline.edges) <= limit:
         cycle = outline.edges[:, 0]
         start = find_ring_triangulation(outline, cycle)
-        return _Result(cycle[optimum(points[cycle], start, cost)], 0.0, criterion)
+        return _Result(cycle[find_optimum(points[cycle], start, cost)], 0.0, criterion)
     if len(outline.edges) > limit:
         start = find_best_initial(outline, cost)
         return _Result(sweep_windows(points, start, cost, min(PIECE, limit), seed), math.inf)
@@ -178,16 +183,19 @@ def _search(
     if sign > 0.0:
         # No finite time limit, so that the result is the same on any machine.
         seconds = math.inf if len(points) <= MAX_PROGRAM_VERTICES else 0.0
-        from triangulators.certificate.proof import minimise  # most polygons have no holes
+        from triangulators.certificate.proof import minimise_cost  # most polygons have no holes
 
-        result = minimise(outline, cost, seconds)
+        result = minimise_cost(outline, cost, seconds)
         if result is not None:
             return _Result(*result)
     return _Result(search_cuts(points, find_best_initial(outline, cost), cost, seed), math.inf)
 
 
 def _solve_few_holes(outline: Boundary, cost: Cost) -> np.ndarray | None:
-    """Return the optimum (m, 3) of a polygon with few holes, or None if `bridges` finds none."""
+    """Return the optimum (m, 3) of a polygon with one or two holes, or None.
+
+    None if the polygon or the cost is unsupported, or if `bridges` finds no optimum.
+    """
     # Imported only for polygons with holes.
     from triangulators.certificate.bridges import solve_by_bridges
     from triangulators.certificate.candidates import find_candidates, weigh_candidates

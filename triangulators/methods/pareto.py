@@ -1,9 +1,10 @@
 """The Pareto front of two criteria over all triangulations of a simple polygon.
 
-The dynamic program of the optimum, with sets of non-dominated pairs of costs instead of costs. It
-lists no triangulations; the fronts of sub-polygons are small in practice, without a proven bound.
-Weighted sums of the two criteria reach only vertices of the front's convex hull; this program finds
-all points of the front.
+The dynamic program is that of the optimum (`optimum.visible_lists`), with sets of non-dominated
+pairs of costs instead of single costs. It does not enumerate triangulations; the fronts of
+sub-polygons are small in practice, but no bound of their size is proven. Minimising weighted sums
+of the two criteria would find only vertices of the front's convex hull; this program finds all
+points of the front.
 """
 
 from collections.abc import Callable
@@ -20,8 +21,8 @@ from triangulators.initial import Cycle, make_cycle
 from triangulators.polygon import Boundary, boundary_area, checked_boundary
 from triangulators.polygon_arrays import polygon_of_rings
 
-MAX_FRONT_SIZE = 100_000  # points of a sub-polygon's front
-MAX_VERTICES = 100  # maximum for the triangulator "pareto", which takes up to a minute
+MAX_FRONT_SIZE = 100_000  # maximum number of points of a sub-polygon's front
+MAX_VERTICES = 100  # maximum for the triangulator "pareto", which then takes up to a minute
 # Costs that differ by less than this fraction of the largest cost are treated as equal.
 _RELATIVE_TOLERANCE = 1e-9
 
@@ -29,9 +30,9 @@ CriterionLike = criteria.Criterion | str | Callable[..., float]
 
 
 class Front(NamedTuple):
-    """Non-dominated triangulations: costs (f, 2), ascending in the first, and triangles.
+    """A Pareto front: costs (f, 2) by both criteria, ascending in the first, and triangulations.
 
-    `triangles` is (f, m, 3) int32.
+    `triangles` (f, m, 3) int32 has one triangulation for each row of `costs`.
     """
 
     costs: np.ndarray
@@ -41,7 +42,8 @@ class Front(NamedTuple):
 class _Partial(NamedTuple):
     """The front of a sub-polygon i..j: costs (f, 2), and the origin (f, 3) of each point.
 
-    An origin is the apex k, the index in the front of i..k, and the index in the front of k..j.
+    The origin of a point is the apex k, a point's index in the front of i..k, and a point's index
+    in the front of k..j: the costs of both points and of the triangle i, k, j add up to the point.
     """
 
     costs: np.ndarray
@@ -51,10 +53,11 @@ class _Partial(NamedTuple):
 def pareto_front(
     polygon: shapely.Polygon, first: CriterionLike = "overdraw", second: CriterionLike = "shape"
 ) -> Front:
-    """Return the Pareto front of two criteria to minimise.
+    """Return the Pareto front of a polygon's triangulations for two criteria to minimise.
 
-    Raises `InvalidPolygonError`, `SkippedError` for holes, `UnknownNameError`, and
-    `TriangulationError` if the front of some sub-polygon has more than 100,000 entries.
+    Raises `InvalidPolygonError` for an invalid polygon, `SkippedError` for holes,
+    `UnknownNameError` for an unknown criterion, and `TriangulationError` if the front of a
+    sub-polygon has more than 100,000 points.
     """
     outline = checked_boundary(polygon)
     ring = make_cycle(outline, "pareto")
@@ -62,15 +65,17 @@ def pareto_front(
     pair = [make_cost(criteria.find(criterion), area, count) for criterion in (first, second)]
     fronts = _compute_fronts(ring, pair[0], pair[1])
     front = fronts[0, len(ring.cycle) - 1]
-    triangles = np.array([_trace(fronts, len(ring.cycle), entry) for entry in range(len(front[0]))])
+    triangles = np.array(
+        [_list_triangles(fronts, len(ring.cycle), entry) for entry in range(len(front[0]))]
+    )
     return Front(front.costs, ring.cycle[triangles])
 
 
 def triangulate(outline: Boundary, *, k: int = 0) -> np.ndarray:
-    """Return the k-th triangulation (n - 2, 3) of the front of A (overdraw) and D (shape), by A.
+    """Return triangulation k (n - 2, 3) of the Pareto front of A and D, in ascending order of A.
 
-    The fronts of recent polygons are cached for other k. Raises `SkippedError` for holes, for more
-    than 100 vertices, and if the front has no entry k.
+    A is the criterion "overdraw", D is "shape". The fronts of the last 32 polygons are cached.
+    Raises `SkippedError` for holes, for more than 100 vertices, and if the front has no entry k.
     """
     if len(outline.edges) > MAX_VERTICES:
         raise SkippedError(f"pareto: {len(outline.edges)} vertices, more than {MAX_VERTICES}")
@@ -86,10 +91,12 @@ def triangulate(outline: Boundary, *, k: int = 0) -> np.ndarray:
 
 @lru_cache(maxsize=32)
 def _find_front_of_a_and_d(wkb: bytes) -> Front:
+    """Return the front of overdraw (A) and shape (D) of a polygon in WKB."""
     return pareto_front(shapely.from_wkb(wkb))
 
 
 def _compute_fronts(ring: Cycle, first: Cost, second: Cost) -> dict[tuple[int, int], _Partial]:
+    """Return the front of the sub-polygon i..j of every visible pair (i, j) of a cycle."""
     n = len(ring.cycle)
     fronts: dict[tuple[int, int], _Partial] = {}
     below: list[list[int]] = [[] for _ in range(n)]  # below[j]: the i < j that j sees, descending
@@ -99,12 +106,12 @@ def _compute_fronts(ring: Cycle, first: Cost, second: Cost) -> dict[tuple[int, i
                 fronts[i, j] = _Partial(np.zeros((1, 2)), np.zeros((1, 3), dtype=np.int32))
             else:
                 apexes = [k for k in below[j] if (i, k) in fronts]
-                fronts[i, j] = _merge(ring.points, fronts, i, j, apexes, (first, second))
+                fronts[i, j] = _find_pair_front(ring.points, fronts, i, j, apexes, (first, second))
             below[j].append(i)
     return fronts
 
 
-def _merge(
+def _find_pair_front(
     points: np.ndarray,
     fronts: dict[tuple[int, int], _Partial],
     i: int,
@@ -112,7 +119,10 @@ def _merge(
     apexes: list[int],
     pair: tuple[Cost, Cost],
 ) -> _Partial:
-    """Return the front of the sub-polygon of the pair i, j, over all its apexes."""
+    """Return the front of the sub-polygon i..j, over the possible apexes of its side i-j.
+
+    fronts: those of smaller sub-polygons; pair: the costs of both criteria.
+    """
     costs: list[np.ndarray] = []
     origins: list[np.ndarray] = []
     for k in apexes:
@@ -130,12 +140,14 @@ def _merge(
     sums, origin = np.concatenate(costs), np.concatenate(origins).astype(np.int32)
     rows = _find_non_dominated(sums)
     if len(rows) > MAX_FRONT_SIZE:
-        raise TriangulationError(f"pareto: a front has more than {MAX_FRONT_SIZE} entries")
+        raise TriangulationError(
+            f"pareto: the front of a sub-polygon has more than {MAX_FRONT_SIZE:,} points"
+        )
     return _Partial(sums[rows], origin[rows])
 
 
 def _find_non_dominated(costs: np.ndarray) -> np.ndarray:
-    """Return the indices of non-dominated rows of (c, 2), one of equal rows."""
+    """Return the indices of the non-dominated rows of costs (c, 2); one of several equal rows."""
     order = np.lexsort((costs[:, 1], costs[:, 0]))
     second = costs[order, 1]
     minima = np.minimum.accumulate(second)
@@ -144,7 +156,7 @@ def _find_non_dominated(costs: np.ndarray) -> np.ndarray:
     return order[better]
 
 
-def _trace(fronts: dict[tuple[int, int], _Partial], n: int, entry: int) -> list[Any]:
+def _list_triangles(fronts: dict[tuple[int, int], _Partial], n: int, entry: int) -> list[Any]:
     triangles: list[tuple[int, int, int]] = []
     waiting = [(0, n - 1, entry)]
     while waiting:

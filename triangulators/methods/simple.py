@@ -1,4 +1,4 @@
-"""Simple triangulators: fan, strip, greedy, largest triangle first."""
+"""Simple triangulators: fan, strip, greedy (shortest diagonals first), largest triangle first."""
 
 from collections.abc import Callable
 from typing import Any
@@ -15,21 +15,24 @@ from triangulators.initial import find_any_triangulation, make_cycle
 from triangulators.polygon import Boundary
 
 MAX_GREEDY_VERTICES = 3000
-"""Limit of `greedy`, which compares pairs of vertices."""
+"""Maximum number of vertices for `triangulate_greedy`, which compares pairs of vertices."""
 
 MAX_LARGEST_VERTICES = 1500
-"""Limit of `largest_first`, whose time is cubic."""
+"""Maximum number of vertices for `triangulate_largest_first`, whose time is cubic."""
 
 
-def fan(outline: Boundary) -> np.ndarray:
-    """Return all diagonals from a vertex that sees all; raise `SkippedError` if impossible."""
+def triangulate_fan(outline: Boundary) -> np.ndarray:
+    """Return a fan (n - 2, 3): all triangles at one vertex, which sees the whole polygon.
+
+    Raises `SkippedError` for holes and if there is no such vertex.
+    """
     return _apply_to_ring(outline, "fan", _find_fan, "no vertex sees the whole polygon")
 
 
-def strip(outline: Boundary) -> np.ndarray:
-    """Return a zigzag of diagonals, which can be drawn as a triangle strip.
+def triangulate_strip(outline: Boundary) -> np.ndarray:
+    """Return the triangles (n - 2, 3) of a zigzag of diagonals, a triangle strip.
 
-    Raises `SkippedError` for holes and if no start gives a valid zigzag.
+    Raises `SkippedError` for holes and if every zigzag leaves the polygon.
     """
     return _apply_to_ring(outline, "strip", _find_zigzag, "no zigzag stays inside the polygon")
 
@@ -37,6 +40,10 @@ def strip(outline: Boundary) -> np.ndarray:
 def _apply_to_ring(
     outline: Boundary, name: str, rule: Callable[..., Any], why_not: str
 ) -> np.ndarray:
+    """Return the triangles of `rule`(points, ring); raise `SkippedError` if there are none.
+
+    name, why_not: the triangulator and the reason, for the message.
+    """
     if outline.holes:
         raise SkippedError(f"{name}: the polygon has holes")
     triangles: np.ndarray = rule(outline.points, outline.edges[:, 0].copy())
@@ -49,7 +56,7 @@ def _apply_to_ring(
 def _find_fan(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
     """Return the first valid fan of a counter-clockwise ring, (n - 2, 3), or no rows.
 
-    A fan of counter-clockwise triangles is valid: the triangles' edges add up to the boundary.
+    A fan is valid if all triangles are counter-clockwise: their edges then add up to the boundary.
     """
     n = len(ring)
     triangles = np.empty((n - 2, 3), dtype=np.int32)
@@ -70,8 +77,9 @@ def _find_fan(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
 def _find_zigzag(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
     """Return the first valid zigzag of a counter-clockwise ring, (n - 2, 3), or no rows.
 
-    A zigzag starts at a side and takes the next vertex from either end alternately. A zigzag of
-    counter-clockwise triangles is valid: the triangles' edges add up to the boundary.
+    A zigzag starts at a side of the ring; the next triangle takes the next vertex after one end of
+    the current side, then after the other end, and so on. A zigzag is valid if all triangles are
+    counter-clockwise: their edges then add up to the boundary.
     """
     n = len(ring)
     triangles = np.empty((n - 2, 3), dtype=np.int32)
@@ -97,7 +105,7 @@ def _find_zigzag(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
     return triangles[:0]
 
 
-def greedy(outline: Boundary) -> np.ndarray:
+def triangulate_greedy(outline: Boundary) -> np.ndarray:
     """Return the greedy triangulation (m, 3): shortest diagonals first, without crossings.
 
     Raises `SkippedError` for more than 3000 vertices.
@@ -115,6 +123,7 @@ def greedy(outline: Boundary) -> np.ndarray:
 
 
 def _triangulate_cycle_greedily(outline: Boundary) -> np.ndarray:
+    """Return the greedy triangulation (n - 2, 3) of a polygon without holes."""
     ring = make_cycle(outline, "greedy")
     n = len(ring.cycle)
     tails = np.repeat(np.arange(n, dtype=np.int32), np.diff(ring.start))
@@ -132,10 +141,11 @@ def _triangulate_cycle_greedily(outline: Boundary) -> np.ndarray:
 def _select_in_cycle(n: int, pairs: np.ndarray) -> np.ndarray:
     """Return flags of the pairs (i, j) of a cycle, i < j, that cross no earlier selected pair.
 
-    Diagonals of a cycle cross if the ends alternate along the cycle: no coordinates are needed.
-    lowest, highest: the range of vertices to which selected pairs join each vertex. So i-j crosses
-    a selected pair if a vertex strictly between i and j is joined to a vertex outside i..j; a pair
-    takes j - i steps.
+    n: number of vertices; pairs (p, 2): in order of preference. Diagonals of a cycle cross if their
+    ends alternate along the cycle: no coordinates are needed. `lowest` and `highest` have the
+    lowest and the highest vertex to which selected pairs join each vertex. So i-j crosses a
+    selected pair if a vertex strictly between i and j is joined to a vertex outside i..j; testing
+    a pair takes j - i steps.
     """
     lowest, highest = np.arange(n), np.arange(n)
     selected = np.zeros(len(pairs), dtype=np.bool_)
@@ -150,12 +160,13 @@ def _select_in_cycle(n: int, pairs: np.ndarray) -> np.ndarray:
     return selected
 
 
-def largest_first(outline: Boundary) -> np.ndarray:
-    """Return the largest triangle, and recursively that of each remaining part, (n - 2, 3).
+def triangulate_largest_first(outline: Boundary) -> np.ndarray:
+    """Return the triangulation (n - 2, 3) that repeatedly cuts off the largest triangle.
 
-    Raises `SkippedError` for holes and for more than 1500 vertices. Source: E. Persson,
-    "Triangulation", 2009, for convex polygons; restricted here to vertices that see each other, for
-    simple polygons.
+    The largest triangle divides the polygon into up to three sub-polygons, which are triangulated
+    in the same way. Raises `SkippedError` for holes and for more than 1500 vertices. Source:
+    E. Persson, "Triangulation", 2009, for convex polygons; here only triangles of vertices that see
+    each other are considered, so that the method applies to simple polygons.
     """
     if len(outline.edges) > MAX_LARGEST_VERTICES:
         raise SkippedError(
@@ -170,12 +181,14 @@ def largest_first(outline: Boundary) -> np.ndarray:
 
 @njit
 def _cut_largest_first(points: np.ndarray, sees: np.ndarray) -> np.ndarray:
-    """Return the triangles (n - 2, 3) of a counter-clockwise cycle (n, 2); sees (n, n), i < j.
+    """Return the triangles (n - 2, 3) of a counter-clockwise cycle (n, 2), the largest first.
 
-    A stack has sub-polygons, as vertices in the cycle's order, so that every triangle i < k < j of
-    mutually visible vertices is counter-clockwise, with a positive doubled area. The largest
-    triangle cuts off three sub-polygons, of the vertices p to q, q to r, and r around to p; a
-    single side is not pushed. Of equal areas the first by i, k and j is taken.
+    sees (n, n): element [i, j], for i < j, is True if vertices i and j see each other. A stack has
+    the remaining sub-polygons, each as vertices in the cycle's order, so that every triangle
+    i < k < j of mutually visible vertices is counter-clockwise, with a positive doubled area. The
+    largest triangle p, q, r cuts off three sub-polygons, of the vertices p to q, q to r, and r
+    around to p; one that is a single side is not pushed. Of equal areas the first by i, k and j is
+    taken.
     """
     n = len(points)
     triangles = np.empty((n - 2, 3), dtype=np.int32)

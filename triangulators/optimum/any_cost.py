@@ -1,12 +1,13 @@
 """Sparse dynamic program for any cost; the costs of triangles are computed in blocks.
 
 The recurrence, the visible pairs and the order of the loops are those of `visible_lists`: vertex i
-descends, and each j has a list of the apexes k > i that see j. Here a triangle costs much more than
-two additions, so the triangles of a vertex i and of several j are collected first, and their costs
-are computed in one block: lists are short, and SIMD lanes would be half empty for one j. The best
-apex of each pair is stored, so that no cost is computed twice.
+descends, and each j has a list of the apexes k > i that see j. In contrast to `visible_lists`,
+computing a triangle's cost takes much longer than two additions. So the triangles of a vertex i and
+of several j are collected first, and their costs are computed in one block: the list of one j is so
+short that it would leave SIMD lanes empty. The best apex of each pair is stored, so that no cost is
+computed twice.
 
-For expected quads, a ring of 21 vertices (letters) takes 22 microseconds; with a call for each
+For expected quads, a ring of 21 vertices (letters) takes 22 microseconds; with one call for each
 triangle it took 46.
 """
 
@@ -15,7 +16,8 @@ import numpy as np
 from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost, allocate_block, weigh_block
 
-FLOAT = 1e300  # cost of a sub-polygon without a triangulation; the sum of two does not overflow
+# Cost of a sub-polygon without a triangulation, in float64; the sum of two does not overflow.
+FLOAT = 1e300
 _BLOCK = 256  # triangles whose costs are computed in one call
 
 
@@ -23,9 +25,9 @@ _BLOCK = 256  # triangles whose costs are computed in one call
 def solve_any(start: np.ndarray, target: np.ndarray, points: np.ndarray, cost: Cost) -> np.ndarray:
     """Return the optimum (n - 2, 3) of a cycle (n, 2) for any cost; no rows if there is none.
 
-    start, target: `find_visible_pairs` of the cycle.
+    start, target: the visible pairs of the cycle, see `find_visible_pairs`.
     """
-    chosen = _fill_any(start, target, points, cost)
+    chosen = _find_best_apexes(start, target, points, cost)
     n = len(points)
     triangles = np.empty((n - 2, 3), dtype=np.int32)
     stack = np.empty((n, 2), dtype=np.int32)
@@ -37,7 +39,7 @@ def solve_any(start: np.ndarray, target: np.ndarray, points: np.ndarray, cost: C
         if j - i < 2:
             continue
         low, high = start[i], start[i + 1]
-        while low < high:  # the pair i-j
+        while low < high:  # binary search for the pair i-j
             middle = (low + high) // 2
             if target[middle] < j:
                 low = middle + 1
@@ -55,11 +57,14 @@ def solve_any(start: np.ndarray, target: np.ndarray, points: np.ndarray, cost: C
 
 
 @njit(nogil=True)
-def _fill_any(start: np.ndarray, target: np.ndarray, points: np.ndarray, cost: Cost) -> np.ndarray:
+def _find_best_apexes(
+    start: np.ndarray, target: np.ndarray, points: np.ndarray, cost: Cost
+) -> np.ndarray:
     """Return the best apex (p,) of each visible pair, -1 if there is none.
 
     A block has triangles i, k, j of one i and several j. The costs of the pairs i-k and k-j are
-    final when the block's triangles are compared, j by j. Of equal apexes the highest is taken.
+    final when the block's triangles are compared, j by j. If several apexes have the minimum cost,
+    the highest is taken.
     """
     n, pairs = len(points), start[len(points)]
     first = np.zeros(n + 1, dtype=np.int64)
@@ -80,7 +85,9 @@ def _fill_any(start: np.ndarray, target: np.ndarray, points: np.ndarray, cost: C
             sees[target[p]] = True
         p = start[i]
         while p < start[i + 1]:
-            last = _collect(p, start[i + 1], target, lists, points, sees, corners, entries, ends)
+            last = _collect_triangles(
+                p, start[i + 1], target, lists, points, sees, corners, entries, ends
+            )
             count = ends[last - p - 1]
             for k in range(count):
                 ax[k], ay[k] = points[i, 0], points[i, 1]
@@ -105,7 +112,7 @@ def _fill_any(start: np.ndarray, target: np.ndarray, points: np.ndarray, cost: C
 
 
 @njit(nogil=True)
-def _collect(
+def _collect_triangles(
     pair: int,
     stop: int,
     target: np.ndarray,
@@ -116,11 +123,12 @@ def _collect(
     entries: np.ndarray,
     ends: np.ndarray,
 ) -> int:
-    """Collect triangles of the pairs `pair` to `stop` - 1; return the first pair not collected.
+    """Collect a block of triangles of the pairs from `pair` on; return the first pair left out.
 
-    lists: first, end and apexes of the lists; sees (n,): vertices that i sees. Writes vertices k
-    and j of each triangle to `corners`, the index of k in j's list to `entries`, and the number of
-    triangles up to each pair to `ends`.
+    The pairs, up to `stop` - 1, have the same lower vertex i. target: higher vertex j of each pair;
+    lists: start and end of each j's list, and the apexes of all lists; sees (n,): flags of the
+    vertices that i sees. Writes the coordinates of vertices k and j of each triangle to `corners`,
+    the index of k in the lists to `entries`, and the number of triangles up to each pair to `ends`.
     """
     first, end, apex = lists
     bx, by, cx, cy = corners[2], corners[3], corners[4], corners[5]

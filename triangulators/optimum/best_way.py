@@ -1,14 +1,14 @@
 """Choose the fastest exact solver for one polygon; local search for polygons without one.
 
-full_table     box and edge costs, dense: small rings, and rings where most vertices see each other
-visible_lists  any cost, sparse: over the pairs of vertices that see each other, with `any_cost`
-cut_holes      small polygons with few holes, over all ways to cut them into one ring
+full_table     box and edge costs of small rings, or of rings where most vertices see each other
+visible_lists  any cost of one ring, over the pairs of vertices that see each other; with `any_cost`
+cut_holes      box and edge costs of small polygons with few holes, over all ways to cut them open
 
 If no dynamic program applies to the polygon, a triangulation is improved by optimising pieces of it
-exactly. A piece is a tree of adjacent triangles, unfolded into a simple polygon (see `unfold`); its
-current triangulation is feasible for the exact solver, so no step increases the cost. If the piece
-is the complete polygon, the diagonals that its tree does not cross are the cuts between the holes
-and the outline; other trees give other cuts.
+exactly. A piece is a tree of adjacent triangles, unfolded into a simple polygon (see `unfold`). The
+exact solver minimises over all triangulations of the piece, including the current one, so no step
+increases the cost. If the piece is the complete polygon, the diagonals that the tree does not cross
+are the cuts between the holes and the outline; other trees give other cuts.
 """
 
 import numpy as np
@@ -26,16 +26,17 @@ from triangulators.optimum.full_table import SMALL, solve_ring
 from triangulators.optimum.visible_lists import solve_visible_pairs
 from triangulators.polygon import Boundary
 
-MAX_DENSE_VERTICES = 128  # vertices up to which finding visible pairs takes longer than it saves
-_SPARSE_TO_DENSE = 2.0  # measured ratio of the times per apex, sparse to dense
+# Up to this number of vertices, finding visible pairs takes longer than the sparse program saves.
+MAX_DENSE_VERTICES = 128
+_SPARSE_TO_DENSE = 2.0  # measured time per apex of the sparse program, relative to the dense one
 
-PIECE = 200  # triangles in a window of a large polygon
-_MAX_SWEEPS = 12  # a sweep optimises windows that cover all triangles
-_MIN_GAIN = 5e-3  # relative; a sweep that gains less is the last
-_PATIENCE = 6  # consecutive cuts without gain after which the search stops
+PIECE = 200  # maximum number of triangles in a piece of a large polygon
+_MAX_SWEEPS = 12  # maximum number of sweeps; a sweep optimises pieces that cover all triangles
+_MIN_GAIN = 5e-3  # a sweep that saves less than this share of the cost is the last
+_PATIENCE = 6  # consecutive choices of cuts without a gain after which `search_cuts` stops
 
 
-def optimum(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.ndarray:
+def find_optimum(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.ndarray:
     """Return the minimum-cost triangulation (n - 2, 3) of a simple polygon.
 
     points: (n, 2), a counter-clockwise cycle, in which a point may occur several times; triangles:
@@ -63,11 +64,11 @@ def optimum(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.ndarray
 
 @njit(nogil=True)
 def _count_apexes(n: int, target: np.ndarray) -> float:
-    """Return the number of apexes that the sparse program tries: half the sum of squared lengths.
+    """Return the approximate number of apexes that the sparse program tries in a ring.
 
-    The lengths are those of the lists of `visible_lists`.
-
-    `np.bincount` would copy all pairs to int64, a third of the memory of the lists.
+    target: see `find_visible_pairs`. The number is half the sum of the squared lengths of the lists
+    of `visible_lists`, one for each of n vertices. A loop counts the lengths: `np.bincount` would
+    copy all pairs to int64, which takes a third of the memory of the lists.
     """
     seen_from_above = np.zeros(n)
     for j in target:
@@ -78,10 +79,11 @@ def _count_apexes(n: int, target: np.ndarray) -> float:
 def solve_small(
     outline: Boundary, criterion: Criterion, sign: float, limit: int
 ) -> np.ndarray | None:
-    """Return the optimum (m, 3) of a small polygon, or None if it is unsupported.
+    """Return the optimum (m, 3) of a small polygon, or None if the polygon is unsupported.
 
-    None if the polygon is not small, has more than `limit` vertices or rings that touch, or if the
-    criterion is not a combination of box and edge features.
+    sign: 1.0 to minimise the criterion, -1.0 to maximise it. None if the polygon has more than
+    `limit` or 192 vertices, or rings that touch, or if a feature other than half-perimeter,
+    bounding-box area and edge length varies the criterion (see `Cost`).
     """
     points = outline.points
     if len(points) > min(limit, SMALL) or not (outline.simple or outline.holes):
@@ -98,12 +100,16 @@ def solve_small(
 
 
 def _solve_dense(points: np.ndarray, box: np.ndarray) -> np.ndarray | None:
+    """Return the triangles (n - 2, 3) of `solve_ring`, or None if it finds no triangulation."""
     triangles = np.empty((len(points) - 2, 3), dtype=np.int32)
     return triangles if solve_ring(points, box, triangles) < np.inf else None
 
 
 class Patchwork:
-    """A triangulation to optimise piece by piece: triangles (m, 3) of points (n, 2), and twins."""
+    """A triangulation to optimise piece by piece: triangles (m, 3) of points (n, 2), and twins.
+
+    The triangles are copied; `optimise_piece` replaces them in place.
+    """
 
     def __init__(self, points: np.ndarray, triangles: np.ndarray, cost: Cost) -> None:
         self.points = points
@@ -117,7 +123,11 @@ class Patchwork:
     def optimise_piece(
         self, root: int, max_size: int, *, depth_first: bool = False, first_edge: int = 0
     ) -> np.ndarray:
-        """Replace a piece grown from `root` by its optimum; return the indices of its triangles."""
+        """Replace a piece by its optimum; return the indices (k,) of its triangles.
+
+        The piece has at most `max_size` triangles around triangle `root`; depth_first, first_edge:
+        see `unfold.grow`.
+        """
         rows = np.empty(max_size, dtype=np.int32)
         size = grow(
             self.twin, root, max_size, depth_first, first_edge, self._tree, rows, self._visited
@@ -126,7 +136,7 @@ class Patchwork:
         cycle, local, outline = unfold(self.triangles, self.twin, self._tree, root, size)
         self._tree[rows] = False
         if size > 1:
-            better = optimum(self.points[cycle], local, self.cost)
+            better = find_optimum(self.points[cycle], local, self.cost)
             fold_back(self.triangles, self.twin, rows, cycle, outline, better, self._position_of)
         return rows
 
@@ -138,11 +148,12 @@ class Patchwork:
 def search_cuts(points: np.ndarray, triangles: np.ndarray, cost: Cost, seed: int = 0) -> np.ndarray:
     """Optimise a polygon with holes for several choices of cuts; return the triangles (m, 3).
 
-    triangles: (m, 3), the initial solution; seed: of the random choices of cuts.
+    triangles: (m, 3), the initial solution; seed: seed of the random choices of cuts. The search
+    stops after six consecutive choices without a gain.
     """
     work = Patchwork(points, triangles, cost)
     size = len(triangles)
-    # If the dual graph is a tree, this is one simple polygon, without cuts.
+    # If the dual graph is a tree, the triangles are a simple polygon, and one piece is the optimum.
     if np.count_nonzero(work.twin >= 0) == 2 * (size - 1):
         work.optimise_piece(0, size)
         return work.triangles
@@ -161,7 +172,10 @@ def search_cuts(points: np.ndarray, triangles: np.ndarray, cost: Cost, seed: int
 def sweep_windows(
     points: np.ndarray, triangles: np.ndarray, cost: Cost, piece: int = PIECE, seed: int = 0
 ) -> np.ndarray:
-    """Optimise overlapping windows of at most `piece` triangles; return the triangles (m, 3)."""
+    """Optimise overlapping pieces of at most `piece` triangles; return the triangles (m, 3).
+
+    triangles: (m, 3), the initial solution; seed: seed of the random order of pieces.
+    """
     work = Patchwork(points, triangles, cost)
     rng = np.random.default_rng(seed)
     best = work.total()

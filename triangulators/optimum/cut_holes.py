@@ -8,12 +8,11 @@ whose optimum the dynamic program finds (`full_table`). So the minimum over all 
 the optimum.
 
 The same holds for the rightmost, highest and lowest vertex, so each step uses the direction with
-the fewest possible cuts. One or two holes have few; `solve_by_cuts` gives up after `_MAX_CUTS`
-rings, one for each way to cut all holes.
+the fewest possible cuts. Polygons with one or two holes have few choices of cuts; `solve_by_cuts`
+gives up after `_MAX_CUTS` choices.
 
-Rejected: computing once the part of the cost table that all cuts of a hole have in common, the
-pairs of vertices around the hole. The dynamic program from scratch takes less time than completing
-a copy.
+Rejected: the costs of vertex pairs that are the same for all cuts of a hole could be computed once
+and copied. The dynamic program from scratch takes less time than completing a copy.
 """
 
 import numpy as np
@@ -22,24 +21,25 @@ from triangulators.compute.kernels import njit
 from triangulators.compute.operations import FAST, copy_row, copy_rows, fmin
 from triangulators.geometry.order import walk
 from triangulators.geometry.predicates import FILTER, bounding_box, grid_unit
-from triangulators.optimum.full_table import SMALL, solve_ring, weight
+from triangulators.optimum.full_table import SMALL, solve_ring, weigh_diagonal
 from triangulators.polygon import orient_rings
 
 MAX_HOLES = 3
-_MAX_CUTS = 250  # rings to triangulate, one for each way to cut all holes
-_MIN_DISTANCE = 1e-9  # of rings, relative to the span; nearer rings may touch and are unsupported
+_MAX_CUTS = 250  # maximum number of rings to triangulate, one for each way to cut all holes
+# Relative to the polygon's span: rings nearer to each other may touch, which is unsupported.
+_MIN_DISTANCE = 1e-9
 
 
 @njit(nogil=True)
 def solve_by_cuts(
     points: np.ndarray, ring_offsets: np.ndarray, box: np.ndarray, triangles: np.ndarray
 ) -> bool:
-    """Triangulate a polygon with holes at minimum cost; return False if it is unsupported.
+    """Write the triangulation of minimum cost of a polygon with holes to `triangles`.
 
     points (n, 2), ring_offsets (h + 2,): rings of either orientation, the exterior first; box:
     coefficients of half-perimeter, bounding-box area and edge length; triangles (n + 2h - 2, 3):
-    output, in the order of `order.walk`. False if rings touch, if there are too many cuts, or if no
-    triangulation was found.
+    output, in the order of `order.walk`. Returns False if the polygon is unsupported: too large,
+    with rings that touch, with too many choices of cuts, or no triangulation was found.
     """
     n, holes = len(points), len(ring_offsets) - 2
     ring_size = n + 2 * holes
@@ -55,7 +55,7 @@ def solve_by_cuts(
     size[0] = ring_offsets[1]
     merged = np.zeros((holes + 1, holes + 1), dtype=np.bool_)  # at each depth, the merged holes
     cut_ends = np.empty((holes, ring_size), dtype=np.int32)
-    count = np.full(holes, -1, dtype=np.int64)  # of cut ends; -1: not searched yet
+    count = np.full(holes, -1, dtype=np.int64)  # number of cut ends; -1: not searched yet
     taken = np.zeros(holes, dtype=np.int64)
     tip = np.empty(holes, dtype=np.int64)
     local = np.empty((ring_size - 2, 3), dtype=np.int32)
@@ -74,7 +74,7 @@ def solve_by_cuts(
             continue
         position = cut_ends[depth, taken[depth]]
         taken[depth] += 1
-        hole = _merge(ring_offsets, ring, around, position, tip[depth], cycle[depth + 1])
+        hole = _join_hole(ring_offsets, ring, around, position, tip[depth], cycle[depth + 1])
         if depth + 1 < holes:
             size[depth + 1] = size[depth] + ring_offsets[hole + 1] - ring_offsets[hole] + 2
             copy_row(merged[depth], merged[depth + 1])
@@ -85,9 +85,10 @@ def solve_by_cuts(
         if cuts > _MAX_CUTS:
             return False
         cost = solve_ring(points[cycle[holes]], box, local)
-        for level in range(holes):  # a cut is a side of the ring and a diagonal of the polygon
+        # A cut is a side of the ring, which has no cost, but a diagonal of the polygon.
+        for level in range(holes):
             a, b = cycle[level + 1, 0], ring[tip[level]]
-            cost += weight(points[a, 0] - points[b, 0], points[a, 1] - points[b, 1], box)
+            cost += weigh_diagonal(points[a, 0] - points[b, 0], points[a, 1] - points[b, 1], box)
         if cost < min_cost:
             min_cost = cost
             for row in range(ring_size - 2):
@@ -99,7 +100,7 @@ def solve_by_cuts(
 
 
 @njit(nogil=True)
-def _merge(
+def _join_hole(
     ring_offsets: np.ndarray,
     ring: np.ndarray,
     cycle: np.ndarray,
@@ -107,9 +108,9 @@ def _merge(
     tip: int,
     merged: np.ndarray,
 ) -> int:
-    """Write to `merged` the cycle joined with the hole of `tip`; return the hole's number.
+    """Cut a polygon along a diagonal; write the joined cycle to `merged`, return the hole's number.
 
-    The cut leads from position `position` of the cycle to ring[tip].
+    The diagonal leads from index `position` of the cycle to the vertex ring[tip] of the hole.
     """
     hole = 1
     while tip >= ring_offsets[hole + 1]:
@@ -134,11 +135,12 @@ def _find_cut_ends(
     cut_ends: np.ndarray,
     tip: np.ndarray,
 ) -> int:
-    """Write to `cut_ends` the positions in `cycle` at which a cut may end; return their number.
+    """Write to `cut_ends` the indices in `cycle` at which a cut may end; return their number.
 
-    Writes to tip[0] the position in `ring` of the vertex at which the cut starts: the furthest
-    vertex of all unmerged holes in the direction with the fewest cuts. Diagonal directions are
-    tried if sums of coordinates are exact, that is if doubt is 0.
+    Writes to tip[0] the index in `ring` of the vertex at which all these cuts start: the furthest
+    vertex of all unmerged holes in the direction with the fewest cuts. merged (h + 1,): flags of
+    holes; doubt: see `_is_blocked`. Diagonal directions are tried only if sums of coordinates are
+    exact, that is if `doubt` is 0.
     """
     edges = _list_edges(points, ring_offsets, ring, cycle, merged)
     min_count = len(cycle) + 1
@@ -163,7 +165,7 @@ def _find_cut_ends(
 
 @njit(nogil=True)
 def _project(x: float, y: float, direction: int) -> float:
-    """Return the coordinate of a point along one of eight directions; the furthest is lowest."""
+    """Return the coordinate of a point along one of eight directions, lowest for the furthest."""
     along = x if direction % 4 < 2 else y
     if direction >= 4:
         along = x + y if direction < 6 else x - y
@@ -178,7 +180,10 @@ def _find_furthest(
     merged: np.ndarray,
     direction: int,
 ) -> tuple[int, float]:
-    """Return the position in `ring` of the furthest unmerged hole vertex, and its `_project`."""
+    """Return the index in `ring` of the furthest vertex of unmerged holes, and its coordinate.
+
+    The coordinate is that along `direction`, see `_project`.
+    """
     furthest, min_along = -1, 0.0
     for hole in range(1, len(ring_offsets) - 1):
         if not merged[hole]:
@@ -219,9 +224,10 @@ def _list_edges(
 def _is_blocked(edges: np.ndarray, x: float, y: float, ax: float, ay: float, doubt: float) -> bool:
     """Whether the segment from x, y to ax, ay certainly crosses an edge in the interior of both.
 
-    The segment does if the ends of each are on different sides of the other, by determinants of
-    more than `doubt`. Touching and doubtful edges are not tested: the dynamic program then finds no
-    triangulation of the ring.
+    edges (4, e): see `_list_edges`. Segment and edge cross if the ends of each are on different
+    sides of the other, by determinants of more than `doubt`. A segment that only touches an edge,
+    or whose crossing is in doubt, is not blocked: if such a cut is invalid, the dynamic program
+    finds no triangulation of the ring.
     """
     dx, dy = ax - x, ay - y
     min_crossing = 0.0

@@ -1,8 +1,8 @@
 """Dense O(n^3) dynamic program over box and edge costs of one ring, microseconds for small rings.
 
-Single calls, batches and the drop-in all use this kernel, so a triangulator's name gives the same
-cost in all of them; so do rings of any size in which most vertices see each other (see `best_way`).
-The kernel tries n^3 / 6 apexes and stores n^2 numbers.
+`triangulate`, `triangulate_many` and `dropin` all use this kernel for small rings, so a
+triangulator's name gives the same cost in all three. `best_way` uses the kernel also for larger
+rings in which most vertices see each other. The kernel tries n^3 / 6 apexes and stores n^2 numbers.
 
 Source: G. T. Klincsek, "Minimal triangulations of polygonal domains", 1980 (and Gilbert 1979). With
 the interior on the left, let cost(i, j) be the minimum cost of the sub-polygon of vertices i,
@@ -17,22 +17,22 @@ once cost(i, k) is final, it is pushed into every cost(i, j) beyond it,
     row[j] = min(row[j], cost(i, k) + table[k, j])
 
 for each j > k for which i, k, j is counter-clockwise. That is an addition and a minimum in each
-SIMD lane, without a reduction. A pair without a triangulation is skipped together with all costs
-based on it. The cost of the diagonal (i, j) is added in the same lane, from a row filled once for
-each i, and is NONE if the diagonal does not start into the polygon's angle at i: one comparison,
-which is sometimes mispredicted, skips a pair. Rows are padded to full SIMD registers, and entries
-left of the diagonal are NONE: a sum with NONE is never the minimum, so the loop may begin at a
-register's first lane.
+SIMD lane, without a reduction. A pair (i, k) without a triangulation is skipped, which saves the
+loop over j. The cost of the diagonal (i, j) is added in the same lane, from a row filled once for
+each i. It is NONE if the diagonal does not start into the polygon's angle at i, so one comparison,
+which is sometimes mispredicted, skips such a pair. Rows are padded to full SIMD registers, and
+entries of the table left of its main diagonal are NONE: a sum with NONE is never the minimum, so
+the loop may begin at a register's first lane.
 
 No visibility is needed: a combinatorial triangulation of the ring whose triangles are all
 counter-clockwise is one of the polygon, because its edges add up to the boundary.
 
 Numbers. On a grid (`grid_unit`) coordinates become integers. The half-perimeters of a
 triangulation add up to half the L1 length of the boundary plus the L1 lengths of the diagonals, so
-only diagonals have a cost and sums are exact. int32 suffices while all spans are below 2^15 units
-(128 px of 1/256), where the doubled area of a triangle fits as well; beyond, float64 represents the
-same integers exactly. Off the grid float64 determinants decide unless they are within Shewchuk's
-bound of zero; then the exact predicate decides.
+only diagonals have a cost and sums are exact. If the width and the height of the ring are below
+2^15 units (128 px of 1/256), costs and doubled areas of triangles fit int32; for larger rings,
+float64 represents the same integers exactly. Off the grid float64 determinants decide orientations,
+except those within Shewchuk's error bound of zero, which the exact predicate decides.
 """
 
 import math
@@ -47,21 +47,22 @@ from triangulators.polygon import twice_ring_area
 from triangulators.polygon_arrays import Batch
 
 SMALL = 192  # vertices up to which batches and polygons with holes use this dynamic program
-SPAN = 1 << 15  # int32: products of two spans are below 2^30, so that differences of them fit
-_NO_INT: Any = np.int32(1 << 29)  # no triangulation; the sum of three of them still fits
+SPAN = 1 << 15  # width and height below which orientations fit int32: differences of two products
+_NO_INT: Any = np.int32(1 << 29)  # int32 cost without a triangulation; the sum of three fits int32
 # Rows in the workspace of a ring, before those of its cost table.
 _X, _Y, _FROM_X, _FROM_Y, _WEIGHT, _ROW, _TABLE = range(7)
-_NONE = 1e300  # cost without a triangulation, in float64
-_FAR = 1e30  # coordinate of the padding in float64
+_NONE = 1e300  # float64 cost of a sub-polygon without a triangulation
+_FAR = 1e30  # x and y of the vertices that pad float64 rows, far from all vertices of a ring
 
 
 @njit(nogil=True)
 def _fill_int(space: np.ndarray, n: int, sign: int, base: int) -> None:
     """Fill the cost table of a ring of n integer vertices.
 
-    space: (_TABLE + n, lanes) int32; the rows _X and _Y are input, padded, the others output; the
-    cost table begins at row _TABLE. A diagonal costs `base` plus `sign` times its L1 length: sign
-    -1 with the maximum length as base maximises lengths with costs that are not negative.
+    space: (_TABLE + n, lanes) int32. Rows _X and _Y are input: coordinates, padded to full SIMD
+    registers. The cost table begins at row _TABLE; the rows between are workspace. A diagonal costs
+    `base` plus `sign` times its L1 length: sign 1 and base 0 minimise lengths; sign -1, with the
+    maximum length as base, maximises lengths with costs that are not negative.
     """
     lanes = space.shape[1]
     for i in range(n):
@@ -85,7 +86,9 @@ def _fill_int(space: np.ndarray, n: int, sign: int, base: int) -> None:
 
 @njit(nogil=True)
 def _weigh_diagonals(space: np.ndarray, n: int, i: int, sign: int, base: int) -> None:
-    """Fill the workspace rows of vertex i: positions relative to i, costs of diagonals, and _ROW.
+    """Fill the workspace rows of vertex i: coordinates relative to i, costs of diagonals from i.
+
+    The row _ROW, the minimum costs found so far, is reset. sign, base: see `_fill_int`.
 
     A diagonal must start into the polygon's angle at i: left of both sides, or of either side if
     the angle is reflex.
@@ -108,7 +111,7 @@ def _weigh_diagonals(space: np.ndarray, n: int, i: int, sign: int, base: int) ->
         )
         space[_WEIGHT, j] = np.int32(base + sign * (abs(a) + abs(b))) if inside else _NO_INT
     if i == 0:
-        space[_WEIGHT, n - 1] = 0  # a side, like (i, i + 1), to which no cost is pushed
+        space[_WEIGHT, n - 1] = 0  # (0, n - 1) is a side of the ring, without a cost
 
 
 @njit(nogil=True)
@@ -117,9 +120,10 @@ def _fill_float(
 ) -> np.ndarray:
     """Return the cost table of a ring, (n, lanes) float64.
 
-    box: coefficients of half-perimeter, bounding-box area and edge length; doubt: determinants up
-    to this size are evaluated exactly, none if it is negative; convex: skip orientations, because
-    all triples are counter-clockwise. x, y: float64, padded with coordinates far from all vertices.
+    x, y (lanes,): coordinates, padded with coordinates far from all vertices; n: number of
+    vertices; box: coefficients of half-perimeter, bounding-box area and edge length; doubt:
+    determinants up to this size are evaluated exactly, none if `doubt` is negative; convex: True to
+    skip orientations, because all ordered triples of a convex ring are counter-clockwise.
     """
     lanes = len(x)
     table = np.full((n, lanes), _NONE)
@@ -137,7 +141,7 @@ def _fill_float(
                 continue
             a, b = rx[k], ry[k]
             if k > i + 1 and k - i < n - 1:
-                cost += weight(a, b, box)
+                cost += weigh_diagonal(a, b, box)
             table[i, k] = cost
             first = np.uint64((k + 1) & ~(LANES - 1))
             low_x, high_x, low_y, high_y = min(0.0, a), max(0.0, a), min(0.0, b), max(0.0, b)
@@ -164,8 +168,8 @@ def _fill_float(
 def _is_convex(x: np.ndarray, y: np.ndarray, n: int) -> bool:
     """Whether a ring of n vertices is strictly convex: all angles turn left, and it winds once.
 
-    Then all ordered triples are counter-clockwise. The ring winds once if its direction along x
-    changes exactly twice.
+    In a convex ring all ordered triples are counter-clockwise. The ring winds once if its direction
+    along x changes exactly twice.
     """
     changes = 0
     for k in range(n):
@@ -180,9 +184,10 @@ def _is_convex(x: np.ndarray, y: np.ndarray, n: int) -> bool:
 def _compute_sides(
     number: np.ndarray, rx: np.ndarray, ry: np.ndarray, k: int, first: np.uint64, side: np.ndarray
 ) -> float:
-    """Write the determinants of i, k, j to side[j] for j from `first` on.
+    """Write the determinants of the triangles i, k, j to side[j] for j from `first` on.
 
-    Returns the minimum absolute value for j > k. number: 0.0, 1.0, ... for each lane.
+    rx, ry (lanes,): coordinates relative to vertex i; number (lanes,): 0.0, 1.0, ... Returns the
+    minimum absolute determinant over j > k.
     """
     a, b, last = rx[k], ry[k], float(k)
     minimum = _NONE
@@ -193,8 +198,12 @@ def _compute_sides(
 
 
 @njit(nogil=True)
-def weight(dx: float, dy: float, box: np.ndarray) -> float:
-    """Return the cost of a diagonal; its length counts twice, once for each triangle."""
+def weigh_diagonal(dx: float, dy: float, box: np.ndarray) -> float:
+    """Return the cost of a diagonal (dx, dy), without areas of boxes.
+
+    box: coefficients of half-perimeter, bounding-box area and edge length. The Euclidean length
+    counts twice, once for each of the two triangles.
+    """
     cost: float = box[0] * (abs(dx) + abs(dy))
     if box[2] != 0.0:
         cost += 2.0 * box[2] * math.sqrt(dx * dx + dy * dy)
@@ -202,7 +211,7 @@ def weight(dx: float, dy: float, box: np.ndarray) -> float:
 
 
 @njit(nogil=True)
-def _trace(
+def _write_triangles(
     table: np.ndarray,
     x: np.ndarray,
     y: np.ndarray,
@@ -212,12 +221,12 @@ def _trace(
     base: int,
     triangles: np.ndarray,
 ) -> bool:
-    """Write the n - 2 triangles of a cost table's optimum to `triangles`; False if there is none.
+    """Write the optimum of a cost table to `triangles` (n - 2, 3); return False if there is none.
 
     by_box: coefficient of bounding-box areas; exact: whether float64 determinants are exact; sign,
-    base: cost of a diagonal (see `_fill_int`), sign 0 for float sums. Apexes are not stored: the
-    n - 2 of the optimum are recomputed from the same sums. Integer sums are known exactly, so the
-    search stops at the first apex with the sum.
+    base: cost of a diagonal (see `_fill_int`), sign 0 for float costs. The table has no apexes: the
+    apex of each of the optimum's pairs is found again as the minimum of the same sums. Integer sums
+    are exact, so the search of a pair stops at the first apex whose sum equals the table's entry.
     """
     n, none = len(triangles) + 2, float(_NO_INT) if sign != 0 else _NONE
     stack = np.empty((n, 2), dtype=np.int32)
@@ -256,7 +265,8 @@ def _trace(
             return False
         triangles[size, 0], triangles[size, 1], triangles[size, 2] = j, i, apex
         size += 1
-        # The new vertex comes last and the smaller side first, as in `order.walk`.
+        # The new vertex is last in the row, and the smaller sub-polygon is visited first, as in
+        # `order.walk`.
         smaller = 0 if apex - i > j - apex else 1
         stack[height + smaller, 0], stack[height + smaller, 1] = i, apex
         stack[height + 1 - smaller, 0], stack[height + 1 - smaller, 1] = apex, j
@@ -290,7 +300,7 @@ def solve_ring(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> fl
         base = 0 if sign > 0 else int((w + h) / unit)
         _fill_int(space, n, sign, base)
         costs, x, y = space[_TABLE:], space[_X], space[_Y]
-        if not _trace(costs, x, y, 0.0, True, sign, base, triangles):
+        if not _write_triangles(costs, x, y, 0.0, True, sign, base, triangles):
             return np.inf
         total = abs(box[0]) * unit * float(costs[0, n - 1])
     else:
@@ -301,7 +311,7 @@ def solve_ring(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> fl
         # The filter's bound is a multiple of two products, each below the span's square.
         doubt = -1.0 if unit > 0.0 else 4.0 * FILTER * max(w, h) ** 2
         table = _fill_float(u, v, n, box, doubt, unit == 0.0 and _is_convex(u, v, n))
-        if not _trace(table, u, v, box[1], unit > 0.0, 0, 0, triangles):
+        if not _write_triangles(table, u, v, box[1], unit > 0.0, 0, 0, triangles):
             return np.inf
         total = table[0, n - 1]
     if area <= 0.0:
@@ -315,11 +325,11 @@ def solve_ring(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> fl
 def triangulate_rings(
     first: int, last: int, batch: Batch, selected: np.ndarray, box: np.ndarray
 ) -> None:
-    """Triangulate the `selected` (p,) polygons among first..last - 1, which have no holes.
+    """Triangulate the polygons among first..last - 1 that are `selected` (p,); none has a hole.
 
-    Run by the threads of a batch: one compiled call does many polygons, because a call from Python
-    takes as long as a polygon of ten vertices, two microseconds. A thread's polygons are adjacent
-    in the arrays, so threads rarely share a cache line.
+    Sets `batch.done` of the polygons with a result. One call triangulates many polygons, because a
+    call from Python takes as long as a polygon of ten vertices, two microseconds. The polygons of a
+    thread are adjacent in the arrays, so threads rarely share a cache line.
     """
     for index in range(first, last):
         if selected[index]:

@@ -9,14 +9,15 @@ needed for visible pairs only, and its apexes k are those that both i and j see.
 visible vertices, in the order of the ring, are counter-clockwise, so no orientation is tested here:
 `visibility` has used the exact predicates.
 
-Loop order. Vertex i descends. `row[k]` is cost(i, k) for the k that i sees and `none` for all
-others. For each j there is a list of (k, cost(k, j)) for k > i, in descending order of k: it grows
-at its end as i descends, so `first` and `end` of the lists are separate arrays, and the final
-lengths are counted in advance. The inner loop reads one list from front to back and gathers from
-one row of n numbers, which fits the first-level cache; entries that i does not see are `none` and
-drop out of the minimum without a branch.
+Loop order. Vertex i descends. `row[k]` is cost(i, k) for the vertices k that i sees and `none` for
+all others. For each j there is a list of (k, cost(k, j)) for k > i, in descending order of k. The
+list grows at the end as i descends, so `first` and `end` of the lists are separate arrays, and the
+final lengths are counted in advance. The inner loop reads one list from front to back and gathers
+from one row of n numbers, which fits the first-level cache; for vertices that i does not see the
+row has `none`, which is never the minimum, so no branch is needed.
 
-Three kinds of costs share the loop over pairs, each with an inner loop; `any_cost` has all others:
+Three kinds of costs share the loop over pairs, each with an inner loop of its own; `any_cost` is
+for all other costs:
 
 edges    only edges have a cost, triangles have none. For three numbers a <= b <= c,
          |a - b| + |b - c| + |a - c| = 2 (c - a), so twice the half-perimeter of a triangle's box is
@@ -27,17 +28,17 @@ edges    only edges have a cost, triangles have none. For three numbers a <= b <
          The optimum for the half-perimeter is the minimum-weight triangulation under L1, that for
          the edge length the one under L2.
 boxes    half-perimeters and areas of boxes, and edges
-weights  integers, whose minimum costs are evidence of optimality (see `far_costs`)
+weights  integers, whose minimum costs are evidence of optimality (see `compute_far_costs`)
 
 The loops of edges and boxes are inlined (`forceinline`): passing four arrays for each pair of
 vertices took a tenth of the time.
 
-Numbers. On a grid L1 lengths are integer multiples of its unit. A triangulation of n vertices has
-n - 3 diagonals, none longer than w + h, so while n (w + h) is below 2^30 units every sum fits
-int32, including none + none; int64 suffices for all others on a grid of 2^24 units. Both are exact.
-Off the grid, and for L2, the sums are float64. To maximise, weights become (longest - weight): all
-triangulations have the same number of diagonals, so the order is the same and no weight is
-negative, as `none` requires.
+Numbers. On a grid L1 lengths are integer multiples of the grid's unit. A triangulation of n
+vertices has n - 3 diagonals, none longer than w + h, the width plus height of the bounding box. So
+if n (w + h) is below 2^30 units, every sum fits int32, including none + none; for all other rings
+on a grid of 2^24 units int64 suffices. Both are exact. Off the grid, and for L2, sums are float64.
+To maximise, a diagonal's cost is w + h minus its length: all triangulations have the same number of
+diagonals, so the longest total has the lowest cost, and no cost is negative, as `none` requires.
 """
 
 from typing import Any
@@ -57,7 +58,7 @@ from triangulators.criteria.cost import (
 from triangulators.geometry.predicates import bounding_box, grid_unit
 from triangulators.optimum.any_cost import FLOAT, solve_any
 
-INT32_LIMIT = 1 << 30  # n (w + h), in units of the grid, below which sums fit int32
+INT32_LIMIT = 1 << 30  # sums of lengths fit int32 if n (w + h), in units of the grid, is below this
 _NONE: dict[np.dtype, Any] = {
     np.dtype(np.int32): np.int32((1 << 30) - 1),
     np.dtype(np.int64): np.int64((1 << 61) - 1),
@@ -65,12 +66,13 @@ _NONE: dict[np.dtype, Any] = {
 }
 """Cost of a sub-polygon without a triangulation; the sum of two does not overflow."""
 
-NOTHING = np.int64(2**60 - 1)  # weight without a triangulation; three times that fits int64
-_UNSEEN = np.int64(2**62)  # weight of a pair that does not see each other; such pairs are skipped
+# Weight of a sub-polygon without a triangulation; the sum of three fits int64.
+NOTHING = np.int64(2**60 - 1)
+_UNSEEN = np.int64(2**62)  # marks vertices that vertex i does not see, which are skipped
 
 
 @njit(nogil=True, inline="always")
-def _fill(
+def _fill_costs(
     start: np.ndarray,
     target: np.ndarray,
     extra_rows: np.ndarray,
@@ -78,12 +80,15 @@ def _fill(
     minimise: Any,
     context: Any,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return (row costs, list starts, list apexes, lists): cost(i, j) ordered by i, and by j.
+    """Compute the minimum cost of the sub-polygon i, ..., j of every visible pair (i, j).
 
-    start, target: vertex i sees `target[start[i]:start[i + 1]]`. extra_rows (b, n): further values
-    of each vertex to store in the lists, of the costs' type. minimise(row, apex, lists, range,
-    pair, none, context): returns cost(i, j), the minimum over the apexes in a range of j's list;
-    pair: i, j and the index of the pair in `target`.
+    Returns the costs (p,) in the order of `target`; and the same costs in lists by j: starts of the
+    lists (n + 1,), apexes (p,), and lists (1 + b, p), whose first row has the costs.
+
+    start, target: vertex i sees `target[start[i]:start[i + 1]]`. extra_rows (b, n): values of each
+    vertex, of the costs' type, that are copied into the lists next to the costs. minimise(row,
+    apex, lists, range, pair, none, context): returns cost(i, j), the minimum over the apexes in a
+    range of j's list; pair: i, j and the index of the pair in `target`.
     """
     n, pairs = len(start) - 1, start[len(start) - 1]
     first = np.zeros(n + 1, dtype=np.int64)
@@ -116,7 +121,7 @@ def _fill(
 
 
 @njit(nogil=True, inline="always")
-def _trace(
+def _list_triangles(
     start: np.ndarray,
     target: np.ndarray,
     filled: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
@@ -124,12 +129,13 @@ def _trace(
     triangle_cost: Any,
     context: Any,
 ) -> np.ndarray:
-    """Return the triangles (n - 2, 3) of the optimum of `_fill`; no rows if there is none.
+    """Return the triangles (n - 2, 3) of the optimum, from the result `filled` of `_fill_costs`.
 
-    Apexes are not stored: the n - 2 of the optimum are recomputed from the same sums, with a stack
-    of pairs i-j whose sub-polygons remain. The cost of the pair itself is the same for all apexes.
-    triangle_cost(i, k, j, context): cost of a triangle. Of equal apexes the highest is taken. A
-    function that is passed on to a further kernel would prevent Numba from caching the caller.
+    No rows if there is none. triangle_cost(i, k, j, context): cost of a triangle. `_fill_costs`
+    stores no apexes: for each pair i-j of the optimum the apex is found again as the minimum of the
+    same sums, without the cost of the pair itself, which is equal for all apexes. If several apexes
+    have the minimum cost, the highest is taken. A function that is passed on to a further kernel
+    would prevent Numba from caching the caller, so `triangle_cost` is called here.
     """
     row_cost, first, apex, lists = filled
     n = len(start) - 1
@@ -177,10 +183,12 @@ def _minimise_edges(
     none: Any,
     weights: np.ndarray,
 ) -> Any:
+    """Return the cost of a pair whose diagonal costs weights[p], without costs of triangles."""
     (first, end), (_, _, p) = between, pair
     # Arrays are named once, and `weights` is read without a branch: otherwise Numba would count
     # references for each apex or pair. The casts keep Numba from widening to int64, which would
-    # halve the SIMD lanes. The side from vertex 0 to the last adds the same to each triangulation.
+    # halve the number of SIMD lanes. The side from vertex 0 to the last counts as a diagonal, which
+    # adds the same constant to every triangulation.
     kind, best = row.dtype.type, none
     for r in range(first, end):
         best = min(best, kind(row[np.uint32(apex[r])] + lists[0, r]))
@@ -197,6 +205,10 @@ def _minimise_boxes(
     none: float,
     context: tuple[np.ndarray, np.ndarray],
 ) -> float:
+    """Return the cost of a pair; a triangle costs the half-perimeter and area of its box.
+
+    context: points (n, 2), and the coefficients of half-perimeter, box area and edge length.
+    """
     (first, end), (i, j, _), (points, box) = between, pair, context
     xi, yi, xj, yj = points[i, 0], points[i, 1], points[j, 0], points[j, 1]
     low_x, high_x = min(xi, xj), max(xi, xj)
@@ -221,6 +233,7 @@ def _minimise_weights(
     none: np.int64,
     context: tuple[np.ndarray, np.ndarray, Cost, Units],
 ) -> np.int64:
+    """Return the minimum weight of a pair's sub-polygon; context: see `compute_far_costs`."""
     (first, end), (i, j, _), (points, ring, cost, units) = between, pair, context
     best = NOTHING
     for r in range(first, end):
@@ -254,8 +267,8 @@ def _solve_edges(
     start: np.ndarray, target: np.ndarray, weights: np.ndarray, none: Any
 ) -> np.ndarray:
     extra_rows = np.empty((0, len(start) - 1), dtype=weights.dtype)
-    filled = _fill(start, target, extra_rows, none, _minimise_edges, weights)
-    return _trace(start, target, filled, none, _get_zero, None)
+    filled = _fill_costs(start, target, extra_rows, none, _minimise_edges, weights)
+    return _list_triangles(start, target, filled, none, _get_zero, None)
 
 
 @njit(nogil=True)
@@ -263,12 +276,12 @@ def _solve_boxes(
     start: np.ndarray, target: np.ndarray, points: np.ndarray, box: np.ndarray, in_boxes: Cost
 ) -> np.ndarray:
     context = (points, box)
-    filled = _fill(start, target, points.T.copy(), FLOAT, _minimise_boxes, context)
-    return _trace(start, target, filled, FLOAT, _get_cost, (points, in_boxes))
+    filled = _fill_costs(start, target, points.T.copy(), FLOAT, _minimise_boxes, context)
+    return _list_triangles(start, target, filled, FLOAT, _get_cost, (points, in_boxes))
 
 
 @njit(nogil=True)
-def far_costs(
+def compute_far_costs(
     start: np.ndarray,
     target: np.ndarray,
     points: np.ndarray,
@@ -276,11 +289,12 @@ def far_costs(
     cost: Cost,
     units: Units,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return far (p,), a cost of each pair, and the minimum-weight triangles (n - 2, 3) or no rows.
+    """Return the far cost (p,) of each pair, and the optimal triangles (n - 2, 3) or no rows.
 
-    Position i of the ring is the site ring[i] of points, and sees `target[start[i]:start[i + 1]]`;
-    far(i, j) is the minimum weight of a triangulation of the sub-polygon i, i + 1, ..., j by
-    triangles of such pairs, `NOTHING` if there is none:
+    Position i of the ring (n,) is the site ring[i] of `points`, and sees the positions
+    `target[start[i]:start[i + 1]]`, all above i. The far cost far(i, j) is the minimum weight of a
+    triangulation of the sub-polygon i, i + 1, ..., j by triangles of such pairs, `NOTHING` if there
+    is none:
 
         far(i, i + 1) = 0,    far(i, j) = min over k of far(i, k) + far(k, j) + weight(ikj).
 
@@ -290,22 +304,23 @@ def far_costs(
 
         -far(i, k) - far(k, j) + far(i, j) <= weight(ikj),
 
-    follows from the minimum for each triangle of present pairs, in a triangulation or not,
-    including sums with `NOTHING`. Sides of the ring have 0, except the one from n - 1 to 0, which
-    has far(0, n - 1): the bound is the optimum. All numbers are exact integers. Source: G. T.
-    Klincsek, "Minimal triangulations of polygonal domains", 1980.
+    holds for every triangle of such pairs, because far(i, j) is the minimum over all k; also for
+    triangles in no triangulation, whose sums contain `NOTHING`. Sides of the ring have the
+    potential 0, except the side from n - 1 to 0, which has far(0, n - 1): so the bound equals the
+    optimum. All numbers are exact integers. Source: G. T. Klincsek, "Minimal triangulations of
+    polygonal domains", 1980.
     """
     context = (points, ring, cost, units)
     extra_rows = np.empty((0, len(ring)), dtype=np.int64)
-    filled = _fill(start, target, extra_rows, _UNSEEN, _minimise_weights, context)
-    return filled[0], _trace(start, target, filled, _UNSEEN, _get_weight, context)
+    filled = _fill_costs(start, target, extra_rows, _UNSEEN, _minimise_weights, context)
+    return filled[0], _list_triangles(start, target, filled, _UNSEEN, _get_weight, context)
 
 
 @njit(nogil=True)
 def _compute_pair_lengths(
     points: np.ndarray, by_l1: float, by_l2: float, start: np.ndarray, target: np.ndarray
 ) -> np.ndarray:
-    """Return the weighted sum of each pair's L1 and L2 lengths."""
+    """Return by_l1 times the L1 length plus by_l2 times the L2 length (p,) of each visible pair."""
     weights = np.empty(len(target))
     for i in range(len(points)):
         for p in range(start[i], start[i + 1]):
@@ -320,9 +335,10 @@ def _compute_pair_lengths(
 def weigh_pairs(
     points: np.ndarray, start: np.ndarray, target: np.ndarray, box: np.ndarray
 ) -> np.ndarray:
-    """Return the cost (p,) of each visible pair as a diagonal, >= 0, in int32, int64 or float64.
+    """Return the cost (p,) of each visible pair as a diagonal: int32, int64 or float64, >= 0.
 
-    On a grid in units of the grid; negative costs are shifted by a constant.
+    On a grid, costs are integers, in units of the grid; elsewhere float64. If lengths are to be
+    maximised, a constant is added to all costs, so that none is negative.
 
     box: coefficients of half-perimeter, bounding-box area (0 here) and edge length.
     """
@@ -342,7 +358,7 @@ def solve_visible_pairs(
 ) -> np.ndarray:
     """Return the optimum (n - 2, 3) of a counter-clockwise cycle (n, 2); no rows if none.
 
-    start, target: `find_visible_pairs` of the cycle, without a limit.
+    start, target: all visible pairs of the cycle, see `find_visible_pairs`.
     """
     if not cost["is_box"]:
         triangles: np.ndarray = solve_any(start, target, points, cost)
@@ -350,8 +366,9 @@ def solve_visible_pairs(
         weights = weigh_pairs(points, start, target, cost["box"])
         triangles = _solve_edges(start, target, weights, _NONE[weights.dtype])
     else:
-        # Costs of triangles for `_trace`, without edge lengths (`_minimise_boxes` adds these to the
-        # pairs) and without area and number of triangles (equal for all triangulations).
+        # The cost of triangles for `_list_triangles`: without edge lengths, which `_minimise_boxes`
+        # adds to the pairs, and without the area and the number of triangles, whose sums are equal
+        # for all triangulations.
         boxes = np.zeros_like(cost["weights"])
         boxes[HALF_PERIMETER], boxes[BBOX_AREA] = cost["box"][0], cost["box"][1]
         in_boxes = replace_fields(cost, weights=boxes)
