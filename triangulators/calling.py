@@ -94,7 +94,7 @@ def triangulate_with_gap(
     criterion: criteria.Criterion | str | Callable[..., float] | None = None,
     **parameters: Any,
 ) -> tuple[np.ndarray, float | None]:
-    """Triangulate a polygon, and bound the distance from the optimum of the criterion.
+    """Triangulate a polygon; return the triangles and an upper bound of their gap to the optimum.
 
     Parameters
     ----------
@@ -106,8 +106,9 @@ def triangulate_with_gap(
     triangles : ndarray
         (m, 3) int32, as `triangulate` returns.
     gap : float or None
-        Upper bound of (cost - optimum) / cost: 0 if the result is proven optimal, infinite if no
-        lower bound is known. None for triangulators that do not search for the optimum.
+        Upper bound of (cost - optimum) / cost, by the criterion: 0 if the result is proven optimal,
+        infinite if no lower bound of the optimum is known. None for triangulators that do not
+        search for the optimum.
 
     Raises
     ------
@@ -128,7 +129,10 @@ def triangulate_with_gap(
 def _order_triangles(
     outline: Boundary, triangles: np.ndarray, choice: Choice, order: str | None
 ) -> np.ndarray:
-    """Return triangles (m, 3) in walk order if `order`, or the default if None, is a walk."""
+    """Return triangles (m, 3), put in walk order if `order` is "walk".
+
+    order: "walk", "native", or None for the triangulator's default.
+    """
     if not choice.entry.uses_walk(order):
         return triangles
     return np.asarray(walk(np.ascontiguousarray(triangles), len(outline.points)))
@@ -159,10 +163,10 @@ def _run_triangulator(
 
 
 def _check_triangles(outline: Boundary, raw: Any, choice: Choice, criterion: Any) -> np.ndarray:
-    """Return triangles as int32 (m, 3), counter-clockwise, without triangles of zero area.
+    """Return a triangulator's result as int32 (m, 3), counter-clockwise, without zero areas.
 
-    Raises `TriangulationError` for invalid results, and if the sum of a user's criterion over the
-    triangles is not finite.
+    raw: the result. Raises `TriangulationError` if it is not an array (m, 3) of vertex indices, or
+    if the sum of a user's criterion over the triangles is not finite.
     """
     try:
         triangles = orient_triangles(outline.points, check_rows(raw, outline.points))

@@ -1,4 +1,4 @@
-"""Names of the devices that OpenGL can offer, and the number of CPU cores."""
+"""Names of devices: the CPU, and OpenGL devices; and the number of CPU cores."""
 
 import os
 
@@ -8,6 +8,7 @@ CPU = "cpu"
 """Compiled code on the CPU, without OpenGL."""
 
 LLVMPIPE = "llvmpipe"
+"""Mesa's OpenGL renderer on the CPU."""
 
 SOFTWARE_RENDERERS = (
     *("llvmpipe", "softpipe", "swrast", "swiftshader", "lavapipe", "software", "basic render"),
@@ -27,7 +28,7 @@ def matches(name: str, renderer: str) -> bool:
 
 
 def check_name(name: str) -> None:
-    """Raise `UnknownNameError` unless `name` is a device's name on some machine.
+    """Raise `UnknownNameError` unless `name` has the form of a device's name, present or not.
 
     >>> check_name("gpu1")
     """

@@ -7,8 +7,8 @@
 - "flips:l1" (the default, also "flips"): earcut's triangles, with diagonals flipped to shorter
   ones in the L1 metric (see `triangulators.flip`), which reduces the 2x2 pixel quads that a GPU
   shades. Takes little longer than earcut.
-- "refined:half-perimeter" (also "refined"): the better result of flips from earcut's and from
-  Delaunay triangles.
+- "refined:half-perimeter" (also "refined"): diagonals are flipped twice, starting from earcut's and
+  from Delaunay triangles; the better result is returned.
 - "optimal:half-perimeter": the minimum sum of the half-perimeters of bounding boxes.
 
 For an invalid polygon the last two return earcut's result, as a program that works with earcut
@@ -158,7 +158,10 @@ def triangulate_int64(
 def _improve(
     raw: np.ndarray, vertices: np.ndarray, ring_end_indices: np.ndarray, method: str, order: str
 ) -> np.ndarray:
-    """Improve earcut's triangles `raw`, or return `raw` if the rings are invalid."""
+    """Return the triangles (3 m,) of `method`, or earcut's triangles `raw` if rings are invalid.
+
+    "flips:l1" overwrites `raw`.
+    """
     method = SHORT_NAMES.get(method, method)
     if method not in METHODS:
         raise UnknownNameError(f"unknown method {method!r}; {suggest(method, METHODS)}")

@@ -54,7 +54,7 @@ def suggest(name: str, names: Iterable[str], cutoff: float = 0.6, fallback: str 
 
 
 def format_error(error: BaseException) -> str:
-    """Return an exception as a short line with the file and line that raised it."""
+    """Return an exception's type and message as a line, with the file and line that raised it."""
     text = summarize_error(error)
     frames = traceback.extract_tb(error.__traceback__)
     return f"{text} ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else text
@@ -67,6 +67,6 @@ def summarize_error(error: BaseException) -> str:
 
 
 def truncate(text: str) -> str:
-    """Return a text as a line of at most `MAX_MESSAGE` characters, then the full length if cut."""
+    """Return a text as one line of at most `MAX_MESSAGE` characters; if cut, add the full length."""
     line = " ".join(text[: 4 * MAX_MESSAGE].split())[:MAX_MESSAGE]
     return f"{line} ... ({len(text):,} characters)" if len(text) > MAX_MESSAGE else line

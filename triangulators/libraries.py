@@ -16,7 +16,10 @@ from triangulators.polygon_arrays import polygon_of_rings
 
 
 def ear_clipping(outline: Boundary) -> np.ndarray:
-    """Return the triangles (m, 3) of mapbox_earcut, with T-junctions at dropped vertices."""
+    """Return the triangles (m, 3) of mapbox_earcut.
+
+    mapbox_earcut drops some collinear vertices, which become T-junctions.
+    """
     ring_ends = outline.ring_offsets[1:].astype(np.uint32)
     return clip_ears(outline.points, ring_ends).reshape(-1, 3)
 
@@ -70,7 +73,7 @@ def sweep(outline: Boundary) -> np.ndarray:
     errors: list[int] = []
 
     def combine(coordinates: Any, vertices: Any, _weights: Any) -> int:
-        """Return the polygon's vertex where edges meet, or note an error if there is none."""
+        """Return the polygon's vertex where edges meet; append -1 to `errors` if there is none."""
         for index in vertices:
             if index is not None and np.array_equal(outline.points[index], coordinates[:2]):
                 return int(index)

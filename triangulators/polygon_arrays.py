@@ -63,7 +63,7 @@ class PolygonArray(Sequence[shapely.Polygon]):
 
     @classmethod
     def of_single_rings(cls, coords: NDArray[Any], vertices: int) -> PolygonArray:
-        """Return polygons without holes that have `vertices` vertices each."""
+        """Return polygons without holes, with `vertices` vertices each, from coords (n, 2)."""
         ring_offsets = np.arange(0, len(coords) + 1, vertices, dtype=np.int64)
         return cls(coords, ring_offsets, np.arange(len(ring_offsets), dtype=np.int64))
 
@@ -105,7 +105,7 @@ class PolygonArray(Sequence[shapely.Polygon]):
         return np.asarray(geometries, dtype=object)
 
     def rings_of(self, index: int) -> tuple[NDArray[Any], NDArray[np.int64]]:
-        """Return the vertices (n, 2) of a polygon, and the offsets of the rings, (h + 2,)."""
+        """Return polygon `index`: vertices (n, 2), and offsets of the rings in them, (h + 2,)."""
         first, last = self.geom_offsets[index : index + 2].tolist()
         offsets = self.ring_offsets[first : last + 1]
         return self.coords[offsets[0] : offsets[-1]], offsets - offsets[0]
@@ -151,8 +151,8 @@ class PolygonArray(Sequence[shapely.Polygon]):
 
 
 _unpickled: PolygonArray | None = None
-"""The array that this process received last. A worker receives the same polygons again with each
-triangulator; returning the same object converts the polygons to shapely only once."""
+"""The array that this process unpickled last. A worker process receives the same polygons again for
+each triangulator; if it gets the same object, polygons are converted to shapely only once."""
 
 
 def _unpickle(*arrays: NDArray[Any]) -> PolygonArray:
@@ -175,7 +175,7 @@ def offsets_of(lengths: ArrayLike) -> NDArray[np.int64]:
 
 
 def ranges(starts: NDArray[np.int64], lengths: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Concatenate the ranges of `lengths` integers from each of `starts`."""
+    """Return the concatenated ranges of integers starts[i], ..., starts[i] + lengths[i] - 1."""
     before = offsets_of(lengths)
     return np.arange(before[-1]) + np.repeat(starts - before[:-1], lengths)
 
@@ -201,7 +201,8 @@ class Triangulations(Sequence[np.ndarray]):
     failed : dict
         The reason for each polygon without a triangulation, by index.
     compiled : (p,) bool array
-        True for polygons triangulated by compiled code or a device; optima of these are exact.
+        True for polygons triangulated by compiled code or a device, False for those triangulated
+        one by one. An optimum by compiled code or a device is exact.
     """
 
     triangles: np.ndarray
@@ -222,8 +223,8 @@ class Triangulations(Sequence[np.ndarray]):
 class Batch(NamedTuple):
     """The arrays of a `PolygonArray` with space for triangles, for compiled code.
 
-    triangle_offsets (p + 1,): rows of `triangles` (m, 3) reserved for each polygon; done (p,):
-    polygons whose triangles are written.
+    triangle_offsets (p + 1,): offsets of the rows of `triangles` (m, 3) that are reserved for each
+    polygon; done (p,): True for polygons whose triangles are written.
     """
 
     coords: np.ndarray
@@ -236,9 +237,9 @@ class Batch(NamedTuple):
 
 
 def allocate_batch(polygons: PolygonArray) -> Batch:
-    """Return the arrays of polygons with uninitialised triangles; `done` is False for all.
+    """Return a `Batch` for polygons, with uninitialised triangles; `done` is False for all.
 
-    A triangulation of n vertices and h holes has at most n + 2 h - 2 triangles.
+    Reserves n + 2 h - 2 triangles for n vertices and h holes, the maximum.
     """
     max_triangles = polygons.vertex_counts - 2 + 2 * (polygons.ring_counts - 1)
     triangle_offsets = offsets_of(np.maximum(max_triangles, 0))
@@ -257,6 +258,9 @@ def allocate_batch(polygons: PolygonArray) -> Batch:
 def rings_at(
     index: int, coords: np.ndarray, ring_offsets: np.ndarray, geom_offsets: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the vertices (n, 2) of a polygon, and the offsets of the rings, (h + 2,)."""
+    """Return polygon `index`: vertices (n, 2), and offsets of the rings in them, (h + 2,).
+
+    The arrays are those of a `PolygonArray`.
+    """
     offsets = ring_offsets[geom_offsets[index] : geom_offsets[index + 1] + 1]
     return coords[offsets[0] : offsets[-1]], offsets - offsets[0]

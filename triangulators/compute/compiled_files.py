@@ -1,11 +1,11 @@
 """Compiled code on disk: a folder for each module, named by a digest of the sources.
 
-Numba stores compiled code next to the source, or in NUMBA_CACHE_DIR, and detects changes only in
-the file of a function. But compiled code contains all called functions, also from imported files.
-So the folder's name here contains a digest of the module's source and of all modules of this
-project that are imported, directly or indirectly: an edit recompiles exactly the modules that
-import the edited module. A file's name contains the argument types and the processor with its
-features.
+Numba itself stores compiled code next to the source, or in NUMBA_CACHE_DIR, and detects changes
+only in the file of a function. But compiled code contains all called functions, also those of
+imported files. So the name of a folder contains a digest of the module's source and of all modules
+of this project that it imports, directly or indirectly: an edit recompiles exactly the edited
+module and those that import it. The name of a file in the folder contains the function, and a
+digest of the argument types and the processor with its features.
 
 No file is ever overwritten with different content, so several versions of the sources, and several
 processes that compile at once, share one folder: NUMBA_CACHE_DIR, or the user's cache folder.
@@ -29,12 +29,12 @@ from typing import NamedTuple
 from platformdirs import user_cache_path
 
 SOURCES = Path(__file__).resolve().parents[2]
-"""The folder of the packages."""
+"""The folder that contains the packages of this project."""
 
-PACKAGES = ("triangulators", "harness", "scenes")
+PACKAGES = ("triangulators", "harness", "scenes")  # packages whose imports a digest includes
 
 OLD_S = 30 * 24 * 3600.0
-"""Seconds since the last use after which compiled code of earlier sources counts as old."""
+"""Compiled code of earlier sources is old if it was last used more seconds ago than this."""
 
 _FOLDER = re.compile(r"[\w.]+-[0-9a-f]{16}")
 """Name of a folder of compiled code: module and digest."""
@@ -53,10 +53,10 @@ def cache_folder() -> Path:
 
 
 def is_trusted(info: os.stat_result) -> bool:
-    """Whether only this user and the administrator own or may write a file or folder.
+    """Whether a file or folder is owned and writable only by this user and the administrator.
 
-    Loading compiled code runs it. A folder with the sticky bit, such as /tmp, is trusted, because
-    each file in the folder is checked as well.
+    Code of other users must not be loaded, because loading compiled code runs it. A folder with the
+    sticky bit, such as /tmp, is trusted, because each file in the folder is checked as well.
     """
     if os.name != "posix":
         return True
@@ -113,7 +113,7 @@ def is_trusted_folder(folder: Path) -> bool:
 
 @lru_cache(maxsize=1024)
 def compute_digest(file: Path) -> str:
-    """Return a digest of the sources of a module and of all modules in `find_sources`."""
+    """Return a digest of the sources of a module's file and of all modules that it imports."""
     sha = hashlib.sha256()
     for source in sorted(find_sources(file)):
         sha.update(f"{find_module_name(source)}\n".encode() + _read_source(source) + b"\0")
@@ -121,7 +121,10 @@ def compute_digest(file: Path) -> str:
 
 
 def find_sources(file: Path) -> set[Path]:
-    """Return the files of a module and of the project's modules imported directly or indirectly."""
+    """Return a module's file, and the files of all modules of the project that it imports.
+
+    Indirect imports are included.
+    """
     sources, pending = set(), {file}
     while pending:
         source = pending.pop()
@@ -137,7 +140,7 @@ def _read_source(file: Path) -> bytes:
 
 @lru_cache(maxsize=1024)
 def _find_imports(file: Path) -> frozenset[Path]:
-    """Return the files of the project's modules in a file's import statements."""
+    """Return the files of the project's modules that a file's import statements name."""
     sources = set()
     for base, names, plain in _IMPORT.findall(_read_source(file).decode()):
         module = base or plain
@@ -157,7 +160,7 @@ def _find_file(module: str) -> Path | None:
 
 
 def find_module_name(file: Path) -> str:
-    """Return a module's dotted name."""
+    """Return the dotted name of the module in a file."""
     path = file.relative_to(SOURCES) if file.is_relative_to(SOURCES) else Path(file.name)
     return ".".join(path.with_suffix("").parts)
 
@@ -169,9 +172,9 @@ def is_cached(module: str) -> bool:
 
 
 class CacheUsage(NamedTuple):
-    """Disk usage of compiled code.
+    """Disk usage of compiled code in a folder: number of files, and their size in bytes.
 
-    old : folders of earlier versions of the sources, not used for `OLD_S`
+    old : folders with code of earlier versions of the sources, not used for `OLD_S` seconds
     """
 
     folder: Path
@@ -181,14 +184,14 @@ class CacheUsage(NamedTuple):
 
 
 def measure_cache() -> CacheUsage:
-    """Return the disk usage for all versions of Numba and Python."""
+    """Return the disk usage of compiled code of all versions of Numba and Python."""
     root = cache_folder().parent
     files = [file.stat().st_size for file in root.rglob("*.nbc")]
     return CacheUsage(root, len(files), sum(files), tuple(_find_old_folders(root)))
 
 
 def remove_old_code() -> int:
-    """Remove old compiled code; return the number of folders."""
+    """Remove the folders of `CacheUsage.old`; return their number."""
     old = measure_cache().old
     for folder in old:
         shutil.rmtree(folder, ignore_errors=True)
@@ -196,6 +199,7 @@ def remove_old_code() -> int:
 
 
 def _find_old_folders(root: Path) -> Iterator[Path]:
+    """Yield the folders of compiled code of earlier sources, not used for `OLD_S` seconds."""
     current_names = {
         f"{find_module_name(f)}-{compute_digest(f)}"
         for p in PACKAGES

@@ -1,7 +1,7 @@
 """Kernels: functions compiled by Numba on the first call.
 
-Numba is imported on the first call as well: that takes half a second, and commands that list names
-or read a file call no kernel.
+Importing Numba takes half a second, so it is imported on the first call as well: commands that list
+names or read a file call no kernel.
 """
 
 from collections.abc import Callable
@@ -12,9 +12,9 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 class Kernel:
-    """Lazy proxy for a function compiled by Numba.
+    """A function that Numba compiles on the first call.
 
-    py_func : the Python function, under Numba's name
+    py_func : the Python function; the attribute has the same name in Numba's dispatchers
     """
 
     def __init__(self, source: Callable[..., Any], options: dict[str, Any]) -> None:
@@ -23,14 +23,14 @@ class Kernel:
 
     @cached_property
     def compiled(self) -> Any:
-        """Numba's dispatcher; two threads may create equivalent dispatchers."""
+        """Numba's dispatcher of the function; two threads may create equivalent dispatchers."""
         from triangulators.compute.storing import make_dispatcher
 
         return make_dispatcher(self.py_func, self.options)
 
     @property
     def _numba_type_(self) -> Any:
-        """The Numba type, for use in a user's compiled code."""
+        """The dispatcher's Numba type, so that a user's compiled code can call the kernel."""
         return self.compiled._numba_type_
 
     def __call__(self, *arguments: Any) -> Any:
@@ -39,7 +39,7 @@ class Kernel:
 
 
 class Intrinsic:
-    """Lazy proxy for a Numba intrinsic, an operation written in LLVM IR."""
+    """A Numba intrinsic, an operation written in LLVM IR, created on the first use in a kernel."""
 
     def __init__(self, source: Callable[..., Any]) -> None:
         self.source = source
@@ -61,7 +61,10 @@ def njit(**options: Any) -> Callable[[F], F]: ...
 
 
 def njit(function: Any = None, **options: Any) -> Any:
-    """Compile like `numba.njit`, with or without options, and cache the compiled code."""
+    """Declare a kernel: like `numba.njit`, but compiled on the first call, and cached on disk.
+
+    options: those of `numba.njit`.
+    """
     if function is not None:
         return Kernel(function, options)
     return lambda source: Kernel(source, options)

@@ -1,13 +1,14 @@
 """Operations for kernels: copies, grouping, union-find, and SIMD.
 
-Numba compiles the text of an error message with every assignment to a slice, which takes about two
-seconds of compile time; `copy_row` and `copy_rows` copy element by element and avoid that.
+`copy_row`, `copy_rows`: with every assignment to a slice Numba compiles code for an error message,
+which takes about two seconds of compile time. Copying element by element avoids that.
 
-Two operations that Numba does not vectorise itself. `fmin`: Numba writes `min` as compare and
-branch, which LLVM's loop vectoriser does not recognise as a reduction; it recognises llvm.minnum if
-NaN and signed zeros are excluded. `push`: a loop of one or two iterations, entered about thirty
-times per polygon, would spend the time in the vectoriser's prologue and epilogue (overlap checks,
-remaining lanes). An explicit vector operation has neither.
+`fmin`: Numba compiles `min` to compare and branch, which LLVM's loop vectoriser does not recognise
+as a reduction. It recognises llvm.minnum if NaN and signed zeros are excluded.
+
+`push`: a loop of one or two iterations, entered about thirty times per polygon, would spend the
+time in the vectoriser's prologue and epilogue (overlap checks, remaining lanes). An explicit vector
+operation has neither.
 """
 
 from typing import Any
@@ -19,14 +20,14 @@ from triangulators.compute.kernels import intrinsic, njit
 
 @njit(nogil=True)
 def copy_row(source: np.ndarray, into: np.ndarray) -> None:
-    """Copy (n,) elements."""
+    """Copy the elements (n,) of an array into another, from index 0 on."""
     for k in range(len(source)):
         into[k] = source[k]
 
 
 @njit(nogil=True)
 def copy_rows(source: np.ndarray, into: np.ndarray) -> None:
-    """Copy (n, k) elements."""
+    """Copy the elements (n, k) of an array into another, from row and column 0 on."""
     for row in range(len(source)):
         for k in range(source.shape[1]):
             into[row, k] = source[row, k]
@@ -53,7 +54,10 @@ def group_by_key(keys: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 @njit
 def find_root(parent: np.ndarray, v: int) -> int:
-    """Return the root of v's tree in a union-find forest, and halve the path; parent (n,)."""
+    """Return the root of v's tree in a union-find forest; halve the path to the root.
+
+    parent (n,): parent of each element, the element itself at a root.
+    """
     while parent[v] != v:
         parent[v] = parent[parent[v]]
         v = parent[v]
@@ -62,7 +66,7 @@ def find_root(parent: np.ndarray, v: int) -> int:
 
 @njit
 def merge_trees(parent: np.ndarray, a: int, b: int) -> bool:
-    """Merge the trees of `a` and `b`; return whether the trees were different."""
+    """Merge the trees of `a` and `b` in a union-find forest; return whether they were different."""
     a, b = find_root(parent, a), find_root(parent, b)
     parent[a] = b
     return a != b
@@ -70,7 +74,7 @@ def merge_trees(parent: np.ndarray, a: int, b: int) -> bool:
 
 @intrinsic
 def fmin(_typing: Any, _a: Any, _b: Any) -> Any:
-    """Smaller of two float64 that are not NaN."""
+    """Return the smaller of two float64 that are not NaN."""
     from llvmlite import ir  # type: ignore[import-untyped]
     from numba import types
 
@@ -93,11 +97,12 @@ LANES = 8
 
 @intrinsic
 def push(_typing: Any, rows: Any, _numbers: Any, _lane: Any, _values: Any) -> Any:
-    """Lower rows[to, j] to cost + rows[beyond, j] + rows[weight, j] if a rows[y, j] > b rows[x, j].
+    """Update minimum costs in LANES columns j of `rows`, a C-ordered int32 array, from `lane` on.
 
-    push(rows, (to, x, y, weight, beyond), lane, (a, b, cost, none)): processes LANES columns j of
-    `rows` (C-ordered int32) from `lane` on. The first tuple has row indices, the second int32
-    numbers, where `none` is at least every value of rows[to].
+    push(rows, (to, x, y, weight, beyond), lane, (a, b, cost, none)): if
+    a * rows[y, j] > b * rows[x, j], that is, if the triangle of apex (a, b) is counter-clockwise,
+    rows[to, j] = min(rows[to, j], cost + rows[beyond, j] + rows[weight, j]). The first tuple has
+    row indices, the second int32 numbers; `none` is at least every value of rows[to].
     """
     from llvmlite import ir
     from numba import types

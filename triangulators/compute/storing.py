@@ -31,7 +31,7 @@ from triangulators.compute.compiled_files import (
 
 
 def make_dispatcher(source: Callable[..., Any], options: dict[str, Any]) -> Any:
-    """Return Numba's dispatcher of a function, with our cache."""
+    """Return Numba's dispatcher of a function, which stores compiled code in `compiled_files`."""
     # The C wrapper, a third entry point, serves functions passed as arguments, which kernels avoid.
     compiled: Any = numba.njit(**{"no_cfunc_wrapper": True, **options})(source)
     compiled._cache = _Cache(source)
@@ -52,7 +52,7 @@ def make_dispatcher(source: Callable[..., Any], options: dict[str, Any]) -> Any:
 
 
 def compile_cfunc(signature: str, source: Callable[..., Any]) -> Any:
-    """Compile like `numba.cfunc`, with our cache."""
+    """Compile a C function like `numba.cfunc`, and store the code in `compiled_files`."""
     callback: Any = CFunc(source, normalize_signature(signature), locals={}, options={})
     callback._cache = _Cache(source)
     callback.compile()
@@ -65,7 +65,7 @@ class NotCompiledError(BaseException):
 
 @contextmanager
 def forbid_compiling() -> Iterator[None]:
-    """Raise `NotCompiledError` for a kernel that is not cached, instead of compiling."""
+    """In this context, calling a kernel that is not cached raises `NotCompiledError`."""
     _Files.forbid_compiling = True
     try:
         yield
@@ -75,10 +75,10 @@ def forbid_compiling() -> Iterator[None]:
 
 @contextmanager
 def _lock_compilation(key: str) -> Iterator[None]:
-    """Lock a kernel between processes: the second waits, then loads the cached code.
+    """Let one process at a time compile a kernel: a second waits, then loads the cached code.
 
-    Locks a byte of a file, which the system unlocks when the process exits. If locking fails,
-    both processes compile.
+    key: text that identifies the kernel. Locks a byte of a file, which the system unlocks when the
+    process exits. If locking fails, both processes compile.
     """
     byte = int.from_bytes(hashlib.sha256(key.encode()).digest()[:4], "big") >> 1
     _lock("LOCK_EX", byte)
@@ -135,7 +135,10 @@ class _Cache(FunctionCache):
 
 
 def resolve_kernels(source: Callable[..., Any]) -> None:
-    """Replace the lazy kernels in a function's globals by Numba's dispatchers, for compilation."""
+    """Replace the kernels that a function uses, in its globals, by Numba's dispatchers.
+
+    Numba compiles only calls of dispatchers.
+    """
     names, codes = source.__globals__, [source.__code__]
     while codes:
         code = codes.pop()

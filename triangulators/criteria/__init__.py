@@ -1,10 +1,10 @@
 """Criteria: predicted costs of a triangle, computed from its coordinates.
 
-A criterion sums a cost per triangle over a triangulation. Every built-in criterion is a weighted
-sum of `FEATURES`; a user's criterion is a Numba function of three points given as six numbers, as
-the features are.
+A criterion sums a cost per triangle over a triangulation. Every built-in criterion except
+"exact-quads" is a weighted sum of `FEATURES`. A feature, and a user's criterion, is a Numba
+function of three points, given as six numbers.
 
-Units follow from the coordinates: pixels for a frame.
+Units follow from the unit of the coordinates, which is a pixel for a frame.
 
 criterion  `Criterion`, weighted sums of features, `mixed` and `calibrated`
 features   compiled features of a triangle; exact quads on the pixel grid
@@ -40,11 +40,11 @@ __all__ = [
 ]
 
 AUXILIARY_FEATURES = ("triangles", "area", "bbox_area", "expected_setups")
-"""Features that are not criteria; only fits of a device's time need their sums."""
+"""Features without a criterion of that name; `predict` sums them for fits of a device's time."""
 
 
 def count_exact_quads(*points: float) -> float:
-    """Call the compiled `features.exact_quads`, imported on the first call."""
+    """Return the compiled `features.exact_quads` of three points; import it on the first call."""
     from triangulators.criteria.features import exact_quads
 
     return float(exact_quads(*points))
@@ -126,8 +126,8 @@ CRITERIA: dict[str, Criterion] = {
     )
 }
 FLIP_TESTS = ("l1", "euclidean", "delaunay")
-"""Flip tests that "flips" takes instead of a criterion: by a diagonal's L1 length, by its Euclidean
-length, by the Delaunay condition."""
+"""Flip tests that the triangulator "flips" takes in place of a criterion: shorter diagonals in the
+L1 metric, shorter diagonals in the Euclidean metric, the Delaunay condition."""
 
 
 def names() -> list[str]:
@@ -142,7 +142,7 @@ def names() -> list[str]:
 
 
 def find(name: str | Criterion | Callable[..., float], **parameters: Any) -> Criterion:
-    """Return the criterion of a name or of a user's Numba function.
+    """Return the criterion that a name or a user's Numba function stands for.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def find(name: str | Criterion | Callable[..., float], **parameters: Any) -> Cri
     UnknownNameError
         If there is no such criterion.
     ArgumentError
-        If weights are invalid, given twice, or not taken by the criterion.
+        If weights are invalid or given twice, or if the criterion has no weights.
 
     Examples
     --------
@@ -194,7 +194,7 @@ def find(name: str | Criterion | Callable[..., float], **parameters: Any) -> Cri
 
 
 def _make_criterion(criterion: Any, parameters: Mapping[str, Any]) -> Criterion:
-    """Return a criterion passed as an object or as a function; neither takes parameters."""
+    """Return the criterion for a `Criterion` or a user's function; neither takes parameters."""
     if not (isinstance(criterion, Criterion) or callable(criterion)):
         raise ArgumentError(
             f"criterion: expected a name, a Criterion or a function, got {type(criterion).__name__}"
@@ -260,7 +260,10 @@ def predict_many(
     triangles: np.ndarray,
     triangle_offsets: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """Return the sums of `predict` of p polygons, as columns (p,); arrays as in `Batch`."""
+    """Return the sums of `predict` for p polygons, as columns (p,) by name.
+
+    The arrays are those of `polygon_arrays.Batch`.
+    """
     from triangulators.criteria.features import sum_features_of_many
 
     sums = sum_features_of_many(coords, vertex_offsets, triangles, triangle_offsets)

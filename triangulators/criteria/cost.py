@@ -1,7 +1,7 @@
 """A criterion as a record for compiled code.
 
-Kernels pass the record on as a pointer, without copies or reference counts, and a single compiled
-overload serves all criteria. A user's function is stored as the address of a C function.
+Kernels pass the record as a pointer, without copies or reference counts, so one compiled version of
+a kernel serves all criteria. A user's function is stored as the address of a C function.
 """
 
 import math
@@ -34,11 +34,11 @@ MAX_COST = 1e200
 Cost: TypeAlias = np.record
 """The cost to minimise: a weighted sum of features, or `sign` times a user's function; read only.
 
-Compiled code reads `cost.box`, Python `cost["box"]`, which is eight times as fast in Python.
-weights (k,): of `FEATURES`, times `sign`, which is -1 to maximise. custom: whether the cost is the
-user's function at the address `function`. is_box: whether only half-perimeter, bounding-box area,
-edge length, and features with the same sum for every triangulation of a polygon (their number,
-their area) have a weight; box (3,): the weights of the first three.
+Compiled code reads `cost.box`; Python code reads `cost["box"]`, which is eight times as fast there.
+weights (k,): weights of `FEATURES`, times `sign`, which is -1 to maximise. custom: True if the cost
+is the user's function at the address `function`. box (3,): the weights of half-perimeter,
+bounding-box area and edge length. is_box: True if no other feature has a weight, except the number
+and the area of triangles, whose sums are the same for every triangulation of a polygon.
 """
 
 _FIELDS = np.dtype(
@@ -57,10 +57,10 @@ _RECORD = np.dtype((np.record, _FIELDS))
 
 @cache
 def _compile_c_function(function: Callable[..., float]) -> Any:
-    """Compile a function of three points as a C function, which lives as long as the process.
+    """Compile a function of three points as a C function, which is stored until the process exits.
 
-    Costs of a user's function that are NaN or too large are replaced by `MAX_COST`: a dynamic
-    program that compares with NaN finds no triangulation, and reads outside its arrays.
+    A cost of a user's function that is NaN or too large is replaced by `MAX_COST`: a dynamic
+    program that compares costs with NaN would find no triangulation, and read outside its arrays.
     """
     import numba
 
@@ -82,7 +82,7 @@ def _call_exact_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy:
 
 
 def require_finite_total(criterion: Criterion, points: np.ndarray, triangles: np.ndarray) -> None:
-    """Raise `TriangulationError` unless the sum of a user's criterion over triangles is finite."""
+    """Raise `TriangulationError` if a user's criterion, summed over triangles, is not finite."""
     if criterion.function is None:
         return
     try:
@@ -95,7 +95,10 @@ def require_finite_total(criterion: Criterion, points: np.ndarray, triangles: np
 
 @lru_cache(maxsize=256)
 def plain_cost(criterion: Criterion, sign: float = 1.0) -> Cost | None:
-    """Return a criterion's cost if it is the same for all polygons, otherwise None; cached."""
+    """Return a criterion's `Cost` if the cost is the same for all polygons, otherwise None; cached.
+
+    None for users' functions, and for criteria that are normalised by a polygon's area.
+    """
     if criterion.normalise is not None or criterion.function is not None:
         return None
     return make_cost(criterion, 1.0, 1, sign)
@@ -121,6 +124,7 @@ def replace_fields(cost: Cost, **fields: Any) -> Cost:
 
 
 def _make_record(**fields: Any) -> Cost:
+    """Return a read-only `Cost` with these fields; other fields are zero."""
     records = np.zeros(1, _RECORD)
     for name, value in fields.items():
         records[name] = value
@@ -133,7 +137,7 @@ def _make_record(**fields: Any) -> Cost:
 def call_address(
     _typing: Any, _at: Any, _ax: Any, _ay: Any, _bx: Any, _by: Any, _cx: Any, _cy: Any
 ) -> Any:
-    """Call the C function of six float64 at an address."""
+    """Call the C function at an address with six float64; return its float64."""
     from llvmlite import ir  # type: ignore[import-untyped]
     from numba import types
 
@@ -149,7 +153,7 @@ def call_address(
 def triangle_cost(
     cost: Cost, ax: float, ay: float, bx: float, by: float, cx: float, cy: float
 ) -> float:
-    """Cost of a triangle."""
+    """Return the cost of the triangle a, b, c, given by coordinates."""
     if cost.custom:
         return float(cost.sign * call_address(cost.function, ax, ay, bx, by, cx, cy))
     return weigh_triangle(cost.weights, ax, ay, bx, by, cx, cy)
@@ -157,7 +161,7 @@ def triangle_cost(
 
 @njit
 def cost_at(points: np.ndarray, a: int, b: int, c: int, cost: Cost) -> float:
-    """`triangle_cost` of three rows of `points`."""
+    """Return the cost of the triangle of rows a, b and c of points (n, 2)."""
     ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
     return triangle_cost(cost, ax, ay, bx, by, points[c, 0], points[c, 1])
 
@@ -166,7 +170,7 @@ def cost_at(points: np.ndarray, a: int, b: int, c: int, cost: Cost) -> float:
 def weigh_block(
     cost: Cost, corners: tuple[np.ndarray, ...], count: int, totals: np.ndarray
 ) -> None:
-    """Write `triangle_cost` of many triangles to `totals`; arrays as for `weigh_triangles`."""
+    """Write the costs of `count` triangles to `totals`; see `weigh_triangles` for the arrays."""
     if not cost.custom:
         weigh_triangles(cost.weights, corners, count, totals)
         return
@@ -177,7 +181,7 @@ def weigh_block(
 
 @njit(nogil=True)
 def allocate_block(size: int) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
-    """Return corners and totals for `weigh_block` of up to `size` triangles."""
+    """Return the arrays (corners, totals) that `weigh_block` needs for up to `size` triangles."""
     lanes = size + 8
     corners = (
         np.zeros(lanes),
@@ -192,7 +196,7 @@ def allocate_block(size: int) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
 
 @njit
 def total_cost(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> float:
-    """Sum of the cost over triangles (m, 3) of points (n, 2)."""
+    """Return the sum of the costs of triangles (m, 3) of points (n, 2)."""
     total = 0.0
     for row in range(len(triangles)):
         total += cost_at(points, triangles[row, 0], triangles[row, 1], triangles[row, 2], cost)
@@ -201,7 +205,7 @@ def total_cost(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> float:
 
 @njit
 def find_cheapest(points: np.ndarray, triangulations: np.ndarray, cost: Cost) -> int:
-    """Return the index of the cheapest of k triangulations (k, m, 3), the first of equals."""
+    """Return the index of the cheapest of k triangulations (k, m, 3); the lowest index of a tie."""
     best, min_total = 0, np.inf
     for index in range(len(triangulations)):
         total = total_cost(points, triangulations[index], cost)

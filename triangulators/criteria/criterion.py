@@ -26,13 +26,13 @@ FEATURES = (
 """Features of a triangle (see `features`), in the order of weights."""
 
 WEIGHTS_MARK = "="
-"""Separator of a criterion's name and weights."""
+"""Separator between a criterion's name and its weights."""
 
 WEIGHTS_SEPARATOR = "/"
-"""Separates weights; a comma separates the names in a list."""
+"""Separator between weights; not a comma, which separates names in a list."""
 
-BYTES_PER_TRIANGLE = 24.0  # three vertices of two 4-byte coordinates: the paper's M
-WORST_SHAPE = 240.0  # degrees; a triangle flattened to angles 180, 0, 0
+BYTES_PER_TRIANGLE = 24.0  # three vertices of two 4-byte coordinates; M in the paper
+WORST_SHAPE = 240.0  # maximum of "shape" in degrees: |60 - 180| + 60 + 60, of a flat triangle
 
 CALIBRATED_FEATURES = (
     "triangles",
@@ -44,7 +44,7 @@ CALIBRATED_FEATURES = (
     "expected_blocks",
     "expected_setups",
 )
-"""Features that the time per triangle fitted on a device can depend on (see `calibrated`)."""
+"""Features that a device's fitted time per triangle may depend on (see `calibrated`)."""
 
 MAX_WEIGHT = 1e200
 """Upper bound of a weight's size; sums of larger weights overflow."""
@@ -65,12 +65,12 @@ class Criterion:
     function : callable or None
         A Numba function of three points (six numbers), which replaces the weights.
     normalise : callable or None
-        Function that returns a polygon's weights from (weights, area of the polygon, number of
-        triangles).
+        Function of (weights, area of the polygon, number of triangles) that returns the weights for
+        that polygon; None if the weights are the same for all polygons.
     is_family : bool
-        True for a family, with weights that the user chooses; omitted by `predict`.
+        True for a family, whose weights the user chooses; `predict` omits it.
     depends_on_position : bool
-        True if the cost depends on the position on the pixel grid; omitted by `predict`.
+        True if the cost depends on the position on the pixel grid; `predict` omits the criterion.
 
     Raises
     ------
@@ -133,12 +133,19 @@ def make_weighted_criterion(
     unit: str,
     **coefficients: float,
 ) -> Criterion:
-    """Return the criterion that is a weighted sum of features; coefficients default to 0."""
+    """Return a criterion that is a weighted sum of features.
+
+    coefficients: weight of each feature, by name, 0 by default; other arguments: see `Criterion`.
+    """
     weights = tuple(float(coefficients.get(feature, 0.0)) for feature in FEATURES)
     return Criterion(name, description, weights, label=label, symbol=symbol, unit=unit)
 
 
 def _normalise_per_polygon(weights: np.ndarray, polygon_area: float, triangles: int) -> np.ndarray:
+    """Return the weights of `mixed` for a polygon: areas per polygon area, all others per triangle.
+
+    polygon_area: in px^2; triangles: number of triangles.
+    """
     result = weights / triangles
     areas = [FEATURES.index("area"), FEATURES.index("bbox_area")]
     result[areas] = weights[areas] / polygon_area
@@ -148,9 +155,9 @@ def _normalise_per_polygon(weights: np.ndarray, polygon_area: float, triangles: 
 def mixed(alpha: float = 1.0, beta: float = 1.0, gamma: float = 1.0) -> Criterion:
     """Return the paper's mixture, F = alpha A / S + beta D / (240 T) + gamma C / (24 T).
 
-    A is divided by the polygon's area S, D by the number of triangles T times the 240 degrees that
-    a triangle deviates at most, and C by T times the 24 bytes of a triangle. C adds the constant
-    gamma.
+    A is overdraw, D shape deviation, C complexity. A is divided by the polygon's area S, D by the
+    number of triangles T times 240 degrees, the largest deviation of a triangle, and C by T times
+    the 24 bytes of a triangle. So the last term is the constant gamma.
 
     Parameters
     ----------
@@ -191,11 +198,11 @@ def mixed(alpha: float = 1.0, beta: float = 1.0, gamma: float = 1.0) -> Criterio
     return replace(linear, normalise=_normalise_per_polygon, is_family=True)
 
 
-MIXED_WEIGHTS = ("alpha", "beta", "gamma")
+MIXED_WEIGHTS = ("alpha", "beta", "gamma")  # names of the weights of `mixed`, in order
 
 
 def _find_problem(weights: Mapping[str, float]) -> str | None:
-    """Return the problem of invalid weights of `mixed`, or None."""
+    """Return the reason why weights of `mixed` are invalid, or None if they are valid."""
     for name, weight in weights.items():
         if not math.isfinite(weight):
             return f"{name} is {weight:g}"
@@ -214,17 +221,17 @@ def _make_weights_error(name: str, problem: str) -> ArgumentError:
 
 
 def calibrated(coefficients: Mapping[str, float]) -> Criterion:
-    """Return the drawing time of a triangle, as fitted on a device, as a criterion.
+    """Return the criterion that is a triangle's drawing time, as fitted on a device.
 
     Parameters
     ----------
     coefficients
-        Weights of some of the features `CALIBRATED_FEATURES`, by name.
+        Weights of features in `CALIBRATED_FEATURES`, by name; 0 for features not given.
 
     Returns
     -------
     Criterion
-        In the coefficients' unit of time.
+        Named "calibrated", in the coefficients' unit of time.
 
     Raises
     ------

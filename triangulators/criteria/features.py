@@ -1,11 +1,11 @@
 """Features of a triangle; every built-in criterion is a weighted sum of them.
 
 The optimiser, the predictions and the tests share the definition of a feature: a Numba function of
-three points as six numbers. `criterion.FEATURES` lists the names in the order of weights; a new
-feature is added there, to `COUNT`, in `weigh_triangle` and in `sum_features`.
+three points as six numbers. `criterion.FEATURES` lists the names in the order of weights. A new
+feature is added to `FEATURES`, `COUNT`, `weigh_triangle`, `weigh_triangles` and `sum_features`.
 
-Units follow from the coordinates: pixels for a frame. Only `exact_quads` depends on the triangle's
-position on the pixel grid.
+Units follow from the unit of the coordinates, which is a pixel for a frame. Only `exact_quads`,
+which is not in `FEATURES`, depends on the triangle's position on the pixel grid.
 """
 
 import math
@@ -17,33 +17,36 @@ from triangulators.compute.kernels import njit
 from triangulators.geometry.predicates import twice_area
 
 COUNT = 10
-"""The number of features; `criterion.FEATURES` is imported without compiled code."""
+"""Number of features; `cost` asserts that it equals the length of `criterion.FEATURES`."""
 
 SIGNATURE = f"float64({', '.join(['float64'] * 6)})"
-"""Signature of a feature and of a user's criterion: three points as six numbers."""
+"""Numba signature of a feature and of a user's criterion: three points as six numbers."""
 
 
 @njit
 def area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Area S."""
+    """Return the area of a triangle (S)."""
     return 0.5 * abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
 
 
 @njit
 def half_perimeter(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Width plus height of the bounding box (H)."""
+    """Return the width plus the height of a triangle's bounding box (H)."""
     return (max(ax, bx, cx) - min(ax, bx, cx)) + (max(ay, by, cy) - min(ay, by, cy))
 
 
 @njit
 def bbox_area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Width times height of the bounding box."""
+    """Return the width times the height of a triangle's bounding box."""
     return (max(ax, bx, cx) - min(ax, bx, cx)) * (max(ay, by, cy) - min(ay, by, cy))
 
 
 @njit
 def edge_length(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Perimeter (E): summed, boundary edges count once and diagonals twice."""
+    """Return the perimeter of a triangle (E).
+
+    In the sum over a triangulation boundary edges count once and diagonals twice.
+    """
     ab = math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
     bc = math.sqrt((cx - bx) ** 2 + (cy - by) ** 2)
     ca = math.sqrt((ax - cx) ** 2 + (ay - cy) ** 2)
@@ -52,7 +55,10 @@ def edge_length(ax: float, ay: float, bx: float, by: float, cx: float, cy: float
 
 @njit
 def shape(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Deviation from equilateral (D): |60-q| + |60-r| + |60-n| over the angles, in degrees."""
+    """Return the deviation from an equilateral triangle (D), in degrees: 0 to 240.
+
+    |60 - q| + |60 - r| + |60 - n| for the angles q, r and n.
+    """
     cross = twice_area(ax, ay, bx, by, cx, cy)
     q = math.atan2(cross, (bx - ax) * (cx - ax) + (by - ay) * (cy - ay))
     r = math.atan2(cross, (ax - bx) * (cx - bx) + (ay - by) * (cy - by))
@@ -63,21 +69,27 @@ def shape(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> f
 
 @njit
 def beauty(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Area over perimeter: half the radius of the inscribed circle."""
+    """Return the area over the perimeter of a triangle: half the radius of the inscribed circle."""
     around = edge_length(ax, ay, bx, by, cx, cy)
     return area(ax, ay, bx, by, cx, cy) / around if around > 0.0 else 0.0
 
 
 @njit(forceinline=True, error_model="numpy")
 def _find_common_share(lost: float, doubled_area: float) -> float:
-    """Fraction of a triangle's area in common with shifted copies; lost: L in `_average_blocks`."""
+    """Return the fraction of a triangle's area that it has in common with shifted copies.
+
+    lost: L in `_average_blocks`.
+    """
     side = 1.0 - lost / doubled_area
     return side * side if side > 0.0 else 0.0
 
 
 @njit(forceinline=True)
 def _sum_triple(p: float, q: float, u: float, v: float, x: float, y: float) -> float:
-    """Return L of a triple in `_average_blocks`: the sum of max(0, -first, -second) over edges."""
+    """Return L of a triple in `_average_blocks`: the sum of max(0, -first, -second) over edges.
+
+    p, q; u, v; x, y: first and second number of the three edges.
+    """
     return -(min(0.0, p, q) + min(0.0, u, v)) - min(0.0, x, y)
 
 
@@ -85,11 +97,12 @@ def _sum_triple(p: float, q: float, u: float, v: float, x: float, y: float) -> f
 def _average_blocks(
     size: float, ax: float, ay: float, bx: float, by: float, cx: float, cy: float
 ) -> float:
-    """Mean number of b x b blocks, b = size, with a covered pixel centre, over all positions.
+    """Return the number of b x b pixel blocks with a covered pixel centre, averaged over positions.
 
-    A block at a random position on the grid has a covered centre if at least one of b^2 copies of
-    the triangle, shifted by 0 to b - 1 pixels along x and y, covers the block's corner: the mean is
-    the area of the union of the copies over b^2.
+    b is `size`; the average is over all positions of the triangle on the grid. A block has a
+    covered pixel centre if at least one of b^2 copies of the triangle, shifted by 0 to b - 1 pixels
+    along x and y, covers the first centre of the block. So the mean is the area of the union of the
+    copies over b^2.
 
     Intersection of copies. A counter-clockwise triangle T of area S is the set n.p >= c for each
     edge e = (ex, ey), with the inward normal n = (-ey, ex). A copy shifted by m is the set
@@ -98,7 +111,8 @@ def _average_blocks(
 
         L(M) = sum over the edges of max(0, n.m for m in M),     common(M) = (1 - L / (2 S))^2 S,
 
-    and empty if L > 2 S. The edges sum to zero, so the parts of equal sign add up to an extent:
+    and empty if L > 2 S. The edges sum to zero, so the positive components along a direction add up
+    to the extent of the triangle in that direction:
 
         pair      {(1, 0)}                  max(0, -ey)           L = height of the box
         pair      {(0, 1)}                  max(0, ex)            L = width
@@ -107,21 +121,23 @@ def _average_blocks(
         triple    {(r, 0), (0, u)}          max(0, -r ey, u ex)   r and u are 1 or -1: four of them
         four      {(1, 0), (0, 1), (1, 1)}  max(0, -ey) + max(0, ex)    L = width + height
 
-    Inclusion and exclusion over neighbours among the b^2 copies, with b (b - 1) pairs in rows, as
-    many in columns, and (b - 1)^2 unit squares with two diagonals, four triples and a single four:
+    Inclusion and exclusion over neighbours among the b^2 copies: there are b (b - 1) pairs in rows,
+    as many in columns, and (b - 1)^2 unit squares, each with two diagonals, four triples, one four.
+    With `pairs`, `diagonals`, `triples`, `four` the sums of common(M) / S of each kind:
 
         union / S = b^2 - b (b - 1) (pairs) + (b - 1)^2 (triples - diagonals - four)
 
-    For b = 2 these are all terms, and the result is exact. For larger b an 8-connected group of
-    centres counts once, so only slivers with gaps inside a block are overestimated.
+    For b = 2 these are all terms, and the result is exact. For larger b a block counts once for
+    each 8-connected group of covered centres, so only slivers that cover several groups of centres
+    in a block are overestimated.
 
     There are no branches, so that `weigh_triangles` evaluates eight triangles at a time. A triangle
-    without area has the value 0: L / 0 is infinite or NaN, so that nothing is in common.
+    of zero area has the value 0: L / 0 is infinite or NaN, so no area is in common.
     """
     ux, uy, vx, vy, wx, wy = bx - ax, by - ay, cx - bx, cy - by, ax - cx, ay - cy
     cross = ux * vy - uy * vx  # 2 S
     sign = 1.0 if cross >= 0.0 else -1.0
-    cross = abs(cross)  # and never -0.0, by which L / S would be -inf
+    cross = abs(cross)  # also turns -0.0 into 0.0: L / -0.0 would be -inf
     ux, uy, vx, vy, wx, wy = sign * ux, sign * uy, sign * vx, sign * vy, sign * wx, sign * wy
     width = max(ax, bx, cx) - min(ax, bx, cx)
     height = max(ay, by, cy) - min(ay, by, cy)
@@ -141,21 +157,28 @@ def _average_blocks(
 
 @njit(forceinline=True, error_model="numpy")
 def expected_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """2x2 pixel quads with a covered pixel centre (Q), averaged over positions on the grid."""
+    """Return the number of 2x2 pixel quads with a covered pixel centre (Q), on average.
+
+    The average is over all positions of the triangle on the pixel grid.
+    """
     return _average_blocks(2.0, ax, ay, bx, by, cx, cy)
 
 
 @njit(forceinline=True, error_model="numpy")
 def expected_blocks(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """4x4 pixel blocks with a covered pixel centre (P), averaged over positions on the grid."""
+    """Return the number of 4x4 pixel blocks with a covered pixel centre (P), on average.
+
+    The average is over all positions of the triangle on the pixel grid.
+    """
     return _average_blocks(4.0, ax, ay, bx, by, cx, cy)
 
 
 @njit
 def expected_setups(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Probability over positions on the grid that the bounding box contains a pixel centre (R).
+    """Return the probability that the bounding box contains a pixel centre (R).
 
-    Rasterisers discard a triangle without such a centre before the setup stage.
+    All positions of the triangle on the pixel grid are equally likely. Rasterisers discard a
+    triangle without a centre in its box before the setup stage.
     """
     width = max(ax, bx, cx) - min(ax, bx, cx)
     height = max(ay, by, cy) - min(ay, by, cy)
@@ -166,7 +189,7 @@ def expected_setups(ax: float, ay: float, bx: float, by: float, cx: float, cy: f
 def weigh_triangle(
     weights: np.ndarray, ax: float, ay: float, bx: float, by: float, cx: float, cy: float
 ) -> float:
-    """Weighted sum of the features of one triangle; `weights` in the order of `FEATURES`."""
+    """Return the weighted sum of a triangle's features; weights (k,) in the order of `FEATURES`."""
     # Unrolled: a loop over a tuple of functions and a chain of closures both took two to three
     # times as long in the optimiser, which calls this for every triple of vertices.
     total: float = weights[0]
@@ -199,7 +222,7 @@ def _add_feature(
     count: int,
     totals: np.ndarray,
 ) -> None:
-    """Add a weighted feature of `count` triangles to `totals`."""
+    """Add `weight` times a feature of `count` triangles to `totals`; see `weigh_triangles`."""
     ax, ay, bx, by, cx, cy = corners
     if weight != 0.0:
         for k in range(np.uint64(count)):
@@ -210,13 +233,13 @@ def _add_feature(
 def weigh_triangles(
     weights: np.ndarray, corners: tuple[np.ndarray, ...], count: int, totals: np.ndarray
 ) -> None:
-    """Write `weigh_triangle` of many triangles to `totals`, bit by bit the same.
+    """Write the results of `weigh_triangle` for `count` triangles to `totals`, equal in every bit.
 
-    corners: ax, ay, bx, by, cx, cy; count: number of triangles. The arrays have at least the next
-    multiple of 8 elements; those of `totals` beyond the count are undefined.
+    corners: six arrays ax, ay, bx, by, cx, cy. The length of all arrays is at least the count,
+    rounded up to a multiple of 8; elements of `totals` beyond the count are undefined.
 
-    One loop per feature, without branches in it: LLVM evaluates all features but `shape` and
-    `beauty` in SIMD registers. Expected quads take 4 ns a triangle in place of 25 (AVX-512).
+    Each feature has a loop without branches, so LLVM evaluates all features except `shape` and
+    `beauty` in SIMD registers. Expected quads take 4 ns per triangle instead of 25 (AVX-512).
     """
     lanes = (count + 7) & ~7
     for k in range(lanes):
@@ -234,7 +257,7 @@ def weigh_triangles(
 
 @njit
 def sum_features(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Sum of each feature over (m, 3) triangles of (n, 2) points, shape (k,)."""
+    """Return the sum (k,) of each feature over triangles (m, 3) of points (n, 2)."""
     sums = np.zeros(COUNT)
     for row in range(len(triangles)):
         a, b, c = triangles[row, 0], triangles[row, 1], triangles[row, 2]
@@ -261,7 +284,7 @@ def sum_features_of_many(
     triangles: np.ndarray,
     triangle_offsets: np.ndarray,
 ) -> np.ndarray:
-    """Return (p, k) sums of each feature over the triangles of each of p polygons.
+    """Return the sums (p, k) of each feature over the triangles of each of p polygons.
 
     coords (n, 2), vertex_offsets (p + 1,): vertices; triangles (m, 3), triangle_offsets (p + 1,):
     vertex indices, which start at 0 in each polygon. The order of summation is that of
@@ -275,12 +298,12 @@ def sum_features_of_many(
     return sums
 
 
-_UNIT, _HALF = 256, 128
+_UNIT, _HALF = 256, 128  # a pixel, and half a pixel, in units of 1/256 px
 
 
 @njit(inline="always")
 def _clip_span(value: int, step: int, low: int, high: int) -> tuple[int, int]:
-    """Clip the span low..high by an edge."""
+    """Return the pixels x in low..high with step * x <= value, as a span; empty if high < low."""
     if step > 0:
         return low, min(high, value // step)
     if step < 0:
@@ -290,7 +313,7 @@ def _clip_span(value: int, step: int, low: int, high: int) -> tuple[int, int]:
 
 @njit(error_model="numpy")
 def exact_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Count the 2x2 pixel quads with a covered pixel, at the triangle's position on the grid.
+    """Return the number of 2x2 pixel quads with a covered pixel, at the triangle's position.
 
     Coordinates are pixels, y up, rounded to 1/256. A pixel has 256 x 256 units, with the
     centre at (128, 128). The pixel is covered if the centre is inside all three edge functions of
@@ -308,7 +331,7 @@ def exact_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float
     intersection is a span. The quads of two rows are the pairs of columns that either span touches:
     the sum of both lengths in pairs, minus the overlap.
 
-    Loop order. Rows in pairs, from the lowest, without allocation.
+    Loop order. Rows of pixels are visited in pairs, from the lowest; no array is allocated.
 
     Integers. Coordinates below 2^14 px are below 2^22 units, products below 2^45.
     """
