@@ -31,18 +31,21 @@ if TYPE_CHECKING:
     import pandas as pd
 
 CHUNK = 50_000
-"""Default number of features in a chunk."""
+"""Default number of features that are read at a time."""
 
 
 @dataclass(frozen=True)
 class Chunk:
-    """A part of a file: valid polygons, their attributes, and notes.
+    """The polygons of consecutive features of a file, with attributes and notes.
 
+    cleaned : the valid polygons, and notes on dropped and repaired geometries
+    units : unit of the coordinates
     crs : reference system of the file
-    projection : map to which longitude and latitude were projected, or None
-    notes : steps that apply to the file, such as the choice of a layer, in the first chunk only
+    projection : projection of longitude and latitude to metres, or None
+    notes : notes on the complete file, such as the choice of a layer; only in the first chunk to
+        which they apply
     credit : attribution that the data require, or ""
-    labels : names of the features that `cleaned.source` numbers, or ()
+    labels : names of the features, by index in `cleaned.source`, or ()
     """
 
     cleaned: Cleaned
@@ -66,11 +69,12 @@ def read(
 ) -> Scene:
     """Return all polygons of a file as a scene.
 
-    Each part of a multi-polygon becomes a polygon and heights are dropped. Longitude and latitude
-    are projected to metres, by default if the file's reference system is geographic: see
-    `scenes.cleaning.projection`. `project=False` keeps degrees, `project=True` takes coordinates
-    without a known reference system as WGS 84. `limit` is the maximum number of polygons. Without
-    `attributes`, GDAL reads no attributes.
+    Each part of a multi-polygon becomes a polygon, and heights are dropped. By default, coordinates
+    are projected to metres if the file's reference system is geographic (longitude and latitude):
+    see `scenes.cleaning.projection`. `project=False` leaves degrees; `project=True` also projects
+    coordinates without a known reference system, taken as WGS 84. `layer` is a layer's name,
+    `where` an SQL condition on attributes. `limit` is the maximum number of polygons. With
+    `attributes=False`, GDAL reads no attributes, which is faster.
 
     Raises SceneError if the file is missing, cannot be read, or has no polygons.
     """
@@ -125,9 +129,9 @@ def read_chunks(
 ) -> Iterator[Chunk]:
     """Yield the polygons of a file, about `size` features at a time, in bounded memory.
 
-    `rows` is the range of features (first, stop) to read, in files that `scenes.slices` cuts. All
-    chunks are on the same map, chosen by the first. Raises SceneError as `read` does, but a file
-    without polygons yields chunks without polygons.
+    `rows` is the range of features (first, stop) to read, in files that `scenes.slices` cuts; other
+    parameters are those of `read`. The first chunk determines the projection of all chunks. Raises
+    SceneError as `read` does, but for a file without polygons the chunks have no polygons.
     """
     source = Source(check_path(path), layer, where, rows, attributes)
     raws = _read_raws(source, size)
@@ -157,7 +161,7 @@ def read_chunks(
         reported.update(new_notes)
         raw = replace(raw, geometries=geometries)
         if projection is not None:
-            raw = _project(raw, is_off, projection)
+            raw = _project_chunk(raw, is_off, projection)
         cleaned = clean(raw.geometries, raw.labels, projection.inverse if projection else None)
         cleaned.dropped[:0] = raw.dropped
         cleaned.repaired[:0] = raw.repaired
@@ -168,17 +172,17 @@ def read_chunks(
 
 
 def _read_raws(source: Source, size: int) -> Iterator[Raw]:
-    """Yield the chunks of the file's reader, filtered by `where` if the reader does not filter."""
+    """Yield what the file's reader returns, `size` features at a time, filtered by `where`."""
     reader = choose_reader(source.path)
     for raw in reader(source, size):
         if source.where is None or reader is GDAL:
             yield raw
         else:
-            yield raw.rows(match_rows(raw.attributes, source.where, str(source.path)))
+            yield raw.select_rows(match_rows(raw.attributes, source.where, str(source.path)))
 
 
 def _explain_empty(path: str, dropped: list[Note], layer: str | None, where: str | None) -> str:
-    """Return the error message for no polygons."""
+    """Return the message of the error that a file has no polygon, by the first dropped feature."""
     if dropped:
         which, reason = dropped[0]
         more = f" (and {len(dropped) - 1} more)" if len(dropped) > 1 else ""
@@ -190,6 +194,7 @@ def _explain_empty(path: str, dropped: list[Note], layer: str | None, where: str
 
 
 def _concatenate(tables: list[Any]) -> pd.DataFrame | None:
+    """Return the rows of all attribute tables as one table, or None if no table has columns."""
     non_empty = [table for table in tables if table is not None and table.shape[1]]
     if not non_empty:
         return None
@@ -207,15 +212,15 @@ _OFF_GLOBE = "has a vertex off the globe, beyond 90 degrees of latitude or 360 o
 _TORN = "crosses the 180th meridian, where a map of the globe ends: split it"
 
 
-def _project(raw: Raw, is_off: NDArray[np.bool_], projection: Projection) -> Raw:
-    """Return the chunk on the map; geometries outside the map are noted and skipped.
+def _project_chunk(raw: Raw, is_off: NDArray[np.bool_], projection: Projection) -> Raw:
+    """Return a chunk projected to metres; geometries that the map cannot show become notes.
 
-    is_off : whether each geometry has a vertex off the globe
+    is_off : (k,) True for geometries with a vertex off the globe, which are dropped
     """
-    torn = projection.torn(np.asarray(raw.geometries)) & ~is_off
+    torn = projection.find_torn(np.asarray(raw.geometries)) & ~is_off
     dropped = [(raw.labels[i], _OFF_GLOBE) for i in np.flatnonzero(is_off)]
     dropped += [(raw.labels[i], _TORN) for i in np.flatnonzero(torn)]
-    on_map = raw.rows(np.flatnonzero(~is_off & ~torn))
+    on_map = raw.select_rows(np.flatnonzero(~is_off & ~torn))
     projected = projection.project(on_map.geometries)
     return replace(on_map, geometries=projected, dropped=raw.dropped + dropped)
 
@@ -223,11 +228,13 @@ def _project(raw: Raw, is_off: NDArray[np.bool_], projection: Projection) -> Raw
 def _choose_map(
     path: str, raw: Raw, globe: NDArray[Any] | None, project: bool | None
 ) -> tuple[str, str | None, Projection | None, list[str]]:
-    """Return units, reference system, map and notes of a file, by its first chunk with a geometry.
+    """Return units, reference system, projection and notes of a file.
 
-    globe : the geometries on the globe; None if so few are that coordinates cannot be degrees
-    project : None: the file's reference system decides; False: never; True: coordinates without a
-        known system are longitude and latitude. Raises SceneError for another reference system.
+    raw : the first chunk with a geometry
+    globe : the geometries without a vertex off the globe; None if so many have one that coordinates
+        cannot be degrees
+    project : None to project if the file's reference system is geographic; False: never; True: also
+        coordinates without a known system. Raises SceneError for a system that is not geographic.
     """
     datum = find_system(raw.crs)
     geographic = is_geographic(raw.crs) and globe is not None
@@ -263,10 +270,10 @@ def _choose_map(
 
 
 def match_rows(table: pd.DataFrame | None, condition: str, path: str) -> NDArray[np.int64]:
-    """Return the numbers of the rows that meet the condition, ascending.
+    """Return the indices of the rows that meet an SQL condition, ascending.
 
-    Raises SceneError if the file has no attributes, or for an invalid condition. A field of a
-    nested column is written with a dot.
+    In the condition, a field of a nested column is written with a dot. `path` is the file, for
+    messages. Raises SceneError if the file has no attributes, or for an invalid condition.
 
     >>> import pandas as pd
     >>> match_rows(pd.DataFrame({"h": [3, 8, 12]}), "h > 5", "town.parquet").tolist()
@@ -297,7 +304,10 @@ _FIELD = re.compile(r"'[^']*'|\"[^\"]*\"|\b([^\W\d]\w*)\.([^\W\d]\w*)\b")
 
 
 def _flatten_fields(table: pd.DataFrame, condition: str) -> tuple[pd.DataFrame, str]:
-    """Return a table of the columns and fields in a condition, and the condition, fields quoted."""
+    """Return a table with the columns that a condition uses, and the condition for this table.
+
+    Fields of nested columns become columns, whose names are quoted in the condition.
+    """
     fields: dict[str, list[Any]] = {}
 
     def quote(match: re.Match[str]) -> str:
@@ -317,7 +327,7 @@ def _flatten_fields(table: pd.DataFrame, condition: str) -> tuple[pd.DataFrame, 
 
 
 def _to_sqlite(value: Any) -> Any:
-    """Return a value that SQLite can store."""
+    """Return an attribute's value as a type that SQLite can store."""
     import pandas as pd
 
     if isinstance(value, np.generic):

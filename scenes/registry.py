@@ -29,7 +29,7 @@ GROUP = "raster_harness.scenes"
 
 
 TILE_OPTIONS = {"zoom", "layers", "tiles", "pixels"}
-"""Parameters of map tiles: a file with one of these is read by `scenes.tiles.read`."""
+"""Parameters of map tiles: a file named with one of these is read by `scenes.tiles.read`."""
 
 
 @dataclass(frozen=True)
@@ -37,10 +37,10 @@ class Entry:
     """A registered scene: its description and its builder.
 
     builder : "module:function"; the function takes `seed` and its parameters by keyword
-    extra : the optional extra of this distribution that contains the scene's data, or None
+    extra : optional extra of this distribution that installs the scene's data, or None
     package : importable name of the package that the extra installs
-    size : numbers of polygons, vertices and holes without parameters, or None if unknown
-    tiled : whether the scene consists of map tiles
+    size : numbers of polygons, vertices and holes with default parameters, or None if unknown
+    tiled : True if the scene consists of map tiles
     """
 
     name: str
@@ -53,7 +53,7 @@ class Entry:
     tiled: bool = False
 
     def find_install_command(self) -> str | None:
-        """Return the command that installs missing data, or None if the scene can be loaded."""
+        """Return the command that installs the scene's data, or None if they are installed."""
         if self.package is None or find_spec(self.package) is not None:
             return None
         return format_install_command(self.extra or "")
@@ -148,7 +148,7 @@ def names() -> list[str]:
 def find_entry(name: str) -> Entry:
     """Return the entry of a registered scene, or of a user's function "module:function".
 
-    Raises UnknownSceneError, which suggests the nearest name.
+    Raises UnknownSceneError for other names; the message suggests the nearest name.
 
     >>> find_entry("paper").description
     "test polygon of the paper's Table 1"
@@ -184,7 +184,7 @@ def load(
     seed
         Seed of generated scenes; passed to functions that take a seed.
     attributes
-        Whether to read a file's attributes; without them reading may be faster.
+        False to skip a file's attributes, which may be faster.
     **parameters
         Every scene takes `limit`, the maximum number of polygons; files also take `layer`, `where`
         and `project` (see `scenes.files.read`), or, as map tiles, `zoom`, `layers`, `tiles` and
@@ -237,14 +237,15 @@ def load(
 
 
 def _is_file(name: str) -> bool:
-    """Whether a name is a path; a folder named like a built-in scene, such as `paper`, is not."""
+    """Whether a name is a file to read; False for a built-in scene, even if a folder has the name."""
     return is_path(name) and not (name in ENTRIES and Path(name).is_dir())
 
 
 def split_parameters(text: str) -> tuple[str, dict[str, Any], bool]:
     """Split "name:key=value" into name, parameters of `load`, and whether the name is a file.
 
-    An existing path is a name. Parameters of a file are converted and checked; raises SceneError.
+    An existing path is not split. The parameters of a file are converted to their types; raises
+    SceneError if one is invalid.
 
     >>> split_parameters("town.gpkg:layer=parks,limit=9")
     ('town.gpkg', {'layer': 'parks', 'limit': 9}, True)
@@ -275,6 +276,7 @@ def _choose_reader(parameters: dict[str, Any]) -> Callable[..., Scene]:
 
 
 def _import_builder(scene: Entry) -> Callable[..., Any]:
+    """Import and return a scene's builder; raises SceneError if that is impossible."""
     command = scene.find_install_command()
     if command:
         raise SceneError(f"scene {scene.name}: {scene.package} is not installed; {command}")
@@ -300,7 +302,10 @@ def _contain_errors(problem: str) -> Iterator[None]:
 
 
 def _convert_to_scene(name: str, result: Any, parameters: dict[str, Any]) -> Scene:
-    """Return the result of a builder, a Scene or a list of polygons, as a Scene."""
+    """Return a builder's result as a Scene: a Scene, or a list of polygons, which are cleaned.
+
+    Raises SceneError for any other result, and for a list without usable polygons.
+    """
     if isinstance(result, Scene):
         return replace(result, parameters=parameters | result.parameters)
     if not isinstance(result, list):
@@ -322,4 +327,5 @@ def _convert_to_scene(name: str, result: Any, parameters: dict[str, Any]) -> Sce
 
 
 def _list_installed() -> list[EntryPoint]:
+    """Return the entry points of scenes in other installed packages."""
     return [point for point in entry_points(group=GROUP) if point.name not in ENTRIES]

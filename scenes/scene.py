@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Note = tuple[str, str]
-"""(name, reason): a geometry of the source, and why it was dropped or how it was repaired."""
+"""(name, reason): name of a geometry of the source, and why it was dropped or how repaired."""
 
 
 class SceneError(Exception):
@@ -87,12 +87,13 @@ class Scene:
 
     @cached_property
     def content_hash(self) -> str:
-        """Return the SHA-256, in hexadecimal, of all coordinates and ring boundaries."""
+        """The SHA-256, in hexadecimal, of all coordinates and of the offsets of all rings."""
         digest = hashlib.sha256()
         self._update_hash(digest)
         return digest.hexdigest()
 
     def _update_hash(self, digest: Any) -> None:
+        """Add the polygons' coordinates and offsets to a digest of `hashlib`."""
         if not self.polygons:
             return
         _, coordinates, (rings, polygons) = shapely.to_ragged_array(np.asarray(self.polygons))
@@ -115,11 +116,11 @@ class Scene:
 
 
 MAX_EXAMPLES = 1000
-"""Maximum number of stored notes of each kind; all notes are counted by reason."""
+"""Maximum number of notes of each kind that are stored; notes beyond it are counted only."""
 
 
-def general_reason(reason: str) -> str:
-    """Return a reason without its location.
+def remove_location(reason: str) -> str:
+    """Return the reason of a note without location and repair, for counting equal reasons.
 
     >>> general_reason("self-intersects at 3.0 4.0; repaired into 2 polygons")
     'self-intersects'
@@ -139,9 +140,9 @@ class NoteCounter:
     examples: dict[str, list[Note]] = field(default_factory=dict)
 
     def note(self, kind: str, notes: Sequence[Note], times: int = 1) -> None:
-        """Count notes of a kind, each of `times` polygons, and store the first of them."""
+        """Count notes of a kind, each for `times` polygons; store up to `MAX_EXAMPLES` in total."""
         for _, reason in notes:
-            self.counts[kind, general_reason(reason)] += times
+            self.counts[kind, remove_location(reason)] += times
         examples = self.examples.setdefault(kind, [])
         examples += notes[: MAX_EXAMPLES - len(examples)]
 

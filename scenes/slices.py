@@ -1,9 +1,9 @@
 """Slices of files and of archives of map tiles, which several machines read in parallel.
 
-A slice of a file is a range of rows of GeoParquet, along its row groups if possible, or of features
-of a file that GDAL can read from the middle; other files are a single slice. A slice of tiles is a
-range of tile numbers within a zoom: cutting an archive reads only its directory, and reading a
-slice reads only its tiles.
+For GeoParquet, a slice is a range of rows, if possible of full row groups; for a file that GDAL can
+read from the middle, a range of features. All other files are a single slice. For map tiles, a
+slice is a range of tile numbers within a zoom: cutting an archive into slices reads only the
+archive's directory, and reading a slice reads only the slice's tiles.
 """
 
 import hashlib
@@ -18,7 +18,7 @@ import numpy as np
 
 from scenes.files import read_chunks
 from scenes.readers import guard
-from scenes.readers.geoparquet import geometry_column, pyarrow_parquet
+from scenes.readers.geoparquet import find_geometry_column, import_parquet
 from scenes.readers.guard import check_path
 from scenes.readers.reader import Source, choose_reader
 from scenes.scene import SceneError
@@ -27,7 +27,7 @@ from scenes.tiles.archives import Run, TilePosition, open_archive
 from scenes.tiles.read import PIXELS, TileContent, check_pixels, read_tile
 
 MIN_ROWS, MAX_ROWS = 20_000, 50_000
-"""Rows of a slice: smaller slices are merged and larger slices split, if the file permits."""
+"""Minimum and maximum number of rows of a slice, if the file's row groups permit both."""
 
 RANDOM_ACCESS = (".gpkg", ".fgb", ".shp")
 """Suffixes of files in which GDAL can skip features without reading them."""
@@ -42,7 +42,7 @@ _TESTS: dict[str, Callable[[float, float, float], bool]] = {
     ">=": lambda _, high, value: high >= value,
     "=": lambda low, high, value: low <= value <= high,
 }
-"""Whether a range (low, high) contains a number that meets the comparison with the value."""
+"""Functions of (low, high, value): whether a number in the range low..high meets the comparison."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Slices:
     identity : 16 hexadecimal digits that change with the file's content
     rows : range of rows (first, stop) of each slice; None for the complete file
     sizes : number of rows of each slice; 0 if unknown
-    pruned : number of rows in skipped slices, in which no row can meet the condition
+    pruned : number of rows that are in no slice, because they cannot meet the condition
     """
 
     identity: str
@@ -89,7 +89,8 @@ def cut_file(path: str, layer: str | None = None, where: str | None = None) -> S
 
 
 def _cut_parquet(source: Source, where: str | None) -> Slices:
-    parquet = pyarrow_parquet(source)
+    """Return the slices of a GeoParquet file, from the footer; see `cut_file`."""
+    parquet = import_parquet(source)
     file = source.path
     with file.open("rb") as stream:
         stream.seek(max(0, file.stat().st_size - 8))
@@ -100,7 +101,7 @@ def _cut_parquet(source: Source, where: str | None) -> Slices:
         stream.seek(-8 - footer, 2)
         identity = compute_identity(file, stream.read())
     metadata = parquet.read_metadata(file)
-    geometry_column(source, metadata.schema.to_arrow_schema())
+    find_geometry_column(source, metadata.schema.to_arrow_schema())
     parsed_comparisons = parse_comparisons(where)
     rows: list[tuple[int, int]] = []
     start = pruned = 0
@@ -125,9 +126,9 @@ def _cut_parquet(source: Source, where: str | None) -> Slices:
 
 
 def has_degrees(file: Path) -> bool:
-    """Whether a file's coordinates are longitude and latitude, by the first features.
+    """Whether the coordinates of a file's first features are longitude and latitude.
 
-    False for an unreadable file, which a complete read reports.
+    False for an unreadable file: reading it completely raises the error.
     """
     try:
         first = next(read_chunks(str(file), size=1))
@@ -137,9 +138,9 @@ def has_degrees(file: Path) -> bool:
 
 
 def parse_comparisons(where: str | None) -> list[tuple[str, str, float]]:
-    """Return (column, comparison, number) of a conjunction of comparisons.
+    """Return (column, comparison, number) for each comparison of a conjunction.
 
-    [] for any other condition.
+    Returns [] if the condition has another form.
 
     >>> parse_comparisons("bbox.xmin > 24.5 AND height = 3 AND name LIKE 'A'")
     []
@@ -156,7 +157,7 @@ def parse_comparisons(where: str | None) -> list[tuple[str, str, float]]:
 
 
 def _may_match(group: Any, parsed_comparisons: list[tuple[str, str, float]]) -> bool:
-    """Whether a row group's statistics allow for a row that meets all comparisons."""
+    """Whether a row that meets all comparisons may exist in a row group, by its statistics."""
     if not parsed_comparisons:
         return True
     columns = {group.column(i).path_in_schema: i for i in range(group.num_columns)}
@@ -174,7 +175,10 @@ def _may_match(group: Any, parsed_comparisons: list[tuple[str, str, float]]) -> 
 
 
 def read_edges(file: Path) -> bytes:
-    """Return the first and last bytes of a file and of its SQLite log, or a folder's names."""
+    """Return bytes that change if a file is edited, for `compute_identity`.
+
+    The first and last bytes of the file and of its SQLite log; for a folder, the names of files.
+    """
     if file.is_dir():
         return "\n".join(sorted(entry.name for entry in file.iterdir())).encode()
     log = file.with_name(f"{file.name}-wal")
@@ -198,11 +202,11 @@ _ARCHIVE = re.compile(r"\.(pmtiles|mbtiles)$", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class TileSelection:
-    """The part of an archive to read.
+    """Selection of zooms and layers of an archive, and the size of tiles.
 
     zooms : first and last zoom; None for all
     layers : names of layers; None for all
-    pixels : side of a tile on the screen
+    pixels : side of a tile on the screen, in px
     """
 
     zooms: tuple[int, int] | None = None
@@ -211,7 +215,7 @@ class TileSelection:
 
 
 def parse_tile_selection(text: str) -> tuple[str, TileSelection] | None:
-    """Return a path or pattern of map tiles and the part to read, or None for other files.
+    """Return the path or pattern of map tiles, and the selection; None for other files.
 
     Raises SceneError for an invalid parameter.
 
@@ -231,6 +235,7 @@ def parse_tile_selection(text: str) -> tuple[str, TileSelection] | None:
 def _build_selection(
     *, zoom: str | None = None, layers: str | None = None, pixels: int = PIXELS
 ) -> TileSelection:
+    """Return the selection for parameters as text: zoom "14" or "12-16", layers "area,water"."""
     check_pixels(pixels)
     names = None if layers is None else tuple(layers.split(","))
     if zoom is None:
@@ -255,9 +260,10 @@ def _list_folder(name: str) -> list[Path]:
 
 
 def cut_tiles(path: str, zooms: tuple[int, int] | None) -> Slices:
-    """Return the slices of an archive; `sizes` are numbers of runs of equal tiles.
+    """Return the slices of an archive: `rows` are ranges of tile numbers, `sizes` numbers of runs.
 
-    Raises SceneError if the archive is missing, cannot be read, or has no tile of these zooms.
+    A run is a series of equal tiles. zooms : first and last zoom, None for all. Raises SceneError
+    if the archive is missing, cannot be read, or has no tile of these zooms.
     """
     file = check_path(path)
     rows: list[tuple[int, int] | None] = []
@@ -265,7 +271,7 @@ def cut_tiles(path: str, zooms: tuple[int, int] | None) -> Slices:
     with guard.clear_errors(path, "map tiles"):
         archive = open_archive(file)
         for zoom in archive.select_zooms(path, zooms):
-            for first, last, size in _cut_runs(archive.runs(zoom)):
+            for first, last, size in _cut_runs(archive.list_runs(zoom)):
                 rows.append((first, last))
                 sizes.append(size)
     if not rows:
@@ -274,7 +280,7 @@ def cut_tiles(path: str, zooms: tuple[int, int] | None) -> Slices:
 
 
 def _cut_runs(runs: Iterable[Run]) -> Iterator[tuple[int, int, int]]:
-    """Yield (first, stop, number of runs) of each slice of a zoom."""
+    """Yield (first tile, stop tile, number of runs) of each slice, given the runs of a zoom."""
     first = last = tiles = size = 0
     for run in runs:
         if tiles and (tiles == MAX_TILES or size + run.size > MAX_BYTES):
@@ -288,7 +294,7 @@ def _cut_runs(runs: Iterable[Run]) -> Iterator[tuple[int, int, int]]:
 
 
 def _read_content(file: Path) -> bytes:
-    """Return bytes that change with the content of a file or folder."""
+    """Return bytes that change if a file, or a file in a folder, is edited."""
     if not file.is_dir():
         return read_edges(file)
     files = ((entry, entry.stat()) for entry in sorted(file.rglob("*")) if entry.is_file())
@@ -297,9 +303,9 @@ def _read_content(file: Path) -> bytes:
 
 
 class Tile(NamedTuple):
-    """A tile that was read.
+    """A tile that was read, and the number of equal tiles.
 
-    zoom : None if unknown
+    zoom : zoom of the tile, None if unknown
     repeats : number of consecutive tiles with the same bytes
     """
 
@@ -310,7 +316,7 @@ class Tile(NamedTuple):
 
     @property
     def damage(self) -> str:
-        """Return why the tile or layers cannot be read, or ""."""
+        """The reasons why the tile, or some of its layers, cannot be read, or ""."""
         layers = (f"layer {name}".strip() + f" {reason}" for name, reason in self.content.damaged)
         return "; ".join(filter(None, (*layers, self.content.damage)))
 
@@ -324,7 +330,7 @@ def read_tiles(path: str, numbers: tuple[int, int], selection: TileSelection) ->
     """
     with guard.clear_errors(path, "map tiles"):
         archive = open_archive(check_path(path))
-        for run in archive.runs(archive.get_zoom(numbers[0]), *numbers):
+        for run in archive.list_runs(archive.get_zoom(numbers[0]), *numbers):
             name = archive.get_name(run.first)
             zoom = name.zoom if archive.zooms and isinstance(name, TilePosition) else None
             content = read_tile(archive, name, selection.layers, selection.pixels)

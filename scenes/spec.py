@@ -17,7 +17,7 @@ from scenes.scene import SceneError
 
 
 def format_suggestion(name: str, options: Iterable[str], prefix: str = "there are") -> str:
-    """Return the end of an error message: the nearest name, or all names.
+    """Return the end of an error message: "did you mean" the nearest option, or all options.
 
     >>> format_suggestion("ctiy", ["city", "glyphs"])
     'did you mean city?'
@@ -29,7 +29,7 @@ def format_suggestion(name: str, options: Iterable[str], prefix: str = "there ar
     return f"did you mean {nearest[0]}?" if nearest else f"{prefix}: {', '.join(choices)}"
 
 
-DISTRIBUTION = "raster-harness"
+DISTRIBUTION = "raster-harness"  # name of this package in indexes
 
 _FUNCTION = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
 _ENCLOSED = re.compile(r"""'[^']*'|"[^"]*"|\([^()'"]*\)""")
@@ -66,9 +66,10 @@ def format_install_command(extra: str) -> str:
 
 
 def import_optional(module: str, user: object, extra: str) -> Any:
-    """Return a module of an optional extra; `user` is the file or option that needs it.
+    """Import and return a module of an optional extra of this distribution.
 
-    Raises SceneError with the command that installs the extra.
+    `user` is the file or option that needs the module, for the message. Raises SceneError with the
+    command that installs the extra.
     """
     try:
         return import_module(module)
@@ -80,7 +81,7 @@ def import_optional(module: str, user: object, extra: str) -> Any:
 
 
 def parse_name(text: str) -> tuple[str, dict[str, str]]:
-    """Split "name:key=value,key=value" into name and parameters; an existing path is a name.
+    """Split "name:key=value,key=value" into name and parameters; an existing path is not split.
 
     >>> parse_name("city:buildings=20,seed=3")
     ('city', {'buildings': '20', 'seed': '3'})
@@ -121,7 +122,7 @@ def is_path(name: str) -> bool:
 
 
 def path_exists(name: str) -> bool:
-    """Whether a file or folder exists; the name may be invalid.
+    """Whether a file or folder of this name exists; False for a name that no path can have.
 
     >>> path_exists("."), path_exists("a\\0b"), path_exists(1000 * "long")
     (True, False, False)
@@ -152,7 +153,9 @@ def join_name(name: str, **parameters: Any) -> str:
 
 
 def format_label(text: str) -> str:
-    """Return the scene's name in results: files without their folder, for comparison.
+    """Return a scene's name as results show it: a file without its folder.
+
+    So results of the same file in different folders can be compared.
 
     >>> format_label("data/town.gpkg:where=height/2 > 3"), format_label("city:buildings=20")
     ('town.gpkg:where=height/2 > 3', 'city:buildings=20')
@@ -164,7 +167,9 @@ def format_label(text: str) -> str:
 def convert_arguments(
     name: str, function: Callable[..., Any], parameters: dict[str, Any]
 ) -> dict[str, Any]:
-    """Return parameters converted to the types that the builder declares.
+    """Return parameters converted to the types that a scene's builder declares.
+
+    name : the scene's name, for messages; function : the builder
 
     Raises SceneError for unknown parameters.
 
@@ -192,7 +197,7 @@ def convert_arguments(
 
 
 def convert_value(key: str, value: Any, annotation: Any) -> Any:
-    """Return a value given as text in the declared type; other values unchanged.
+    """Return a parameter's value, converted to the declared type if it is text.
 
     >>> convert_value("limit", "7", int | None), convert_value("project", "no", bool)
     (7, False)

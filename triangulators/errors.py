@@ -67,6 +67,6 @@ def summarize_error(error: BaseException) -> str:
 
 
 def truncate(text: str) -> str:
-    """Return a text as one line of at most `MAX_MESSAGE` characters; if cut, add the full length."""
+    """Return a text as a line of at most `MAX_MESSAGE` characters; if cut, add the full length."""
     line = " ".join(text[: 4 * MAX_MESSAGE].split())[:MAX_MESSAGE]
     return f"{line} ... ({len(text):,} characters)" if len(text) > MAX_MESSAGE else line

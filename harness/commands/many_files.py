@@ -99,11 +99,11 @@ def format_notes(
 
     counts : polygons by (kind, reason); notes : (kind, polygon, reason)
     """
-    from scenes.scene import general_reason
+    from scenes.scene import remove_location
 
     named = defaultdict(list)
     for kind, polygon, detail in notes:
-        named[kind, general_reason(detail)].append(polygon)
+        named[kind, remove_location(detail)].append(polygon)
     for (kind, reason), count in sorted(counts.items()):
         more = f" and {count - MAX_POLYGONS_NAMED:,} more" if count > MAX_POLYGONS_NAMED else ""
         first = named[kind, reason][:MAX_POLYGONS_NAMED]

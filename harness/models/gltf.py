@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from harness.models.flat_faces import ModelMesh, ModelPart, get_single_precision_tolerance
 from harness.models.gltf_file import GltfEditor
-from scenes.readers.gltf import FAN, FULL_SCALE, STRIP, TRIANGLES, index
+from scenes.readers.gltf import FAN, FULL_SCALE, STRIP, TRIANGLES, check_index
 
 _VARIANTS = "KHR_materials_variants"
 HARMLESS = (_VARIANTS, "EXT_mesh_features", "EXT_structural_metadata", "KHR_xmp_json_ld")
@@ -43,7 +43,7 @@ class GltfModel(GltfEditor):
         primitives: dict[str, list[dict[str, Any]]] = {}
         placements: dict[str, tuple[NDArray[np.float64], ...]] = {}
         reasons: dict[str, str] = {}
-        for mesh, matrices in zip(meshes, self.placements(), strict=True):
+        for mesh, matrices in zip(meshes, self.list_placements(), strict=True):
             for primitive in mesh["primitives"]:
                 key = _make_key(primitive)
                 primitives.setdefault(key, []).append(primitive)
@@ -72,7 +72,7 @@ class GltfModel(GltfEditor):
         for entry in (primitive, *extensions.get(_VARIANTS, {}).get("mappings", [])):
             if (
                 "material" in entry
-                and materials[index(entry["material"])].get("alphaMode") == "BLEND"
+                and materials[check_index(entry["material"])].get("alphaMode") == "BLEND"
             ):
                 return "with a blended material the order of triangles is visible"
         return ""
@@ -88,8 +88,8 @@ class GltfModel(GltfEditor):
         mode = primitive.get("mode", TRIANGLES)
         if mode not in (TRIANGLES, STRIP, FAN) or "POSITION" not in primitive["attributes"]:
             return None
-        positions, placements = self.positions(primitive, placements)
-        triangles = self.triangles(primitive, len(positions))
+        positions, placements = self.read_positions(primitive, placements)
+        triangles = self.read_triangles(primitive, len(positions))
         used_vertices = np.unique(triangles)
         attributes = self._read_attributes(primitive, len(positions), used_vertices)
         exact = positions.astype(np.float64)
@@ -118,7 +118,7 @@ class GltfModel(GltfEditor):
         for target in primitive.get("targets", []):
             accessors += sorted(target.items())
         for name, accessor in accessors:
-            values, normalized = self.values(accessor)
+            values, normalized = self.read_values(accessor)
             column = values.astype(np.float64)
             if len(column) != count:
                 raise ValueError(f"{name} has {len(column):,} of {count:,} values")

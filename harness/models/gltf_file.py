@@ -30,7 +30,7 @@ from scenes.readers.gltf import (
     TRIANGLES,
     WIDTHS,
     GltfFile,
-    component_type,
+    find_component_type,
 )
 from scenes.scene import SceneError
 
@@ -71,7 +71,9 @@ class GltfEditor(GltfFile):
                 and users == len(primitives)
                 and not self._shares_bytes(number)
             ):
-                self._read_view(accessor, component_type(accessor), 1, len(indices))[:, 0] = indices
+                self._read_view(accessor, find_component_type(accessor), 1, len(indices))[:, 0] = (
+                    indices
+                )
                 self._changed.add(self.json["bufferViews"][accessor["bufferView"]]["buffer"])
                 return
         number = self._append_indices(indices, accessor)
@@ -103,13 +105,13 @@ class GltfEditor(GltfFile):
     def _get_span(self, accessor: dict[str, Any]) -> tuple[int, int]:
         """Return the byte range of an accessor in the buffer."""
         view = self.json["bufferViews"][accessor["bufferView"]]
-        size = component_type(accessor).itemsize * WIDTHS[accessor["type"]]
+        size = find_component_type(accessor).itemsize * WIDTHS[accessor["type"]]
         first = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
         return first, first + (accessor["count"] - 1) * view.get("byteStride", size) + size
 
     def _append_indices(self, indices: NDArray[np.int64], source: dict[str, Any]) -> int:
         """Append indices to the first buffer; return an accessor of `source`'s component type."""
-        packed = indices.astype(component_type(source)).tobytes()
+        packed = indices.astype(find_component_type(source)).tobytes()
         buffer, views = self.buffers[0], self.json["bufferViews"]
         accessors = self.json["accessors"]
         buffer += b"\0" * (-len(buffer) % 4)

@@ -14,21 +14,20 @@ from numpy.typing import NDArray
 Rule = Literal["nonzero", "evenodd"]
 
 MAX_CROSSINGS = 200_000
-"""Maximum number of crossings that are resolved; each adds about one face."""
+"""Maximum number of crossings of contours; each crossing adds about one face to compute."""
 
 _SAMPLE = 100
-"""Number of edges by which crossings are estimated."""
+"""Number of edges from whose crossings the number of all crossings is estimated."""
 
 _MAX_PEELED = 1000
-"""Maximum number of edges, cut at crossings, of a polygon that `shapely.make_valid` repairs."""
+"""Number of edges, after cutting at crossings, up to which `shapely.make_valid` repairs."""
 
 
 def fill_contours(contours: Sequence[NDArray[Any]], rule: Rule = "nonzero") -> list[Any]:
-    """Return the area that contours fill together, as a list of one geometry or none.
+    """Return the area that contours fill together, as a list of one geometry, or [] if none.
 
-    `contours` are (n, 2) arrays without a closing point. Contours that do not cross keep their
-    vertices; crossing contours get vertices at the crossings. Raises shapely.GEOSException for
-    more than `MAX_CROSSINGS` crossings.
+    `contours` are (n, 2) arrays without a closing point. The area has the vertices of the contours,
+    and vertices at crossings. Raises shapely.GEOSException for more than `MAX_CROSSINGS` crossings.
 
     >>> square = np.array([(0, 0), (4, 0), (4, 4), (0, 4)])
     >>> [area.area for area in fill_contours([square, square[::-1] / 2 + 1])]
@@ -50,8 +49,8 @@ def fill_contours(contours: Sequence[NDArray[Any]], rule: Rule = "nonzero") -> l
 def _fill_nested(rings: NDArray[Any], rule: Rule) -> Any | None:
     """Return the area that simple rings fill, or None if rings cross.
 
-    The winding numbers on both sides of a ring follow from the rings around it; the ring bounds the
-    area if exactly one side is inside by the rule.
+    The rings that contain a ring determine the winding numbers on both sides of the ring. The ring
+    bounds the area if exactly one side is inside by the rule.
     """
     if len(rings) == 1:
         return shapely.MultiPolygon(list(rings))
@@ -76,7 +75,7 @@ def _fill_nested(rings: NDArray[Any], rule: Rule) -> Any | None:
 
 
 def _has_overlap(first: NDArray[Any], second: NDArray[Any]) -> bool:
-    """Whether any pair of polygons overlaps; no polygon contains the other polygon of the pair.
+    """Whether first[i] and second[i] overlap for any i; no polygon contains its partner.
 
     GEOS looks up edges of a prepared polygon but scans the edges of the second polygon, so the
     larger polygon is prepared. Preparation does not speed up `overlaps`, the test of pairs that
@@ -97,10 +96,11 @@ def _insert_holes(
     outer: NDArray[np.int64],
     inner: NDArray[np.int64],
 ) -> Any | None:
-    """Return the shells, each hole in the smallest shell around it, or None if that is invalid.
+    """Return the shells as polygons, with each hole in the smallest shell that contains it.
 
-    A shell may lie in a hole of another shell, as in the copyright sign. Ring `outer[k]` contains
-    ring `inner[k]`.
+    is_shell, is_hole : flags of `rings`. outer, inner : ring outer[k] contains ring inner[k].
+    Returns None if the polygons are invalid, or a hole is in no shell. A shell may lie in a hole of
+    another shell, as in the copyright sign.
     """
     shells, holes = np.flatnonzero(is_shell), np.flatnonzero(is_hole)
     shells = shells[np.argsort(shapely.area(rings[shells]), kind="stable")]
@@ -147,7 +147,7 @@ def compute_winding_numbers(
     first, last = np.searchsorted(y, low[:, 1]), np.searchsorted(y, high[:, 1])
     edges = zip(low, high, np.where(upward, 1, -1), first, last, strict=True)
     for (x0, y0), (x1, y1), sign, i, j in edges:
-        if i < j:  # does a ray from the face to the right meet the edge?
+        if i < j:  # a ray from a point of each face to the right: does it meet the edge?
             meets = (x1 - x0) * (y[i:j] - y0) > (x[i:j] - x0) * (y1 - y0)
             numbers[i:j] += sign * meets
     return faces[order], numbers
@@ -166,9 +166,9 @@ def fill_even_odd(rings: NDArray[Any], noded: Any | None = None) -> Any:
 def repair_polygon(polygon: shapely.Polygon) -> Any:
     """Return the area that an invalid polygon covers an odd number of times.
 
-    This is `shapely.make_valid`, except for rings that cross themselves often: `make_valid` would
-    peel layer after layer, each at the cost of all crossings. Raises shapely.GEOSException if GEOS
-    does, and for a polygon with more than `MAX_CROSSINGS` crossings.
+    The result is that of `shapely.make_valid`, except for rings that cross themselves often, where
+    `make_valid` would compute all crossings again for each nesting level. Raises
+    shapely.GEOSException if GEOS does, and for more than `MAX_CROSSINGS` crossings.
 
     >>> repair_polygon(shapely.Polygon([(0, 0), (6, 8), (6, 0), (0, 8)])).area
     24.0
@@ -183,7 +183,10 @@ def repair_polygon(polygon: shapely.Polygon) -> Any:
 
 
 def _check_crossings(rings: NDArray[Any]) -> None:
-    """Raise shapely.GEOSException if, by a sample of edges, rings cross or coincide too often."""
+    """Raise shapely.GEOSException if rings have more than `MAX_CROSSINGS` crossings, by estimate.
+
+    Edges that coincide count as crossings. The estimate is from a sample of edges.
+    """
     points, ring = shapely.get_coordinates(rings, return_index=True)
     if len(points) ** 2 / 2 <= MAX_CROSSINGS:
         return  # fewer pairs of edges than permitted crossings

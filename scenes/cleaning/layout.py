@@ -9,7 +9,7 @@ import shapely
 def arrange_in_rows(
     polygons: Sequence[shapely.Polygon], gap: float = 0.1, aspect: float = 1.0
 ) -> list[shapely.Polygon]:
-    """Return the polygons, translated into rows from the top, in order and without contact.
+    """Return the polygons, translated into rows: from the top, in order, without touching.
 
     `gap` is the space between polygons as a share of the mean width; `aspect` is the target ratio
     of width to height of all rows together.
@@ -34,7 +34,7 @@ def arrange_in_rows(
 
 
 def translate(polygon: shapely.Polygon, dx: float, dy: float) -> shapely.Polygon:
-    """Return the translated polygon.
+    """Return a polygon translated by (dx, dy).
 
     >>> translate(shapely.box(0, 0, 1, 1), 2.0, 3.0).bounds
     (2.0, 3.0, 3.0, 4.0)

@@ -18,13 +18,14 @@ if TYPE_CHECKING:
     from pyproj import CRS, Transformer
 
 MAX_DISTANCE_DEG = 90.0
-"""Maximum distance from the centre of an azimuthal map, in degrees: shapes beyond would fold."""
+"""Maximum distance from the centre of an azimuthal map, in degrees of arc; shapes that extend
+beyond it would overlap themselves on the map."""
 
 MAX_EDGE_DEG = 90.0
-"""Maximum longitude difference of an edge that is straight on the globe; longer edges are straight
-on the plane of longitude and latitude."""
+"""Maximum longitude difference, in degrees, of edges on an azimuthal map. A longer edge is meant as
+a straight line in longitude and latitude, such as the side of a box from -180 to 180."""
 
-_POLE = 89.999
+_POLE = 89.999  # latitude in degrees; at a pole, edges of any longitude difference are allowed
 
 
 @cache
@@ -53,7 +54,7 @@ def find_system(crs: str | None) -> "CRS | None":
 
 
 def is_geographic(crs: str | None) -> bool:
-    """Whether a reference system has longitude and latitude, in degrees; PROJ has to know it.
+    """Whether a reference system known to PROJ has longitude and latitude, in degrees.
 
     >>> is_geographic("EPSG:6318"), is_geographic("EPSG:3067"), is_geographic(None)
     (True, False, False)
@@ -66,9 +67,9 @@ def is_geographic(crs: str | None) -> bool:
 
 
 def is_off_globe(coordinates: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return (n,) whether coordinates (n, 2) exceed 360 degrees of longitude or 90 of latitude.
+    """Return flags (n,) of coordinates (n, 2) beyond 360 degrees of longitude or 90 of latitude.
 
-    False for NaN.
+    Coordinates that are NaN are not flagged.
 
     >>> is_off_globe(np.array([[25.0, 60.0], [25.0, 91.0], [386_000.0, 6_672_000.0]])).tolist()
     [False, True, True]
@@ -77,7 +78,7 @@ def is_off_globe(coordinates: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def find_unit(crs: str | None) -> str | None:
-    """Return the unit of a reference system's coordinates, or None if PROJ does not know it.
+    """Return the unit of a reference system's coordinates, or None for a system unknown to PROJ.
 
     >>> [find_unit(crs) for crs in ("EPSG:3067", "EPSG:2263", "EPSG:4326", "no such system")]
     ['m', 'US survey foot', 'degree', None]
@@ -95,8 +96,8 @@ class Projection:
     `crs` is the geographic system of the data, whose datum the map uses. `centre` is the longitude
     and latitude, in degrees from that system's prime meridian, of the centre of Lambert's azimuthal
     equal-area projection: lengths are exact at the centre and right to 0.1 % within 500 km. If
-    `centre` is None, the map is Lambert's cylindrical equal-area projection of the whole globe:
-    meridians and parallels stay straight, and nothing folds or collapses.
+    `centre` is None, the map is Lambert's cylindrical equal-area projection of the full globe, on
+    which meridians and parallels are straight, and shapes do not overlap themselves.
     """
 
     crs: str
@@ -130,6 +131,7 @@ class Projection:
 
     @cached_property
     def _to_metres(self) -> "Transformer":
+        """PROJ's transformer from longitude and latitude to metres, without a change of datum."""
         pyproj = import_optional("pyproj", "projections", "gis")
         datum = find_system(self.crs) or pyproj.CRS("OGC:CRS84")
         base = datum.source_crs if datum.is_derived and datum.source_crs is not None else datum
@@ -139,13 +141,13 @@ class Projection:
             if self.centre is None
             else operations.LambertAzimuthalEqualAreaConversion(self.centre[1], self.centre[0])
         )
-        # On the datum of the data, without a shift to another datum.
+        # The map uses the datum of the data, because a change of datum would shift coordinates.
         system = pyproj.crs.ProjectedCRS(conversion, geodetic_crs=base)
         transformer: Transformer = pyproj.Transformer.from_crs(datum, system, always_xy=True)
         return transformer
 
     def forward(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (n, 2) metres east and north of (n, 2) coordinates of the source.
+        """Return coordinates on the map (n, 2), in metres, of longitude and latitude (n, 2).
 
         Coordinates that cannot be projected become infinite.
 
@@ -167,7 +169,10 @@ class Projection:
         return np.column_stack([x + revolutions * self._width, y])
 
     def inverse(self, metres: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the inverse of `forward`, to about 1e-11 degrees, with longitudes in -180..180."""
+        """Return longitude and latitude (n, 2) of coordinates on the map (n, 2), in metres.
+
+        The result is right to about 1e-11 degrees, with longitudes in -180..180.
+        """
         if self.centre is None:
             metres = metres - np.round(metres[:, :1] / self._width) * [self._width, 0.0]
         x, y = metres.T
@@ -194,15 +199,16 @@ class Projection:
         return 2.0 * float(east[0])
 
     def project(self, geometries: Any) -> NDArray[Any]:
-        """Return geometries (shapely's, or None) in metres, two-dimensional."""
+        """Return shapely geometries, or None, on the map: two-dimensional, in metres."""
         inputs = np.array(geometries, dtype=object)
         projected: NDArray[Any] = shapely.transform(inputs, self.forward)
         return projected
 
-    def torn(self, geometries: NDArray[Any]) -> NDArray[np.bool_]:
-        """Return whether each geometry crosses the 180th meridian, where the cylindrical map ends.
+    def find_torn(self, geometries: NDArray[Any]) -> NDArray[np.bool_]:
+        """Return flags (k,) of geometries that cross the 180th meridian, where the map ends.
 
-        An edge of more than 180 degrees of longitude crosses it, except an edge of exactly 360.
+        Only cylindrical maps end there. An edge is taken to cross the meridian if it spans more
+        than 180 degrees of longitude, except an edge of exactly 360, which runs around the globe.
         """
         torn = np.zeros(len(geometries), dtype=bool)
         if self.centre is None:
@@ -212,9 +218,10 @@ class Projection:
 
 
 def compute_mean_direction(degrees: NDArray[np.float64]) -> tuple[float, float]:
-    """Return longitude and latitude of the mean of points as vectors on the globe.
+    """Return longitude and latitude of the mean of points (n, 2), in degrees.
 
-    The mean of points on both sides of the 180th meridian is between them.
+    The mean is that of the unit vectors to the points on the globe, so the mean of points on both
+    sides of the 180th meridian lies between them.
 
     >>> compute_mean_direction(np.array([[179.0, 10.0], [-179.0, 10.0]]))[0]
     180.0
@@ -227,6 +234,7 @@ def compute_mean_direction(degrees: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def _compute_cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the cross products (n,) of vectors (2, n)."""
     product: NDArray[np.float64] = a[0] * b[1] - a[1] * b[0]
     return product
 
@@ -234,7 +242,10 @@ def _compute_cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np
 def _list_steps(
     geometries: Any,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Return for each edge of each ring: longitude difference, mean latitude, geometry's index."""
+    """Return the longitude difference and mean latitude of each ring's edges, and their geometry.
+
+    Three arrays (e,): degrees, degrees, and the index of the geometry in `geometries`.
+    """
     parts, owner = shapely.get_parts(np.asarray(geometries, dtype=object), return_index=True)
     parts, inner = shapely.get_parts(parts, return_index=True)
     polygonal = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON

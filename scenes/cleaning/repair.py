@@ -27,7 +27,11 @@ _REASONS = {
 
 @dataclass(frozen=True)
 class Cleaned:
-    """Valid, oriented, two-dimensional polygons, and for each the index of its geometry."""
+    """Valid, oriented, two-dimensional polygons of cleaned geometries.
+
+    source : (p,) index of the geometry that each polygon is from
+    dropped, repaired : notes on geometries that were dropped or repaired
+    """
 
     polygons: NDArray[Any]
     source: NDArray[np.int64]
@@ -36,13 +40,13 @@ class Cleaned:
 
 
 Locate = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""Maps (n, 2) coordinates back to coordinates of the source file, for the locations in notes."""
+"""A function that maps coordinates (n, 2) to those of the source file, for locations in notes."""
 
 
 def clean(
     geometries: Any, labels: list[str] | None = None, locate: Locate | None = None
 ) -> Cleaned:
-    """Return valid, two-dimensional, oriented polygons of geometries, with notes on the rest.
+    """Return the valid, two-dimensional, oriented polygons of geometries, with notes on others.
 
     Each part of a multi-polygon becomes a polygon. An invalid polygon is repaired by
     `repair_polygon`; a polygon without area is dropped. `labels` name geometries in notes, by
@@ -64,7 +68,7 @@ def clean(
     parts = shapely.force_2d(parts)
     valid = shapely.is_valid(parts)
     if not valid.all():
-        parts, source = _repair(parts, source, valid, names, locate, dropped, repaired)
+        parts, source = _repair_invalid(parts, source, valid, names, locate, dropped, repaired)
     with np.errstate(over="ignore"):
         area = shapely.area(parts)
     usable_area = (area > 0) & np.isfinite(area)
@@ -80,7 +84,7 @@ def clean(
 
 
 def _find_usable(inputs: NDArray[Any], names: list[str], dropped: list[Note]) -> NDArray[np.int64]:
-    """Return the indices of geometries that exist and have finite coordinates only."""
+    """Return the indices of geometries with finite coordinates only; append notes on others."""
     absent = shapely.is_missing(inputs) | shapely.is_empty(inputs)
     dropped += [(names[i], "empty geometry") for i in np.flatnonzero(absent)]
     coordinates, owner = shapely.get_coordinates(inputs, return_index=True)
@@ -93,7 +97,10 @@ def _find_usable(inputs: NDArray[Any], names: list[str], dropped: list[Note]) ->
 def _split_parts(
     inputs: NDArray[Any], usable: NDArray[np.int64], names: list[str], dropped: list[Note]
 ) -> tuple[NDArray[Any], NDArray[np.int64]]:
-    """Return the polygons in the usable geometries, and the index of the geometry of each."""
+    """Return the polygons in the usable geometries, and the index of each polygon's geometry.
+
+    Appends notes on parts that are not polygons.
+    """
     if (shapely.get_type_id(inputs[usable]) == _POLYGON).all():  # the usual case: nothing to split
         return inputs[usable], usable
     parts, at = shapely.get_parts(inputs[usable], return_index=True)
@@ -109,7 +116,7 @@ def _split_parts(
     return parts[polygonal], usable[at[polygonal]]
 
 
-def _repair(
+def _repair_invalid(
     parts: NDArray[Any],
     source: NDArray[np.int64],
     valid: NDArray[np.bool_],
@@ -118,7 +125,10 @@ def _repair(
     dropped: list[Note],
     repaired: list[Note],
 ) -> tuple[NDArray[Any], NDArray[np.int64]]:
-    """Return the polygons, invalid ones replaced by repaired pieces, and each polygon's source."""
+    """Return `parts` with invalid polygons replaced by repaired pieces, and each polygon's source.
+
+    valid : (p,) flags of the valid parts. Appends notes on repaired and dropped polygons.
+    """
     polygons: list[Any] = []
     owners: list[int] = []
     for part, index, is_valid in zip(parts, source, valid, strict=True):
@@ -135,6 +145,7 @@ def _repair(
 
 
 def _repair_part(part: shapely.Polygon) -> list[shapely.Polygon]:
+    """Return the valid polygons of `repair_polygon` with area, or [] if the repair fails."""
     try:
         pieces = shapely.get_parts(shapely.get_parts(repair_polygon(part)))
     except shapely.GEOSException:
@@ -144,6 +155,7 @@ def _repair_part(part: shapely.Polygon) -> list[shapely.Polygon]:
 
 
 def _remove_empty_holes(polygons: NDArray[Any]) -> NDArray[Any]:
+    """Return polygons without holes that became empty when repeated points were removed."""
     rings, owner = shapely.get_rings(polygons, return_index=True)
     empty = np.unique(owner[shapely.is_empty(rings)])
     if not len(empty):
@@ -156,7 +168,10 @@ def _remove_empty_holes(polygons: NDArray[Any]) -> NDArray[Any]:
 
 
 def _describe_fault(part: shapely.Polygon, locate: Locate | None) -> str:
-    """Return why a polygon is invalid, as a phrase: "self-intersects at 3.0 4.0"."""
+    """Return why a polygon is invalid, for a note: "self-intersects at 3.0 4.0".
+
+    locate : maps the location to coordinates of the source file
+    """
     text = shapely.is_valid_reason(part)
     match = re.fullmatch(r"(.*?)\[(.*)\]", text)
     reason, location = match.groups() if match else (text, "")

@@ -21,8 +21,8 @@ Part = Callable[[Generator, int], shapely.Geometry]
 def build(*, seed: int = 0, parts: int = 60, segments: int = 32) -> Scene:
     """Return `parts` parts of random sizes, in millimetres, laid out in rows.
 
-    `segments` is the number of chords in a full circle. A name plate gives one more polygon for
-    each island within a letter (the inside of an O). Raises SceneError for `parts` not in
+    `segments` is the number of chords in a full circle. A letter with an inside, such as an O, cut
+    out of a name plate leaves one more polygon, an island. Raises SceneError for `parts` not in
     1..100,000 or `segments` not in 8..1000.
     """
     if not 1 <= parts <= 100_000 or not 8 <= segments <= 1000:
@@ -48,7 +48,10 @@ def build(*, seed: int = 0, parts: int = 60, segments: int = 32) -> Scene:
 
 
 def _arrange_by_part(polygons: np.ndarray, source: np.ndarray) -> list[shapely.Polygon]:
-    """Return the polygons laid out by part, so that islands stay inside their letters."""
+    """Return the polygons in rows of parts; polygons of one part are moved together.
+
+    source : (p,) index of each polygon's part
+    """
     boxes = [shapely.box(*shapely.total_bounds(polygons[source == i])) for i in np.unique(source)]
     arranged = arrange_in_rows(boxes, gap=0.15)
     polygons_in_rows = []
@@ -61,24 +64,32 @@ def _arrange_by_part(polygons: np.ndarray, source: np.ndarray) -> list[shapely.P
 def _build_arc(
     centre: tuple[float, float], radius: float, start: float, end: float, segments: int
 ) -> np.ndarray:
-    """Return the points of an arc from `start` to `end` radians, both ends included."""
+    """Return the points (k, 2) of an arc from `start` to `end`, in radians, ends included.
+
+    segments : number of chords of a full circle
+    """
     steps = max(2, round(segments * abs(end - start) / (2 * np.pi)) + 1)
     t = np.linspace(start, end, steps)
     return np.column_stack([centre[0] + radius * np.cos(t), centre[1] + radius * np.sin(t)])
 
 
 def _build_circle(x: float, y: float, radius: float, segments: int) -> shapely.Polygon:
+    """Return a circle about (x, y) as a polygon of `segments` vertices."""
     return shapely.Polygon(_build_arc((x, y), radius, 0.0, 2 * np.pi, segments)[:-1])
 
 
 def _build_slot(x: float, y: float, length: float, radius: float, segments: int) -> shapely.Polygon:
-    """Return a hole with round ends, along x."""
+    """Return a slot about (x, y), along x, with round ends.
+
+    length : distance between the centres of both ends
+    """
     right_arc = _build_arc((x + length / 2, y), radius, -np.pi / 2, np.pi / 2, segments)
     left_arc = _build_arc((x - length / 2, y), radius, np.pi / 2, 3 * np.pi / 2, segments)
     return shapely.Polygon(np.concatenate([right_arc, left_arc]))
 
 
 def _build_rounded(w: float, h: float, radius: float, segments: int) -> np.ndarray:
+    """Return the ring (k, 2) of a rectangle from (0, 0) to (w, h) with rounded corners."""
     corners = [(w - radius, radius), (w - radius, h - radius), (radius, h - radius)]
     corners.append((radius, radius))
     arcs = [
@@ -91,11 +102,12 @@ def _build_rounded(w: float, h: float, radius: float, segments: int) -> np.ndarr
 def _cut_holes(
     outline: np.ndarray | shapely.Polygon, holes: list[shapely.Polygon]
 ) -> shapely.Geometry:
+    """Return the polygon of an outline, with the exteriors of `holes` as holes."""
     return shapely.Polygon(shapely.Polygon(outline).exterior, [hole.exterior for hole in holes])
 
 
 def _build_plate(rng: Generator, segments: int) -> shapely.Geometry:
-    """Return a plate with rounded corners, a bolt hole at each, and slots one above the other."""
+    """Return a plate with rounded corners, a bolt hole at each corner, and a column of slots."""
     w, h = rng.uniform(80, 160), rng.uniform(60, 110)
     inset, bolt = rng.uniform(9, 12), rng.uniform(2.5, 4.5)
     centres = [(x, y) for x in (inset, w - inset) for y in (inset, h - inset)]
@@ -124,7 +136,7 @@ def _build_flange(rng: Generator, segments: int) -> shapely.Geometry:
 
 
 def _build_bracket(rng: Generator, segments: int) -> shapely.Geometry:
-    """Return an L with a filleted inner corner and two slotted or drilled arms."""
+    """Return an L with a rounded inner corner, a slot in one arm and bolt holes in the other."""
     a, b, t = rng.uniform(70, 130), rng.uniform(70, 130), rng.uniform(18, 28)
     fillet = rng.uniform(6, 14)
     inner = _build_arc((t + fillet, t + fillet), fillet, 1.5 * np.pi, np.pi, segments)
@@ -135,9 +147,10 @@ def _build_bracket(rng: Generator, segments: int) -> shapely.Geometry:
 
 
 def _build_gear(rng: Generator, segments: int) -> shapely.Geometry:
-    """Return a gear: involute teeth of 20 degrees, a bore with a keyway, and lightening holes.
+    """Return a gear with involute teeth, a bore with a keyway, and holes that save weight.
 
-    A flank is the involute of the base circle; from there to the root it is straight.
+    The pressure angle is 20 degrees. A tooth's flank is the involute of the base circle, and a
+    straight line between base circle and root circle.
     """
     teeth, module = int(rng.integers(14, 40)), rng.uniform(2.0, 3.5)
     pitch = teeth * module / 2
@@ -168,7 +181,7 @@ def _build_gear(rng: Generator, segments: int) -> shapely.Geometry:
 
 
 def _build_sign(rng: Generator, segments: int) -> shapely.Geometry:
-    """Return a plate with a part number cut out."""
+    """Return a plate with a random part number, such as "AB-123", cut out."""
     face = open_font(find_font())
     letters, x = [], 0.0
     name = f"{chr(rng.integers(65, 91))}{chr(rng.integers(65, 91))}-{rng.integers(100, 999)}"

@@ -1,9 +1,9 @@
 """A generated city plan: districts, streets, blocks, lots, and a footprint on each lot.
 
-Districts are the Voronoi cells of seeds that are denser towards the centre, cut by a ring boulevard
-and two avenues. Each district has a separate street grid, regular or staggered; blocks are cut into
-lots, and a footprint stays within the lot, so footprints share walls but not area. Numbers of
-vertices and courtyards follow real footprints (see `_VERTEX_QUANTILES`).
+Districts are the Voronoi cells of points that are denser towards the centre, cut by ring boulevards
+and two avenues. Each district has a separate street grid, regular or staggered. Blocks are cut into
+lots; each footprint is inside its lot, so footprints share walls but do not overlap. Numbers of
+vertices and courtyards have the distribution of real footprints (see `_VERTEX_QUANTILES`).
 """
 
 from itertools import pairwise
@@ -18,8 +18,10 @@ from scenes.generated.footprints import build_footprint
 from scenes.scene import Scene, SceneError
 
 MAX_BUILDINGS = 100_000
-_AREA_A_BUILDING = 900.0  # square metres of city, streets included
-_MILLIMETRE = 3  # decimals; rounding makes coordinates equal on every platform
+_AREA_A_BUILDING = 900.0  # square metres of city per building, streets included
+_MILLIMETRE = (
+    3  # decimals to which metres are rounded, so that all platforms give equal coordinates
+)
 
 # Shares of buildings, and for each share the number of vertices that these buildings do not exceed:
 # quantiles of the OpenStreetMap footprints of European cities.
@@ -32,11 +34,15 @@ _COURTYARD_VERTICES = 8  # vertices added to a building with courtyards
 
 
 class _Lots(NamedTuple):
-    """Lots of a district, in the district's frame: polygons, and a box for each building."""
+    """The lots of a district, in the district's frame, whose x axis is along the streets.
+
+    polygons (n,): the lots; boxes (n, 4): x0, y0, x1, y1 of the building on each lot; facing (n,):
+    True if the street is at y0, False if at y1.
+    """
 
     polygons: NDArray[Any]
-    boxes: NDArray[np.float64]  # (n, 4): x0, y0, x1, y1
-    facing: NDArray[np.bool_]  # street at y0 (True) or at y1
+    boxes: NDArray[np.float64]
+    facing: NDArray[np.bool_]
 
 
 def build(*, seed: int = 0, buildings: int = 500) -> Scene:
@@ -69,7 +75,10 @@ def build(*, seed: int = 0, buildings: int = 500) -> Scene:
 
 
 def _build_districts(rng: Generator, radius: float) -> NDArray[Any]:
-    """Return districts as polygons: Voronoi cells without the ring boulevards and avenues."""
+    """Return the districts of a city as polygons: Voronoi cells without boulevards and avenues.
+
+    radius : of the city, in metres
+    """
     count = max(7, int(np.pi * radius**2 / 55_000))
     angle = np.arange(count) * 2.399963 + rng.normal(0.0, 0.35, count)  # golden angle: even cover
     reach = radius * ((np.arange(count) + 0.5) / count) ** 0.62
@@ -93,37 +102,41 @@ def _build_districts(rng: Generator, radius: float) -> NDArray[Any]:
         ring = shapely.LinearRing(np.column_stack([r * np.cos(t), r * np.sin(t)]))
         streets.append(shapely.buffer(ring, 12.0))
     land = shapely.difference(shapely.intersection(cells, disc), shapely.union_all(streets))
-    # half of the width of the streets between districts
+    # Shrink by half of the width of the streets between districts.
     pieces = shapely.get_parts(shapely.buffer(shapely.get_parts(land), -7.0, join_style="mitre"))
     return np.asarray(pieces[shapely.area(pieces) > 900.0])
 
 
 def _build_district(rng: Generator, district: shapely.Polygon, radius: float) -> NDArray[Any]:
-    """Return the footprints of a district."""
+    """Return the footprints of a district.
+
+    radius : of the city, in metres; districts near the centre get smaller blocks
+    """
     middle = district.centroid
     central = np.hypot(middle.x, middle.y) < 0.45 * radius
     angle = _choose_direction(rng, district)
-    blocks = _cut_blocks(rng, _rotate(district, -angle), central)
+    blocks = _cut_blocks(rng, _rotate_geometry(district, -angle), central)
     lots = [_cut_lots(rng, block, central) for block in blocks]
     lots = [lots_of_block for lots_of_block in lots if len(lots_of_block.polygons)]
     if not lots:
         return np.empty(0, dtype=object)
     all_lots = map(np.concatenate, zip(*lots, strict=True))
-    rotated = _rotate(_build_footprints(rng, _Lots(*all_lots)), angle)
+    rotated = _rotate_geometry(_build_footprints(rng, _Lots(*all_lots)), angle)
     rounded = shapely.transform(rotated, lambda xy: np.round(xy, _MILLIMETRE) + 0.0)
     usable = rounded[shapely.is_valid(rounded) & (shapely.area(rounded) > 15.0)]
     return np.asarray(shapely.orient_polygons(usable))
 
 
 def _choose_direction(rng: Generator, district: shapely.Polygon) -> float:
-    """Return the direction of streets, about that of the district's longest side."""
+    """Return the direction of a district's streets, in radians: near that of its longest side."""
     corners = shapely.get_coordinates(district.simplify(5.0).exterior)
     sides = np.diff(corners, axis=0)
     longest = sides[np.argmax(np.hypot(*sides.T))]
     return float(np.arctan2(longest[1], longest[0]) + rng.normal(0.0, 0.03))
 
 
-def _rotate(geometry: Any, angle: float) -> Any:
+def _rotate_geometry(geometry: Any, angle: float) -> Any:
+    """Return geometries rotated about the origin, by an angle in radians."""
     c, s = np.cos(angle), np.sin(angle)
     return shapely.transform(geometry, lambda xy: xy @ np.array([[c, s], [-s, c]]))
 
@@ -138,7 +151,10 @@ def _cut_range(
 
 
 def _cut_blocks(rng: Generator, district: shapely.Polygon, central: bool) -> list[shapely.Polygon]:
-    """Return the blocks of a district that is rotated so that streets run along the axes."""
+    """Return the blocks of a district, which is rotated so that streets run along the axes.
+
+    central : True for the smaller blocks of the city centre
+    """
     x0, y0, x1, y1 = district.bounds
     rows = _cut_range(rng, y0, y1, *((36.0, 58.0) if central else (52.0, 74.0)))
     length = (45.0, 95.0) if central else (80.0, 150.0)
@@ -256,7 +272,10 @@ def _build_footprints(rng: Generator, lots: _Lots) -> NDArray[Any]:
 def _correlate(
     rng: Generator, size: NDArray[Any], strength: float, uniform: NDArray[Any]
 ) -> NDArray[Any]:
-    """Return the numbers of `uniform` in a new order: large sizes tend to get large numbers."""
+    """Return the numbers of `uniform` (n,) in a new order, rank-correlated with `size` (n,).
+
+    Large sizes tend to get large numbers; strength : weight of the size relative to random noise.
+    """
     n = len(size)
     score = strength * (size - size.mean()) / (size.std() + 1e-9) + rng.normal(0.0, 1.0, n)
     result = np.empty(n)
@@ -265,9 +284,9 @@ def _correlate(
 
 
 def _build_polygons(rings: list[Any], counts: list[int], lots: _Lots) -> NDArray[Any]:
-    """Return polygons in the district's frame.
+    """Return the buildings as polygons in the district's frame.
 
-    rings : rings of all buildings, in the frames of their lots
+    rings : rings of all buildings, each in the frame of its lot (see `footprints`)
     counts : number of rings of each building
     """
     coordinates = np.concatenate([[*ring, ring[0]] for ring in rings])
@@ -283,6 +302,7 @@ def _build_polygons(rings: list[Any], counts: list[int], lots: _Lots) -> NDArray
 
 
 def _select_largest_parts(geometries: NDArray[Any]) -> NDArray[Any]:
+    """Return the largest polygon of each geometry that has one."""
     parts, owner = shapely.get_parts(geometries, return_index=True)
     polygonal = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
     parts, owner = parts[polygonal], owner[polygonal]

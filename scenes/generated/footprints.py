@@ -1,4 +1,4 @@
-"""The plan of a building: the basic form, then bays, steps and bevels of walls.
+"""The plan of a building: a basic form, to which bays, corner steps and bevels are added.
 
 A footprint is in the frame of the lot: x from 0 to the width along the street, y from 0 (the
 street) to the depth, both in metres. Rings have the building on their left.
@@ -10,7 +10,7 @@ from math import cos, hypot, pi, sin
 Ring = list[tuple[float, float]]
 
 WING_M = 5.0
-"""Minimum width of a wing, in metres; bays cut at most a quarter from either side."""
+"""Minimum width of a wing, in metres: bays, at most 1.2 m deep, from both sides do not meet."""
 
 
 def build_footprint(
@@ -80,14 +80,14 @@ def _build_courtyards(w: float, d: float, courtyards: int, u: Sequence[float]) -
 
 
 def _build_ellipse(w: float, d: float, vertices: int) -> Ring:
-    # A building is a circle, or an ellipse in a narrow lot.
+    """Return an ellipse of the lot's size w x d, or a circle if the lot is not narrow."""
     a, b = (min(w, d), min(w, d)) if max(w, d) < 1.6 * min(w, d) else (w, d)
     step = 2 * pi / vertices
     return [(w / 2 + a / 2 * cos(k * step), d / 2 + b / 2 * sin(k * step)) for k in range(vertices)]
 
 
 def _build_apse(w: float, d: float, vertices: int) -> Ring:
-    """Return a rectangle with a half circle at the rear."""
+    """Return a rectangle with a half circle at the rear, like the apse of a church."""
     arc = vertices - 2
     r = w / 2
     turn = pi / (arc - 1)
@@ -105,7 +105,7 @@ def _add_details(ring: Ring, extra: int, u: Sequence[float]) -> Ring:
     margin = cut + 1.4
     pitch = 2.2 + 2.5 * u[6]
     bay_limits = [int((wall.length - 2 * margin) / pitch) for wall in walls]
-    # Longest walls first: a facade gets all bays that fit, or half of them.
+    # Bays are added to the longest walls first; each wall gets all bays that fit, or half of these.
     order = sorted(range(len(walls)), key=lambda i: -bay_limits[i])
     bay_counts = [0] * len(walls)
     for i in order:
@@ -144,6 +144,10 @@ class _Wall:
 
 
 def _build_corner(before: _Wall, after: _Wall, cut: float, vertices: int) -> Ring:
+    """Return the points of a corner between two walls, with 0, 1 or 2 vertices more.
+
+    0 is a plain corner, 1 a bevel, 2 a step; cut : length cut off either wall, in metres
+    """
     start, end = before.point(before.length - cut, 0.0), after.point(cut, 0.0)
     if vertices == 0:
         return [(after.x, after.y)]
@@ -155,6 +159,10 @@ def _build_corner(before: _Wall, after: _Wall, cut: float, vertices: int) -> Rin
 
 
 def _build_bays(wall: _Wall, count: int, margin: float, inset: float) -> Ring:
+    """Return the points of `count` rectangular bays, evenly spaced along a wall.
+
+    margin : length without bays at both ends; inset : depth of a bay; both in metres
+    """
     bays: Ring = []
     if count < 1:
         return bays

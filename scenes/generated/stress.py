@@ -52,8 +52,8 @@ def build(*, seed: int = 0, vertices: int = 200, family: str = "all") -> Scene:
     )
 
 
-def comb(rng: Generator, n: int) -> Ring:
-    """Return narrow prongs of uneven lengths on a bar."""
+def build_comb(rng: Generator, n: int) -> Ring:
+    """Return a comb: a bar with narrow prongs of uneven lengths."""
     prongs = n // 4
     x = np.repeat(np.linspace(0, _SIDE, 2 * prongs), 2)
     lengths = rng.uniform(0.6, 1.0, prongs) * _SIDE
@@ -63,16 +63,16 @@ def comb(rng: Generator, n: int) -> Ring:
     return np.column_stack([x, y.ravel()])
 
 
-def sawtooth(rng: Generator, n: int) -> Ring:  # noqa: ARG001
-    """Return a band with saws as upper and lower edges."""
+def build_sawtooth(rng: Generator, n: int) -> Ring:  # noqa: ARG001
+    """Return a band whose upper and lower edges are saws."""
     x = np.linspace(0, _SIDE, n // 2)
     up = np.where(np.arange(len(x)) % 2, 0.95, 0.55) * _SIDE
     down = np.where(np.arange(len(x)) % 2, 0.45, 0.05) * _SIDE
     return np.concatenate([np.column_stack([x, up]), np.column_stack([x, down])[::-1]])
 
 
-def spiral(rng: Generator, n: int) -> Ring:  # noqa: ARG001
-    """Return an inward spiral of six revolutions, or fewer below 24 vertices per revolution."""
+def build_spiral(rng: Generator, n: int) -> Ring:  # noqa: ARG001
+    """Return a band that winds inwards up to six times, once for every 24 vertices."""
     turns = max(1, min(6, n // 24))
     t = np.linspace(0, 2 * np.pi * turns, n // 2)
     outer = _SIDE / 2 * (1 - t / (2 * np.pi * (turns + 0.75)))
@@ -81,15 +81,15 @@ def spiral(rng: Generator, n: int) -> Ring:  # noqa: ARG001
     return np.concatenate([outer[:, None] * arms, ((outer - width)[:, None] * arms)[::-1]])
 
 
-def star(rng: Generator, n: int) -> Ring:  # noqa: ARG001
-    """Return long thin spikes: every second vertex is near the centre."""
+def build_star(rng: Generator, n: int) -> Ring:  # noqa: ARG001
+    """Return a star of long thin spikes: every second vertex is near the centre."""
     spikes = n // 2
     t = np.pi / spikes * np.arange(2 * spikes)
     r = np.where(np.arange(2 * spikes) % 2, 0.05, 0.5) * _SIDE
     return np.column_stack([r * np.cos(t), r * np.sin(t)])
 
 
-def koch(rng: Generator, n: int) -> Ring:  # noqa: ARG001
+def build_koch(rng: Generator, n: int) -> Ring:  # noqa: ARG001
     """Return the deepest Koch snowflake of at most n vertices."""
     points = _SIDE / 2 * np.exp(2j * np.pi * np.arange(3) / 3)
     while 4 * len(points) <= n:
@@ -100,7 +100,7 @@ def koch(rng: Generator, n: int) -> Ring:  # noqa: ARG001
     return np.column_stack([points.real, points.imag])
 
 
-def near_collinear(rng: Generator, n: int) -> Ring:
+def build_near_collinear(rng: Generator, n: int) -> Ring:
     """Return a square with vertices on its sides, displaced by up to a millionth of the side."""
     per_side = n // 4
     along = np.sort(rng.uniform(0.01, 0.99, (4, per_side - 1)), axis=1)
@@ -115,7 +115,7 @@ def near_collinear(rng: Generator, n: int) -> Ring:
     return _SIDE * np.concatenate(sides)
 
 
-def sliver(rng: Generator, n: int) -> Ring:
+def build_sliver(rng: Generator, n: int) -> Ring:
     """Return a bent band ten thousand times longer than wide."""
     x = np.concatenate([[0.0], np.sort(rng.uniform(0, 1, n // 2 - 2)), [1.0]]) * _SIDE
     y = 0.2 * _SIDE * np.sin(x / _SIDE * np.pi)
@@ -123,7 +123,7 @@ def sliver(rng: Generator, n: int) -> Ring:
     return np.concatenate([low, high[::-1]])
 
 
-def needle_holes(rng: Generator, n: int) -> Shape:
+def build_needle_holes(rng: Generator, n: int) -> Shape:
     """Return a square with triangular holes a thousand times longer than wide."""
     count = max(1, (n - 4) // 3)
     columns = int(np.ceil(np.sqrt(count)))
@@ -138,14 +138,14 @@ def needle_holes(rng: Generator, n: int) -> Shape:
     return square, list(holes)
 
 
-def random_star(rng: Generator, n: int) -> Ring:
+def build_random_star(rng: Generator, n: int) -> Ring:
     """Return vertices at random angles and radii about a centre from which all are visible."""
     t = np.sort((np.arange(n) + rng.uniform(0, 0.9, n)) * 2 * np.pi / n)
     r = rng.uniform(0.2, 0.5, n) * _SIDE
     return np.column_stack([r * np.cos(t), r * np.sin(t)])
 
 
-def random_monotone(rng: Generator, n: int) -> Ring:
+def build_random_monotone(rng: Generator, n: int) -> Ring:
     """Return a polygon of two random chains from left to right, one above the other."""
     x = np.sort(rng.uniform(0, 1, n - 2))
     upper = rng.random(n - 2) < 0.5
@@ -155,7 +155,7 @@ def random_monotone(rng: Generator, n: int) -> Ring:
     return _SIDE * np.concatenate([ends[:1], inner[~upper], ends[1:], inner[upper][::-1]])
 
 
-def random_maze(rng: Generator, n: int) -> Ring:
+def build_random_maze(rng: Generator, n: int) -> Ring:
     """Return the outline of a random spanning tree of a grid, with perturbed vertices.
 
     The outline visits each point of a grid of half the cells' pitch once. Vertices are displaced by
@@ -198,17 +198,17 @@ def _draw_spanning_tree(rng: Generator, side: int) -> tuple[NDArray[np.bool_], N
 
 
 FAMILIES: dict[str, Callable[[Generator, int], Shape]] = {
-    "comb": comb,
-    "sawtooth": sawtooth,
-    "spiral": spiral,
-    "star": star,
-    "koch": koch,
-    "near-collinear": near_collinear,
-    "sliver": sliver,
-    "needle-holes": needle_holes,
-    "random-star": random_star,
-    "random-monotone": random_monotone,
-    "random-maze": random_maze,
+    "comb": build_comb,
+    "sawtooth": build_sawtooth,
+    "spiral": build_spiral,
+    "star": build_star,
+    "koch": build_koch,
+    "near-collinear": build_near_collinear,
+    "sliver": build_sliver,
+    "needle-holes": build_needle_holes,
+    "random-star": build_random_star,
+    "random-monotone": build_random_monotone,
+    "random-maze": build_random_maze,
 }
 
 # clockwise, in the paper's order

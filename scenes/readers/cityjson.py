@@ -37,7 +37,7 @@ def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model 
     model = _parse_model(str(source.path), source.path.read_bytes)
     surfaces = _Surfaces(source)
     surfaces.add(dict(model["CityObjects"]), _read_vertices(model, model))
-    yield surfaces.raw(_find_crs(model))
+    yield surfaces.make_raw(_find_crs(model))
 
 
 def read_sequence(source: Source, size: int) -> Iterator[Raw]:
@@ -59,13 +59,13 @@ def read_sequence(source: Source, size: int) -> Iterator[Raw]:
                     raise ValueError(f"type {feature['type']} is not CityJSONFeature")
                 surfaces.add(dict(feature["CityObjects"]), _read_vertices(feature, head))
             if number % size == 0:
-                yield surfaces.raw(crs)
+                yield surfaces.make_raw(crs)
                 surfaces = _Surfaces(source)
-    yield surfaces.raw(crs)
+    yield surfaces.make_raw(crs)
 
 
 class _Surfaces:
-    """Surfaces of city objects, collected by `add` and returned by `raw`."""
+    """Surfaces of city objects, collected by `add` and returned by `make_raw`."""
 
     def __init__(self, source: Source) -> None:
         if source.layer not in (None, *_KINDS):
@@ -94,7 +94,7 @@ class _Surfaces:
                         kinds = {"id": identifier, "type": city_object.get("type"), "surface": kind}
                         self._rows.append({**kinds, "height": height})
 
-    def raw(self, crs: str | None) -> Raw:
+    def make_raw(self, crs: str | None) -> Raw:
         """Return the collected surfaces."""
         table = pd.DataFrame(self._rows, columns=["id", "type", "surface", "height"])
         return Raw(self._geometries, self._labels, table, crs, "m", self.dropped, notes=(_PLAN,))

@@ -23,14 +23,14 @@ def read(source: Source, size: int) -> Iterator[Raw]:
 
     `layer` names another geometry column. Geometries are encoded as WKB, as nearly all writers do.
     """
-    with pyarrow_parquet(source).ParquetFile(source.path) as file:
-        column, crs, notes = geometry_column(source, file.schema_arrow)
+    with import_parquet(source).ParquetFile(source.path) as file:
+        column, crs, notes = find_geometry_column(source, file.schema_arrow)
         for start, batch in _read_batches(file, source.rows, size):
             raw = _parse_batch(batch, column, crs, start, exact=source.rows is not None)
             yield replace(raw, notes=notes + raw.notes)
 
 
-def pyarrow_parquet(source: Source) -> Any:
+def import_parquet(source: Source) -> Any:
     """Return pyarrow.parquet; raises SceneError with the command that installs it."""
     return import_optional("pyarrow.parquet", source.path, "geoparquet")
 
@@ -52,7 +52,7 @@ def _read_batches(file: Any, rows: tuple[int, int] | None, size: int) -> Iterato
             return
 
 
-def geometry_column(source: Source, schema: Any) -> tuple[str, str | None, tuple[str, ...]]:
+def find_geometry_column(source: Source, schema: Any) -> tuple[str, str | None, tuple[str, ...]]:
     """Return name and reference system of the column to read, and a note on other columns.
 
     Raises SceneError if the column is missing or not encoded as WKB.

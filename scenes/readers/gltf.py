@@ -120,10 +120,10 @@ class GltfFile:
             raise SceneError(f"{self.path} needs {uri}, which was not found")
         return file
 
-    def array(self, accessor: int) -> NDArray[Any]:
+    def read_array(self, accessor: int) -> NDArray[Any]:
         """Return an accessor's stored values (n, width)."""
-        description = self.json["accessors"][index(accessor)]
-        kind, width = component_type(description), WIDTHS[description["type"]]
+        description = self.json["accessors"][check_index(accessor)]
+        kind, width = find_component_type(description), WIDTHS[description["type"]]
         if "bufferView" in description:
             values = self._read_view(description, kind, width, description["count"]).copy()
         else:
@@ -131,35 +131,35 @@ class GltfFile:
         if "sparse" in description:
             sparse = description["sparse"]
             indices = sparse["indices"]
-            rows = self._read_view(indices, component_type(indices), 1, sparse["count"])
+            rows = self._read_view(indices, find_component_type(indices), 1, sparse["count"])
             values[rows[:, 0]] = self._read_view(sparse["values"], kind, width, sparse["count"])
         return values
 
-    def values(self, accessor: int) -> tuple[NDArray[Any], bool]:
+    def read_values(self, accessor: int) -> tuple[NDArray[Any], bool]:
         """Return an accessor's stored values (n, width), and whether these are normalized."""
-        description = self.json["accessors"][index(accessor)]
-        return self.array(accessor), bool(description.get("normalized"))
+        description = self.json["accessors"][check_index(accessor)]
+        return self.read_array(accessor), bool(description.get("normalized"))
 
     def _read_view(
         self, description: dict[str, Any], kind: np.dtype[Any], width: int, count: int
     ) -> NDArray[Any]:
-        view = self.json["bufferViews"][index(description["bufferView"])]
+        view = self.json["bufferViews"][check_index(description["bufferView"])]
         first = view.get("byteOffset", 0) + description.get("byteOffset", 0)
         stride = view.get("byteStride", kind.itemsize * width)
         last = first + (count - 1) * stride + kind.itemsize * width
         if min(count, first, stride) < 0 or last > view.get("byteOffset", 0) + view["byteLength"]:
             raise ValueError("an accessor reaches beyond its buffer view")
-        buffer = self.buffers[index(view["buffer"])]
+        buffer = self.buffers[check_index(view["buffer"])]
         return np.ndarray((count, width), kind, buffer, first, (stride, kind.itemsize))
 
-    def positions(
+    def read_positions(
         self, primitive: dict[str, Any], placements: tuple[NDArray[np.float64], ...]
     ) -> tuple[NDArray[Any], tuple[NDArray[np.float64], ...]]:
         """Return a primitive's stored positions (n, 3), and the matrices (4, 4) that place these.
 
         Normalized integers stay integers; the returned matrices then contain their scale.
         """
-        positions, normalized = self.values(primitive["attributes"]["POSITION"])
+        positions, normalized = self.read_values(primitive["attributes"]["POSITION"])
         if positions.shape[1] != 3:
             raise ValueError(f"POSITION has {positions.shape[1]} numbers per vertex, not 3")
         if normalized:
@@ -169,10 +169,10 @@ class GltfFile:
             placements = tuple(matrix @ units for matrix in placements)
         return positions, placements
 
-    def triangles(self, primitive: dict[str, Any], count: int) -> NDArray[np.int64]:
+    def read_triangles(self, primitive: dict[str, Any], count: int) -> NDArray[np.int64]:
         """Return the triangles (m, 3) of a primitive of `count` vertices; split strips and fans."""
         if "indices" in primitive:
-            vertex = self.array(primitive["indices"])[:, 0].astype(np.int64)
+            vertex = self.read_array(primitive["indices"])[:, 0].astype(np.int64)
         else:
             vertex = np.arange(count)
         if len(vertex) and not 0 <= vertex.min() <= vertex.max() < count:
@@ -193,7 +193,7 @@ class GltfFile:
         strip[odd == 1] = strip[odd == 1][:, [0, 2, 1]]
         return strip
 
-    def loops(self, primitive: dict[str, Any], count: int) -> list[list[NDArray[np.int64]]]:
+    def read_loops(self, primitive: dict[str, Any], count: int) -> list[list[NDArray[np.int64]]]:
         """Return the rings of each polygon of a primitive with EXT_mesh_polygon.
 
         Rings are indices of the primitive's `count` vertices, the exterior first. Two versions of
@@ -205,7 +205,7 @@ class GltfFile:
             names = (primitive["indices"], extension["indicesOffsets"])
         else:
             names = (extension["loopIndices"], extension["loopIndicesOffsets"])
-        stored, offsets = (self.array(name)[:, 0] for name in names)
+        stored, offsets = (self.read_array(name)[:, 0] for name in names)
         if stored.dtype.kind != "u" or offsets.dtype.kind != "u":
             raise ValueError("indices of polygons are not unsigned integers")
         restart = np.iinfo(stored.dtype).max
@@ -221,7 +221,7 @@ class GltfFile:
                 raise ValueError(f"a polygon has no ring, or an index beyond {count:,} vertices")
         return polygons
 
-    def placements(self) -> list[tuple[NDArray[np.float64], ...]]:
+    def list_placements(self) -> list[tuple[NDArray[np.float64], ...]]:
         """Return for each mesh the (4, 4) matrices by which the scene's nodes place it.
 
         A file without scenes places each mesh once, unchanged.
@@ -232,16 +232,16 @@ class GltfFile:
             return [(np.eye(4),)] * count
         nodes = self.json.get("nodes", [])
         placements: list[tuple[NDArray[np.float64], ...]] = [()] * count
-        roots = scenes[index(self.json.get("scene", 0))].get("nodes", [])
+        roots = scenes[check_index(self.json.get("scene", 0))].get("nodes", [])
         stack = [(number, np.eye(4)) for number in roots]
         for _ in range(len(nodes)):  # a tree has each node once
             if not stack:
                 break
             number, parent = stack.pop()
-            node = nodes[index(number)]
+            node = nodes[check_index(number)]
             matrix = parent @ _read_node_matrix(node)
             if "mesh" in node:
-                placements[index(node["mesh"])] += tuple(self._list_instances(node, matrix))
+                placements[check_index(node["mesh"])] += tuple(self._list_instances(node, matrix))
             stack += [(child, matrix) for child in node.get("children", [])]
         if stack:
             raise ValueError("the nodes are not a tree: a node is in itself or has two parents")
@@ -258,7 +258,7 @@ class GltfFile:
         columns = {}
         for name in ("TRANSLATION", "ROTATION", "SCALE"):
             if name in instancing["attributes"]:
-                stored, normalized = self.values(instancing["attributes"][name])
+                stored, normalized = self.read_values(instancing["attributes"][name])
                 scale = FULL_SCALE[stored.dtype.str[1:]] if normalized else 1.0
                 columns[name.lower()] = np.maximum(stored / scale, -1.0 if normalized else -np.inf)
         for row in range(min(map(len, columns.values()), default=0)):
@@ -267,14 +267,14 @@ class GltfFile:
             )
 
 
-def index(number: Any) -> int:
+def check_index(number: Any) -> int:
     """Return a valid index; ValueError for negative numbers, which Python would accept."""
     if not isinstance(number, int) or isinstance(number, bool) or number < 0:
         raise ValueError(f"{number!r} is not an index")
     return number
 
 
-def component_type(description: dict[str, Any]) -> np.dtype[Any]:
+def find_component_type(description: dict[str, Any]) -> np.dtype[Any]:
     """Return the type of an accessor's stored numbers."""
     if description["componentType"] not in _TYPES:
         raise ValueError(f"component type {description['componentType']} is unknown")
@@ -303,10 +303,10 @@ def read_polygons(model: GltfFile) -> list[list[NDArray[np.float64]]] | None:
     if not primitives or not all(POLYGONS in p.get("extensions", {}) for p in primitives):
         return None
     polygons = []
-    for mesh, placements in zip(model.json["meshes"], model.placements(), strict=True):
+    for mesh, placements in zip(model.json["meshes"], model.list_placements(), strict=True):
         for primitive in mesh["primitives"]:
-            stored, matrices = model.positions(primitive, placements)
-            loops = model.loops(primitive, len(stored))
+            stored, matrices = model.read_positions(primitive, placements)
+            loops = model.read_loops(primitive, len(stored))
             for matrix in matrices:
                 x, y, z = (stored @ matrix[:3, :3].T + matrix[:3, 3]).T
                 vertices = np.column_stack((x, -z, y))  # y is up in glTF
@@ -322,14 +322,14 @@ def read_triangles(model: GltfFile) -> tuple[NDArray[np.float64], NDArray[np.int
     vertices: list[NDArray[np.float64]] = [np.empty((0, 3))]
     triangles: list[NDArray[np.int64]] = [np.empty((0, 3), np.int64)]
     count = skipped = 0
-    for mesh, placements in zip(model.json.get("meshes", []), model.placements(), strict=True):
+    for mesh, placements in zip(model.json.get("meshes", []), model.list_placements(), strict=True):
         for primitive in mesh["primitives"]:
             mode = primitive.get("mode", TRIANGLES)
             if mode not in (TRIANGLES, STRIP, FAN) or "POSITION" not in primitive["attributes"]:
                 skipped += 1
                 continue
-            stored, matrices = model.positions(primitive, placements)
-            local = model.triangles(primitive, len(stored))
+            stored, matrices = model.read_positions(primitive, placements)
+            local = model.read_triangles(primitive, len(stored))
             for matrix in matrices:
                 vertices.append(stored @ matrix[:3, :3].T + matrix[:3, 3])
                 triangles.append(local + count)

@@ -229,7 +229,7 @@ def check_last_line(path: Path, is_valid: Callable[[bytes], object]) -> None:
         raise make_truncation_error(path, "the last line is incomplete")
 
 
-def _check_drawing(path: Path) -> str | None:
+def _inspect_drawing(path: Path) -> str | None:
     ended = read_edges(path)[1].rstrip(b"\0\x1a \t\r\n").endswith(b"EOF")
     return None if ended else "no EOF at the end"
 
@@ -239,14 +239,14 @@ def _compare_length(path: Path, stated: int) -> str | None:
     return f"{size} of {stated} bytes" if size < stated else None
 
 
-def _check_shapefile(path: Path) -> str | None:
+def _inspect_shapefile(path: Path) -> str | None:
     """Return evidence from a Shapefile's length, in 16-bit words, at byte 24."""
     head, _ = read_edges(path)
     length = struct.unpack_from(">I", head, 24)[0] if len(head) >= 100 else 0
     return _compare_length(path, 2 * length)
 
 
-def _check_database(path: Path) -> str | None:
+def _inspect_database(path: Path) -> str | None:
     """Return evidence from SQLite's number of pages, if the last writer updated it."""
     head, _ = read_edges(path)
     if len(head) < 100 or not head.startswith(b"SQLite format 3\0"):
@@ -257,7 +257,7 @@ def _check_database(path: Path) -> str | None:
     return _compare_length(path, pages * (65536 if page == 1 else page)) if is_current else None
 
 
-def _check_stl(path: Path) -> str | None:
+def _inspect_stl(path: Path) -> str | None:
     """Return evidence from the number of triangles of binary STL, or the end of text."""
     head, tail = read_edges(path)
     stated = 84 + 50 * struct.unpack_from("<I", head, 80)[0] if len(head) >= 84 else 0
@@ -268,7 +268,7 @@ def _check_stl(path: Path) -> str | None:
     return _compare_length(path, stated)
 
 
-def _check_off(path: Path) -> str | None:
+def _inspect_off(path: Path) -> str | None:
     """Return evidence from the numbers of vertices and faces of OFF, one item per line."""
     text = re.sub(r"#.*", "", path.read_text(encoding="utf-8", errors="replace"))
     header = re.match(r"\s*\w*OFF\s+(\d+)\s+(\d+)", text)
@@ -281,11 +281,11 @@ def _check_off(path: Path) -> str | None:
 
 
 _CHECKS: dict[str, Callable[[Path], str | None]] = {
-    ".dxf": _check_drawing,
-    ".shp": _check_shapefile,
-    **dict.fromkeys((".gpkg", ".sqlite", ".db", ".mbtiles"), _check_database),
-    ".stl": _check_stl,
-    ".off": _check_off,
+    ".dxf": _inspect_drawing,
+    ".shp": _inspect_shapefile,
+    **dict.fromkeys((".gpkg", ".sqlite", ".db", ".mbtiles"), _inspect_database),
+    ".stl": _inspect_stl,
+    ".off": _inspect_off,
 }
 
 

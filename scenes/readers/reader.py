@@ -56,7 +56,7 @@ class Raw:
     repaired: list[Note] = field(default_factory=list)
     notes: tuple[str, ...] = ()
 
-    def rows(self, numbers: NDArray[np.int64]) -> Raw:
+    def select_rows(self, numbers: NDArray[np.int64]) -> Raw:
         """Return the chunk with only these geometries (by index), their labels and attributes."""
         if len(numbers) == len(self.labels):
             return self
@@ -71,7 +71,7 @@ class Raw:
     def without_dropped(self) -> Raw:
         """Return the chunk without the geometries that `dropped` names."""
         names = {name for name, _ in self.dropped}
-        return self.rows(np.flatnonzero([label not in names for label in self.labels]))
+        return self.select_rows(np.flatnonzero([label not in names for label in self.labels]))
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ def parse_transform(text: str, *, is_css: bool = False) -> Transform:
     return result
 
 
-def _rotate(angle: float, x: float = 0.0, y: float = 0.0) -> Transform:
+def _make_rotation(angle: float, x: float = 0.0, y: float = 0.0) -> Transform:
     return Identity.translate(x, y).rotate(math.radians(angle)).translate(-x, -y)
 
 
@@ -82,7 +82,7 @@ _FUNCTIONS: dict[str, tuple[tuple[int, ...], Callable[..., Transform]]] = {
     "matrix": ((6,), Transform),
     "translate": ((1, 2), Identity.translate),
     "scale": ((1, 2), lambda x, y=None: Identity.scale(x, x if y is None else y)),
-    "rotate": ((1, 3), _rotate),
+    "rotate": ((1, 3), _make_rotation),
     "skewX": ((1,), lambda angle: Identity.skew(math.radians(angle), 0.0)),
     "skewY": ((1,), lambda angle: Identity.skew(0.0, math.radians(angle))),
 }

@@ -159,7 +159,9 @@ def _explain_errors(source: Source) -> Iterator[None]:
         if source.where is None or not is_sql:
             raise
         layer, _ = choose_layer(source)
-        info = pyogrio.read_info(locate(source.path), layer=layer, **_open_options(source.path))
+        info = pyogrio.read_info(
+            find_gdal_path(source.path), layer=layer, **_open_options(source.path)
+        )
         hint = f"attributes are {', '.join(info['fields']) or 'none'}"
         for name, kind in zip(info["fields"], info["dtypes"], strict=True):
             if kind == "object" and re.search(
@@ -174,7 +176,7 @@ def _open_options(path: Path) -> dict[str, str]:
     return _CSV_OPTIONS if path.suffix.lower() in (".csv", ".tsv") else {}
 
 
-def locate(path: Path) -> Path | str:
+def find_gdal_path(path: Path) -> Path | str:
     """Return the path for GDAL: the file, or the only data set in a folder of an archive.
 
     Raises SceneError for an archive with no recognised data set, or with several in folders.
@@ -200,7 +202,7 @@ def _read_arrow(source: Source, layer: str, size: int) -> Iterator[Raw]:
     """Yield chunks of one pass over the file, or over the requested rows."""
     first, stop = source.rows or (0, None)
     stream = pyogrio.raw.open_arrow(
-        locate(source.path),
+        find_gdal_path(source.path),
         layer=layer,
         where=source.where,
         columns=_choose_columns(source),
@@ -224,7 +226,7 @@ def _read_arrow(source: Source, layer: str, size: int) -> Iterator[Raw]:
             notes: tuple[str, ...] = ()
             if source.attributes:
                 table, notes = to_pandas(columns, exact=source.rows is not None)
-            raw = _parse(batch.column(0).to_pylist(), wkb, table, meta["crs"])
+            raw = _parse_chunk(batch.column(0).to_pylist(), wkb, table, meta["crs"])
             yield replace(raw, notes=notes)
             if first == stop:
                 return
@@ -237,7 +239,7 @@ def _read_by_skipping(source: Source, layer: str, size: int | None) -> Iterator[
         if stop is not None and size is not None:
             size = min(size, stop - start)
         meta, fids, wkb, columns = pyogrio.raw.read(
-            locate(source.path),
+            find_gdal_path(source.path),
             layer=layer,
             where=source.where,
             columns=_choose_columns(source),
@@ -254,7 +256,7 @@ def _read_by_skipping(source: Source, layer: str, size: int | None) -> Iterator[
 
             by_name = dict(zip(meta["fields"], columns, strict=True))
             table = pd.DataFrame(by_name, index=range(len(wkb)))
-        yield _parse(fids.tolist(), wkb, table, meta["crs"])
+        yield _parse_chunk(fids.tolist(), wkb, table, meta["crs"])
         start += len(wkb)
         if size is None or len(wkb) < size or start == stop:
             return
@@ -272,7 +274,9 @@ def _make_no_geometry_error(source: Source, layer: str) -> SceneError:
     return SceneError(f"{source.path} has no geometry in layer {layer}: {remedy}")
 
 
-def _parse(fids: list[int], wkb: NDArray[Any], table: pd.DataFrame | None, crs: str | None) -> Raw:
+def _parse_chunk(
+    fids: list[int], wkb: NDArray[Any], table: pd.DataFrame | None, crs: str | None
+) -> Raw:
     """Return a chunk of parsed geometries; unparsable geometries are noted and skipped."""
     labels = [f"feature {fid}" for fid in fids]
     geometries, dropped, repaired = parse_wkb(wkb, labels)
@@ -292,12 +296,12 @@ def _close_lines(source: Source, raw: Raw) -> Raw:
     """Return a chunk of a drawing with closed lines as polygons; other chunks unchanged."""
     if source.path.suffix.lower() not in _DRAWINGS:
         return raw
-    geometries = [_close(geometry) for geometry in raw.geometries]
+    geometries = [_close_geometry(geometry) for geometry in raw.geometries]
     is_changed = any(new is not old for new, old in zip(geometries, raw.geometries, strict=True))
     return replace(raw, geometries=geometries, notes=raw.notes + (_CLOSED,) * is_changed)
 
 
-def _close(geometry: Any) -> Any:
+def _close_geometry(geometry: Any) -> Any:
     """Return a polygon for a closed line, also in the collections that GDAL makes of blocks."""
     if geometry is None or geometry.is_empty:
         return geometry
@@ -305,7 +309,7 @@ def _close(geometry: Any) -> Any:
         is_area = geometry.is_closed and shapely.get_num_coordinates(geometry) > 3
         return shapely.Polygon(geometry.coords) if is_area else geometry
     if geometry.geom_type in ("MultiLineString", "GeometryCollection"):
-        parts = [_close(part) for part in geometry.geoms]
+        parts = [_close_geometry(part) for part in geometry.geoms]
         if any(new is not old for new, old in zip(parts, geometry.geoms, strict=True)):
             return shapely.GeometryCollection(parts)
     return geometry
@@ -313,7 +317,7 @@ def _close(geometry: Any) -> Any:
 
 def choose_layer(source: Source) -> tuple[str, tuple[str, ...]]:
     """Return the layer to read, and notes on other layers and files."""
-    layers = pyogrio.list_layers(locate(source.path))
+    layers = pyogrio.list_layers(find_gdal_path(source.path))
     names = [str(name) for name, _ in layers]
     if not names:
         remedy = "give a file with polygons"

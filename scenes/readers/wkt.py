@@ -45,7 +45,7 @@ def parse_wkb(
     try:
         geometries = shapely.from_wkb(np.array([*flat, None], dtype=object), on_invalid="ignore")
     except NotImplementedError:  # raised if any geometry has curves
-        geometries = np.array([*map(_parse, flat), None], dtype=object)
+        geometries = np.array([*map(_parse_geometry, flat), None], dtype=object)
     geometries = geometries[:-1]
     dropped: list[Note] = []
     repaired: list[Note] = []
@@ -61,11 +61,11 @@ def parse_wkt(text: str) -> tuple[Any | None, str]:
     """Return the geometry of WKT, and its repair or ""; or None, and the reason."""
     if is_text_too_deep(text):
         return None, _DEEP
-    geometry = _parse(text)
+    geometry = _parse_geometry(text)
     return (geometry, "") if geometry is not None else _recover(text)
 
 
-def _parse(source: str | bytes | None) -> Any | None:
+def _parse_geometry(source: str | bytes | None) -> Any | None:
     """Return the geometry of WKT or WKB, or None if it is invalid or has curves."""
     parse = shapely.from_wkt if isinstance(source, str) else shapely.from_wkb
     try:

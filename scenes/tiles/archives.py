@@ -1,7 +1,8 @@
 """Archives of map tiles with one interface: folders of files, MBTiles, PMTiles.
 
-Tiles are numbered, consecutively within a zoom. Archives list runs of equal tiles,
-because one entry of a PMTiles directory may describe a million equal tiles of the sea.
+The tiles of an archive are numbered consecutively, zoom by zoom. Archives list runs of equal tiles
+instead of tiles, because one entry of a PMTiles directory may stand for a million equal tiles of
+the sea.
 """
 
 import gzip
@@ -30,16 +31,17 @@ MAX_DIRECTORY_BYTES = 4 * 2**20
 """Maximum size of an uncompressed directory of PMTiles; usual directories have 16 KiB."""
 
 QUERY_TIMEOUT_S = 60.0
-"""Maximum wait for a row of an SQLite database; a view may be endless."""
+"""Maximum wait for the next row of an SQLite database, whose `tiles` may be a view without end."""
 
-_CLOCK_INTERVAL = 100_000  # instructions of SQLite between checks of the clock, a few ms
+_CLOCK_INTERVAL = 100_000  # instructions that SQLite executes between two checks of the clock
 _MAX_ZOOM = 30
 _NUMBER = r"(0|[1-9]\d{0,9})"
 _FILE = re.compile(
     rf"(?:(?:^|/)([12]?\d|30)[/_-]{_NUMBER}[/_-]{_NUMBER}(?!\d))?[^/]*\.(mvt|pbf)(\.gz)?$",
     re.IGNORECASE,
 )
-"""A tile's file, with zoom, column and row if in the path; a date such as 2024/01/02 is no tile."""
+"""Path of a tile's file. Groups: zoom, column and row, absent unless the path is like z/x/y.mvt;
+numbers with leading zeros, as in the date 2024/01/02, are not a position."""
 
 _ZSTD = b"\x28\xb5\x2f\xfd"
 _VECTOR_FORMATS = ("pbf", "mvt", "application/x-protobuf", "application/vnd.mapbox-vector-tile")
@@ -71,10 +73,11 @@ class Run(NamedTuple):
 
 
 class Archive(ABC):
-    """Tiles that can be counted without being read.
+    """An archive of map tiles, which can be listed without being read.
 
-    zooms : zooms in the archive, in order; () for a folder whose paths do not give tile positions
-    attribution : attribution of the data, or ""
+    zooms : zooms of the archive's tiles, ascending; () for a folder whose paths do not contain the
+        positions of tiles
+    attribution : attribution that the data require, or ""
     """
 
     zooms: tuple[int, ...] = ()
@@ -85,29 +88,30 @@ class Archive(ABC):
         """Open an archive; raises SceneError if the path contains no tiles."""
 
     @abstractmethod
-    def runs(self, zoom: int | None, first: int = 0, last: int | None = None) -> Iterator[Run]:
-        """Yield the tiles of a zoom with numbers in range(first, last), ascending.
+    def list_runs(self, zoom: int | None, first: int = 0, last: int | None = None) -> Iterator[Run]:
+        """Yield the runs of tiles of a zoom, by ascending number, clipped to range(first, last).
 
-        An archive may have many millions of tiles. Tiles with close numbers are neighbours.
+        zoom : None for a folder without zooms. Tiles with close numbers are neighbours on the map.
         """
 
-    def names(self, zoom: int | None) -> list[Any]:
-        """Return the names of all tiles of a zoom, in order."""
-        runs = self.runs(zoom)
+    def list_names(self, zoom: int | None) -> list[Any]:
+        """Return the names of all tiles of a zoom, by ascending number; see `get_name`."""
+        runs = self.list_runs(zoom)
         return [self.get_name(run.first + k) for run in runs for k in range(run.repeats)]
 
     @abstractmethod
     def get_name(self, number: int) -> Any:
-        """Return the name of a tile: a `TilePosition`, or a file's path."""
+        """Return the name of a tile, given its number: a `TilePosition`, or a file's path."""
 
     @abstractmethod
     def read_stored(self, name: Any) -> bytes | None:
         """Return the stored bytes of a tile, or None if it does not exist."""
 
     def select_zooms(self, path: str, requested: tuple[int, int] | None) -> Sequence[int | None]:
-        """Return the zooms in the requested range (first, last), or (None,) if unknown.
+        """Return the zooms in the range (first, last), or (None,) if zooms are unknown.
 
-        Raises SceneError, which names `path`, if the archive has no tiles of these zooms.
+        requested : the range, or None for all zooms; path : the archive, for messages. Raises
+        SceneError if the archive has no tiles of these zooms.
         """
         if not self.zooms:
             if requested is not None:
@@ -137,7 +141,7 @@ def open_archive(path: Path) -> Archive:
 
 
 def compute_first_number(zoom: int) -> int:
-    """Return the number of the first tile of a zoom, in numbering by zooms.
+    """Return the number of the first tile of a zoom, if all tiles of the world are numbered.
 
     >>> [compute_first_number(zoom) for zoom in range(4)]
     [0, 1, 5, 21]
@@ -146,9 +150,10 @@ def compute_first_number(zoom: int) -> int:
 
 
 def decompress(data: bytes, limit: int | None = None) -> bytes:
-    """Return an uncompressed tile; the first bytes identify gzip or zlib.
+    """Return a tile's uncompressed bytes; data that do not begin like gzip or zlib are returned.
 
-    Raises ValueError for invalid data, and for `limit` (default `MAX_TILE_BYTES`) bytes or more.
+    Raises ValueError for invalid data, and if the result would have `limit` (by default
+    `MAX_TILE_BYTES`) bytes or more.
     """
     limit = limit or MAX_TILE_BYTES
     if data[:4] == _ZSTD:
@@ -169,16 +174,16 @@ def decompress(data: bytes, limit: int | None = None) -> bytes:
 
 
 def parse_attribution(metadata: bytes) -> str:
-    """Return the attribution in an archive's metadata in JSON, or ""."""
+    """Return the attribution in the JSON metadata of an archive, or "" if there is none."""
     with suppress(ValueError, AttributeError, RecursionError):
         return str(json.loads(metadata).get("attribution") or "")
     return ""
 
 
 class Folder(Archive):
-    """A file, or a folder of files, usually named z/x/y.mvt or z-x-y.pbf; compressed or not.
+    """A file of one tile, or a folder of such files, usually named z/x/y.mvt or z-x-y.pbf.
 
-    Tiles are numbered zoom by zoom, in the order of paths.
+    Files may be compressed. Tiles are numbered zoom by zoom, in the order of paths.
     """
 
     def __init__(self, path: Path) -> None:
@@ -209,8 +214,8 @@ class Folder(Archive):
         with suppress(OSError):
             self.attribution = parse_attribution((path / "metadata.json").read_bytes())
 
-    def runs(self, zoom: int | None, first: int = 0, last: int | None = None) -> Iterator[Run]:
-        """Yield each file separately."""
+    def list_runs(self, zoom: int | None, first: int = 0, last: int | None = None) -> Iterator[Run]:
+        """Yield a run for each file."""
         for number, name in enumerate(self._names[first:last], first):
             if zoom is None or name[0] == zoom:
                 yield Run(number, 1, self._files[name].stat().st_size)
@@ -239,9 +244,8 @@ class MBTiles(Archive):
         self._path = path
         self._uri = f"{path.resolve().as_uri()}?mode=ro"
         log = Path(f"{path.resolve()}-wal")
-        if not (
-            log.is_file() and log.stat().st_size
-        ):  # a log with changes: the file is not immutable
+        has_changes = log.is_file() and log.stat().st_size > 0
+        if not has_changes:  # SQLite would ignore a log with changes if told "immutable"
             self._uri += "&immutable=1"
         metadata = dict(self._query("SELECT name, value FROM metadata"))
         kind = str(metadata.get("format") or "pbf")
@@ -256,10 +260,10 @@ class MBTiles(Archive):
             raise SceneError(f"{path} holds no tile: give an archive with tiles")
 
     def _query(self, query: str, values: tuple[Any, ...] = ()) -> Iterator[Any]:
-        """Yield the rows of a query; raises SceneError for a row after `QUERY_TIMEOUT_S`.
+        """Yield the rows of a query; raises SceneError if a row takes over `QUERY_TIMEOUT_S`.
 
-        Python does not receive Ctrl-C while SQLite runs. So SQLite regularly calls a progress
-        handler that checks the clock; an exception there interrupts SQLite.
+        SQLite regularly calls a progress handler, which interrupts SQLite after that time, and in
+        which Python raises KeyboardInterrupt for Ctrl-C.
         """
         start = time.monotonic()
         with closing(sqlite3.connect(self._uri, uri=True)) as database:
@@ -278,14 +282,15 @@ class MBTiles(Archive):
                     if time.monotonic() - start <= QUERY_TIMEOUT_S:
                         raise KeyboardInterrupt from None
                     raise SceneError(
-                        f"{self._path}: no answer within {QUERY_TIMEOUT_S:g} s: endless view?"
+                        f"{self._path}: SQLite returned no row within {QUERY_TIMEOUT_S:g} s; "
+                        "check that tiles is a table, not a view without end"
                     ) from None
                 if row is None:
                     return
                 yield row
 
-    def runs(self, zoom: int | None, first: int = 0, last: int | None = None) -> Iterator[Run]:
-        """Yield each tile once, separately; tiles outside the world are ignored."""
+    def list_runs(self, zoom: int | None, first: int = 0, last: int | None = None) -> Iterator[Run]:
+        """Yield a run for each tile; duplicates and tiles outside the world are ignored."""
         assert zoom is not None
         side, offset = 2**zoom, compute_first_number(zoom)
         last = compute_first_number(zoom + 1) if last is None else last
@@ -317,9 +322,9 @@ class MBTiles(Archive):
 
 
 class PMTiles(Archive):
-    """A PMTiles archive, version 3, read by the package pmtiles; numbered along Hilbert's curve.
+    """A PMTiles archive, version 3, decoded by the package pmtiles; numbered along Hilbert's curve.
 
-    header : the header in the form of that package
+    header : the header, as `pmtiles.tile.deserialize_header` returns it
     """
 
     def __init__(self, path: Path) -> None:
@@ -351,6 +356,7 @@ class PMTiles(Archive):
         self._directory = lru_cache(64)(self._read_directory)
 
     def _read_bytes(self, start: int, count: int) -> bytes:
+        """Return a range of the file's bytes; raises SceneError if the file is truncated."""
         with self._path.open("rb") as stream:
             size = self._path.stat().st_size
             if start + count > size:
@@ -359,7 +365,10 @@ class PMTiles(Archive):
             return stream.read(count)
 
     def _read_inner(self, start: int, count: int) -> bytes:
-        """Return a directory or the metadata, uncompressed as the header states."""
+        """Return the uncompressed bytes of a directory or of the metadata.
+
+        The header states how both are compressed.
+        """
         data = self._read_bytes(start, count)
         if self.header["internal_compression"] != self._format.Compression.NONE:
             data = decompress(data, MAX_DIRECTORY_BYTES)
@@ -368,12 +377,13 @@ class PMTiles(Archive):
         return data
 
     def _read_directory(self, start: int, count: int) -> list[Any]:
+        """Return the entries of the directory at an offset of the file."""
         # The package reads only directories compressed by gzip.
         packed = gzip.compress(self._read_inner(start, count), 0)
         return list(self._format.deserialize_directory(packed))
 
     def _read_entries(self, first: int, last: int) -> Iterator[Any]:
-        """Yield the entries of tiles in range(first, last), through all directories."""
+        """Yield the entries of tiles with numbers in range(first, last), from all directories."""
         header = self.header
         stack: list[Any] = [(header["root_offset"], header["root_length"])]
         visited: set[int] = set()
@@ -396,8 +406,8 @@ class PMTiles(Archive):
                     children.append((header["leaf_directory_offset"] + entry.offset, entry.length))
             stack += reversed(children)
 
-    def runs(self, zoom: int | None, first: int = 0, last: int | None = None) -> Iterator[Run]:
-        """Yield the tiles of each entry; skip entries out of order, which are invalid."""
+    def list_runs(self, zoom: int | None, first: int = 0, last: int | None = None) -> Iterator[Run]:
+        """Yield the run of each entry; skip entries out of order, which are invalid."""
         assert zoom is not None
         first = max(first, compute_first_number(zoom))
         last = compute_first_number(zoom + 1) if last is None else last
@@ -422,11 +432,13 @@ class PMTiles(Archive):
 
 
 KINDS: dict[str, type[Archive]] = {".pmtiles": PMTiles, ".mbtiles": MBTiles}
-"""Classes of archives by the suffix of their file."""
+"""Classes of archives, by suffix of the file; all other paths are a `Folder`."""
 
 
 def locate_tile(longitude: float, latitude: float, zoom: int) -> tuple[int, int]:
-    """Return column and row of a position's tile; latitudes beyond web Mercator are clamped.
+    """Return column and row of the tile that contains a position, given in degrees.
+
+    Latitudes beyond the range of web Mercator are clamped.
 
     >>> locate_tile(24.94, 60.17, 14)
     (9327, 4742)

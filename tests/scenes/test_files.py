@@ -276,8 +276,8 @@ def test_closed_lines_of_a_drawing_are_polygons(tmp_path):
     assert "closed lines are read as polygons" in scene.notes
     assert {reason for _, reason in scene.dropped} == {"is a LineString, not a polygon"}
     nested = shapely.GeometryCollection([block, shapely.Point(0, 0)])
-    assert vector._close(nested).area == 81
-    assert vector._close(shapely.Point(0, 0)).area == 0
+    assert vector._close_geometry(nested).area == 81
+    assert vector._close_geometry(shapely.Point(0, 0)).area == 0
 
 
 def test_topojson_has_longitude_and_latitude(tmp_path):
