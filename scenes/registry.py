@@ -237,7 +237,7 @@ def load(
 
 
 def _is_file(name: str) -> bool:
-    """Whether a name is a file to read; False for a built-in scene, even if a folder has the name."""
+    """Whether a name is a file; False for a built-in scene, even if a folder has its name."""
     return is_path(name) and not (name in ENTRIES and Path(name).is_dir())
 
 

@@ -1,7 +1,7 @@
-"""Functions of the GDAL library in pyogrio that pyogrio does not expose.
+"""Two functions of the GDAL library that pyogrio contains but does not expose, by ctypes.
 
-These are the error handler and the conversion of curves to straight edges. Both are optional:
-without the library failures are not counted and curves not converted.
+The error handler counts failures that GDAL reports; another function converts curves to straight
+edges. If the library is not found, failures are not counted and curves are not converted.
 """
 
 import ctypes
@@ -17,18 +17,20 @@ _FAILURE = 3
 """GDAL's CE_Failure; lower numbers are warnings."""
 
 _SRID = 0x20000000
-"""Bit of the type in EWKB if an SRID follows."""
+"""Bit of the geometry type in EWKB, set if an SRID follows the type."""
 
 _MULTI_POLYGON = 6
 _SURFACES = {15: _MULTI_POLYGON, 16: _MULTI_POLYGON, 17: 3}
-"""Types of surfaces (polyhedral surface, TIN, triangle) to the types of polygons."""
+"""Geometry types of surfaces (polyhedral surface, TIN, triangle), and the types of polygons to
+which they are converted."""
 
 
 @cache
 def load_library() -> Any | None:
-    """Return GDAL as pyogrio loads it, or None if not found or pyogrio is not installed.
+    """Return pyogrio's GDAL library, or None if it is not found or pyogrio is not installed.
 
-    An extension module of pyogrio exposes GDAL; on Windows it is in pyogrio.libs.
+    GDAL's functions can be reached through an extension module of pyogrio; on Windows through the
+    library in pyogrio.libs.
     """
     try:
         import pyogrio
@@ -47,7 +49,10 @@ def load_library() -> Any | None:
 
 
 def _declare(library: Any) -> None:
-    """Declare the functions used here; raises AttributeError if one is missing."""
+    """Declare the types of the functions that this module calls, for ctypes.
+
+    Raises AttributeError if the library lacks a function.
+    """
     handle, number, pointer = ctypes.c_void_p, ctypes.c_int, ctypes.POINTER
     for name, result, *arguments in (
         ("CPLPopErrorHandler", None),
@@ -82,7 +87,10 @@ class FailureLog:
 
     @contextmanager
     def listen(self) -> Iterator[None]:
-        """Count failures in a block that does not `yield`: each thread has a stack of handlers."""
+        """Count failures that GDAL reports in the block.
+
+        The block must not `yield`, because GDAL has a stack of handlers for each thread.
+        """
         library = load_library()
         if library is None:
             yield
@@ -95,10 +103,10 @@ class FailureLog:
 
 
 def linearize(geometry: bytes | str) -> bytes | None:
-    """Return the WKB of a curve or surface (WKT, WKB) as polygons with straight edges, or None.
+    """Return a curve or surface, given as WKT or WKB, with straight edges, as WKB, or None.
 
-    Arcs become chords of 4 degrees; patches of a surface become the parts of a multi-polygon. None
-    if GDAL cannot parse the geometry, or is not found.
+    Arcs become chords of 4 degrees; patches of a surface become the parts of a multi-polygon.
+    Returns None if GDAL cannot parse the geometry, or is not found.
 
     >>> linearize("TRIANGLE ((0 0,1 0,1 1,0 0))")[:5].hex()
     '0103000000'

@@ -22,11 +22,11 @@ _DEGREES = "EPSG:4326"
 
 
 def find_crs(path: Path, crs: str | None) -> str | None:
-    """Return the reference system of a file, given the one that GDAL reports.
+    """Return the reference system of a file, given the system `crs` that GDAL reports.
 
-    GeoJSON of 2008 may name a system in `crs`, before or after the features, or null for none. GDAL
-    reports longitude and latitude for unknown names. TopoJSON has no reference system; as in
-    GeoJSON, coordinates are longitude and latitude.
+    GeoJSON of 2008 may state a system in its member `crs`, before or after the features; null means
+    no system. If GDAL does not know the stated name, it reports longitude and latitude. TopoJSON
+    has no reference system; as in GeoJSON, coordinates are longitude and latitude.
     """
     is_json = path.suffix.lower() in (".geojson", ".json", ".topojson") and path.is_file()
     if not is_json or crs not in (None, _DEGREES):
@@ -44,7 +44,7 @@ def find_crs(path: Path, crs: str | None) -> str | None:
 
 
 def is_sequence(path: Path) -> bool:
-    """Whether a file has one GeoJSON object per line, by the suffix or the first line."""
+    """Whether a file is a GeoJSON sequence, one object per line, by suffix or first line."""
     if path.suffix.lower() not in (".json", ".geojson") or not path.is_file():
         return path.suffix.lower() in _SEQUENCES
     with path.open("rb") as stream:
@@ -62,11 +62,15 @@ def is_sequence(path: Path) -> bool:
 def find_skipped_lines(
     path: Path, count: int, failures: int, *, is_complete: bool, size: int
 ) -> Iterator[Raw]:
-    """Yield chunks without geometry, with notes on the lines that are not features.
+    """Yield chunks without geometries, with notes on the lines that GDAL skipped.
+
+    Raises SceneError if GDAL skipped lines that are valid.
 
     count : number of features that were read
-    failures : number of failures that GDAL reported; more lines may have been skipped
-    is_complete : whether all features were requested, so that `count` should equal the lines
+    failures : number of failures that GDAL reported; GDAL may have skipped more lines
+    is_complete : True if all features were requested, so that `count` should equal the number of
+        lines
+    size : maximum number of notes in a chunk
     """
     lines = sum(1 for _, line in number_lines(path) if not line.isspace()) if is_complete else 0
     if not failures and count >= lines:
@@ -83,6 +87,7 @@ def find_skipped_lines(
 
 
 def _find_invalid_lines(path: Path) -> Iterator[Note]:
+    """Yield a note on each line that is not JSON, or not a feature or geometry."""
     for number, line in number_lines(path):
         text = line.strip("\x1e\ufeff \t\r\n")
         try:

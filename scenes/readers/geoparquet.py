@@ -19,9 +19,10 @@ if TYPE_CHECKING:
 
 
 def read(source: Source, size: int) -> Iterator[Raw]:
-    """Yield the geometries of the file's primary column, `size` rows at a time.
+    """Yield the geometries of a column of the file, `size` rows at a time.
 
-    `layer` names another geometry column. Geometries are encoded as WKB, as nearly all writers do.
+    `source.layer` is the column, by default the primary geometry column. Only columns encoded as
+    WKB are supported, the encoding of nearly all writers.
     """
     with import_parquet(source).ParquetFile(source.path) as file:
         column, crs, notes = find_geometry_column(source, file.schema_arrow)
@@ -31,12 +32,12 @@ def read(source: Source, size: int) -> Iterator[Raw]:
 
 
 def import_parquet(source: Source) -> Any:
-    """Return pyarrow.parquet; raises SceneError with the command that installs it."""
+    """Import and return pyarrow.parquet; raises SceneError with the command that installs it."""
     return import_optional("pyarrow.parquet", source.path, "geoparquet")
 
 
 def _read_batches(file: Any, rows: tuple[int, int] | None, size: int) -> Iterator[tuple[int, Any]]:
-    """Yield (number of the first row, batch) for the requested rows."""
+    """Yield (index of the first row, batch of Arrow) for the rows (first, stop), or all if None."""
     sizes = [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
     ends = np.cumsum(sizes, dtype=np.int64)
     first, last = rows or (0, file.metadata.num_rows)
@@ -53,7 +54,7 @@ def _read_batches(file: Any, rows: tuple[int, int] | None, size: int) -> Iterato
 
 
 def find_geometry_column(source: Source, schema: Any) -> tuple[str, str | None, tuple[str, ...]]:
-    """Return name and reference system of the column to read, and a note on other columns.
+    """Return name and reference system of the geometry column to read, and notes on others.
 
     Raises SceneError if the column is missing or not encoded as WKB.
     """
@@ -84,7 +85,7 @@ def find_geometry_column(source: Source, schema: Any) -> tuple[str, str | None, 
 
 
 def _format_crs(crs: Any) -> str | None:
-    """Return the authority code of PROJJSON, or the text if there is no code."""
+    """Return a reference system in PROJJSON as "AUTHORITY:CODE", or as text if it has no code."""
     if not isinstance(crs, dict):
         return crs if isinstance(crs, str) else None
     identifier = crs.get("id")
@@ -94,6 +95,10 @@ def _format_crs(crs: Any) -> str | None:
 
 
 def _parse_batch(batch: Any, column: str, crs: str | None, start: int, *, exact: bool) -> Raw:
+    """Return a batch of Arrow as a chunk.
+
+    start : index of the batch's first row; exact : see `to_pandas`
+    """
     labels = [f"row {start + i}" for i in range(batch.num_rows)]
     index = batch.schema.names.index(column)
     table, notes = to_pandas(batch.remove_column(index), exact=exact)
@@ -103,10 +108,10 @@ def _parse_batch(batch: Any, column: str, crs: str | None, start: int, *, exact:
 
 
 def to_pandas(batch: Any, *, exact: bool = False) -> tuple[pd.DataFrame, tuple[str, ...]]:
-    """Return a batch of Arrow as a table, and a note on columns whose text is not UTF-8.
+    """Return a batch of Arrow as a pandas table, and a note on columns whose text is not UTF-8.
 
-    `exact`: columns keep Arrow's types, so that all parts of a file have the same types; in pandas'
-    types a missing value would turn integers into floats.
+    exact : True to use Arrow's types for the columns, so that all slices of a file have the same
+        types; with pandas' types a missing value would turn a column of integers into floats
 
     Old Shapefiles and database exports contain text that is not UTF-8: invalid bytes become U+FFFD.
     Arrow and pandas would fail only when the text is used.

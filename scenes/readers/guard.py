@@ -1,8 +1,8 @@
 """Checks before a file is opened, and one-line errors for exceptions of libraries.
 
-A library may raise any exception on unexpected bytes, so a list of exceptions is never complete.
-Every exception of a reader is caught at one of two boundaries, `clear_errors` and `note_errors`,
-and logged with the traceback.
+A library may raise any exception for unexpected bytes, so a list of expected exceptions is never
+complete. So every exception of a reader is caught in one of two context managers: `clear_errors`,
+which raises a SceneError instead, and `note_errors`, which adds a note and continues.
 """
 
 import csv
@@ -27,10 +27,10 @@ _READER_EXTRAS = {"pyogrio": "gis", "fontTools": "svg"}
 
 @contextmanager
 def clear_errors(name: str, kind: str) -> Iterator[None]:
-    """Turn any exception raised within into a SceneError of one line.
+    """Raise any exception of the block as a SceneError with a message of one line.
 
     name : the file, as the user gave it
-    kind : the format, e.g. "GeoParquet"
+    kind : the format's name, such as "GeoParquet"
 
     >>> with clear_errors("a.svg", "SVG"):
     ...     raise LookupError("unknown encoding:\\n no-such-code")
@@ -58,7 +58,9 @@ its format, or export it again
 
 @contextmanager
 def note_errors(notes: list[Note], name: str, problem: str) -> Iterator[None]:
-    """Add a note to `notes` for any exception raised within: an invalid item is skipped.
+    """Add a note to `notes` for any exception of the block, which reads one item of a file.
+
+    name : the item's name; problem : beginning of the note's reason
 
     >>> notes = []
     >>> with note_errors(notes, "line 7", "is invalid"):
@@ -88,20 +90,20 @@ def format_reason(error: Exception) -> str:
 
 
 MAX_LINE_CHARACTERS = 64 * 2**20
-"""Maximum characters of a line; a coastline of a million vertices has 40 million."""
+"""Maximum number of characters of a line; a coastline of a million vertices has 40 million."""
 
 MAX_FILE_BYTES = 2**30
-"""Maximum bytes of a file that is read into memory at once.
+"""Maximum size of a file that is read into memory at once.
 
 Formats that are read in chunks have no limit: GDAL's, GeoParquet, WKT, CityJSON sequences.
 """
 
 _RATIO = 100
-"""Maximum ratio of an archive's content to its size; that of a ZIP bomb is 1000."""
+"""Maximum size of an archive's unpacked content, relative to the archive; a ZIP bomb has 1000."""
 
 
 def check_path(path: str) -> Path:
-    """Return the path; raises SceneError for a missing, empty or special file."""
+    """Return a file's or folder's path; raises SceneError for a missing, empty or special file."""
     file = Path(path)
     try:
         if file.is_dir():
@@ -148,7 +150,10 @@ def check_size(path: Path, in_memory: bool) -> None:
 
 
 def number_lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield (number from 1, text) of each line; SceneError above `MAX_LINE_CHARACTERS`."""
+    """Yield (number, text) of each line of a text file, numbered from 1.
+
+    Raises SceneError for a line of `MAX_LINE_CHARACTERS` or more.
+    """
     with path.open(encoding="utf-8-sig", errors="replace") as stream:
         number = 0
         while line := stream.readline(MAX_LINE_CHARACTERS):
@@ -162,7 +167,7 @@ def number_lines(path: Path) -> Iterator[tuple[int, str]]:
 
 
 def read_edges(path: Path, size: int = 65_536) -> tuple[bytes, bytes]:
-    """Return the first and the last bytes of a file."""
+    """Return the first and the last `size` bytes of a file."""
     with path.open("rb") as stream:
         head = stream.read(size)
         stream.seek(max(0, path.stat().st_size - size))
@@ -170,7 +175,7 @@ def read_edges(path: Path, size: int = 65_536) -> tuple[bytes, bytes]:
 
 
 def make_truncation_error(path: Path, evidence: str) -> SceneError:
-    """Return the error for a truncated file."""
+    """Return the error for a truncated file; evidence : such as "100 of 200 bytes"."""
     return SceneError(
         f"{path} is truncated ({evidence}): polygons are missing; export or copy it again"
     )
@@ -179,11 +184,11 @@ def make_truncation_error(path: Path, evidence: str) -> SceneError:
 def check_truncation(path: Path) -> None:
     """Raise SceneError for a truncated file of a format that states a length or an end mark.
 
-    The check, chosen by suffix, is for formats whose readers ignore truncation. In XML, JSON,
-    Parquet, PLY and CSV truncation is a syntax error.
+    By suffix, for formats whose readers do not notice truncation. In XML, JSON, Parquet, PLY and
+    CSV truncation is a syntax error.
     """
-    check = _CHECKS.get(path.suffix.lower())
-    evidence = check(path) if check is not None else None
+    inspect = _INSPECTIONS.get(path.suffix.lower())
+    evidence = inspect(path) if inspect is not None else None
     if evidence:
         raise make_truncation_error(path, evidence)
 
@@ -191,7 +196,7 @@ def check_truncation(path: Path) -> None:
 def check_quotes(path: Path) -> None:
     """Raise SceneError for CSV with text after a closing quote.
 
-    GDAL reads on to the next quote, so rows would be lost in silence.
+    GDAL would continue to the next quote, and skip the rows between without an error.
     """
     # latin-1 accepts all bytes: text in another encoding is not an error of quotes.
     with path.open(encoding="latin-1", newline="") as stream:
@@ -214,7 +219,10 @@ def check_quotes(path: Path) -> None:
 
 
 def check_last_line(path: Path, is_valid: Callable[[bytes], object]) -> None:
-    """Raise SceneError if the last line has no line end and is invalid."""
+    """Raise SceneError if a file is truncated: the last line has no line end and is invalid.
+
+    is_valid : function of the line that returns a false value or raises ValueError if invalid
+    """
     last = read_edges(path)[1]
     if b"\n" not in last:
         last = read_edges(path, MAX_LINE_CHARACTERS)[1]
@@ -230,24 +238,29 @@ def check_last_line(path: Path, is_valid: Callable[[bytes], object]) -> None:
 
 
 def _inspect_drawing(path: Path) -> str | None:
+    """Return evidence that a DXF drawing is truncated: no EOF at the end; None if complete."""
     ended = read_edges(path)[1].rstrip(b"\0\x1a \t\r\n").endswith(b"EOF")
     return None if ended else "no EOF at the end"
 
 
 def _compare_length(path: Path, stated: int) -> str | None:
+    """Return evidence of truncation if a file is shorter than the stated number of bytes."""
     size = path.stat().st_size
     return f"{size} of {stated} bytes" if size < stated else None
 
 
 def _inspect_shapefile(path: Path) -> str | None:
-    """Return evidence from a Shapefile's length, in 16-bit words, at byte 24."""
+    """Return evidence of truncation by the length that a Shapefile states, in 16-bit words."""
     head, _ = read_edges(path)
     length = struct.unpack_from(">I", head, 24)[0] if len(head) >= 100 else 0
     return _compare_length(path, 2 * length)
 
 
 def _inspect_database(path: Path) -> str | None:
-    """Return evidence from SQLite's number of pages, if the last writer updated it."""
+    """Return evidence of truncation by the number of pages that an SQLite database states.
+
+    None if the last writer did not update that number.
+    """
     head, _ = read_edges(path)
     if len(head) < 100 or not head.startswith(b"SQLite format 3\0"):
         return None
@@ -258,7 +271,7 @@ def _inspect_database(path: Path) -> str | None:
 
 
 def _inspect_stl(path: Path) -> str | None:
-    """Return evidence from the number of triangles of binary STL, or the end of text."""
+    """Return evidence of truncation by the number of triangles in binary STL, or the last line."""
     head, tail = read_edges(path)
     stated = 84 + 50 * struct.unpack_from("<I", head, 80)[0] if len(head) >= 84 else 0
     if path.stat().st_size == stated:
@@ -269,7 +282,7 @@ def _inspect_stl(path: Path) -> str | None:
 
 
 def _inspect_off(path: Path) -> str | None:
-    """Return evidence from the numbers of vertices and faces of OFF, one item per line."""
+    """Return evidence of truncation by the number of faces that OFF states, one item per line."""
     text = re.sub(r"#.*", "", path.read_text(encoding="utf-8", errors="replace"))
     header = re.match(r"\s*\w*OFF\s+(\d+)\s+(\d+)", text)
     if header is None:
@@ -280,7 +293,7 @@ def _inspect_off(path: Path) -> str | None:
     return f"{len(complete)} of {faces} faces" if len(complete) < faces else None
 
 
-_CHECKS: dict[str, Callable[[Path], str | None]] = {
+_INSPECTIONS: dict[str, Callable[[Path], str | None]] = {
     ".dxf": _inspect_drawing,
     ".shp": _inspect_shapefile,
     **dict.fromkeys((".gpkg", ".sqlite", ".db", ".mbtiles"), _inspect_database),
@@ -290,11 +303,12 @@ _CHECKS: dict[str, Callable[[Path], str | None]] = {
 
 
 MAX_DEPTH = 100
-"""Maximum nesting of a parsed geometry: more than files contain, and safe on any stack."""
+"""Maximum nesting of a geometry that is parsed: more than real files contain, but few enough levels
+for the recursion of GEOS on any stack."""
 
 _POINT, _LINE, _POLYGON, _ARC = 1, 2, 3, 8
 _CONTAINERS = (4, 5, 6, 7, 9, 10, 11, 12)
-"""Types that contain geometries: multi-points to collections, and curves."""
+"""Geometry types in WKB that contain geometries: multi-points to collections, and curves."""
 
 
 def is_text_too_deep(text: str) -> bool:

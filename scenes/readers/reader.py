@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Source:
-    """A file, and the part of it to read.
+    """A file to read, with the selected layer and features.
 
-    `layer` is a layer's name; `where` an SQL condition on attributes, as GDAL understands it.
-    `rows` is a range of features (first, stop), counted from 0, if the format can be read from the
-    middle (see `scenes.slices`); attributes then keep Arrow's types. Without `attributes`, GDAL
-    reads no attributes.
+    `layer` is a layer's name, None for the default; `where` an SQL condition on attributes, as GDAL
+    accepts it. `rows` is a range of features (first, stop), counted from 0, if the format can be
+    read from the middle (see `scenes.slices`); attributes then have Arrow's types. If `attributes`
+    is False, GDAL reads no attributes.
     """
 
     path: Path
@@ -39,12 +39,12 @@ class Source:
 
 @dataclass(frozen=True)
 class Raw:
-    """A chunk of a file: its geometries, unchanged, with labels, attributes and notes.
+    """A chunk of a file, as a reader yields it: geometries before cleaning, attributes and notes.
 
-    `geometries` are shapely geometries or None; `labels` name them in messages; `attributes` has
-    one row per geometry; `crs` is a reference system as PROJ takes it: a code, WKT or PROJJSON.
-    `dropped` are items without a usable geometry, `repaired` geometries that were changed. `notes`
-    report the reader's choices, for example which of several layers was read.
+    `geometries` are shapely geometries or None; `labels` are their names in messages; `attributes`
+    has one row per geometry; `crs` is a reference system that PROJ accepts: a code, WKT or
+    PROJJSON. `dropped` has notes on items without a usable geometry, `repaired` on geometries that
+    the reader changed. `notes` are the reader's choices, such as which of several layers was read.
     """
 
     geometries: NDArray[Any] | list[Any]
@@ -57,7 +57,7 @@ class Raw:
     notes: tuple[str, ...] = ()
 
     def select_rows(self, numbers: NDArray[np.int64]) -> Raw:
-        """Return the chunk with only these geometries (by index), their labels and attributes."""
+        """Return the chunk with some geometries only, given by index (k,)."""
         if len(numbers) == len(self.labels):
             return self
         table = self.attributes
@@ -69,18 +69,19 @@ class Raw:
         )
 
     def without_dropped(self) -> Raw:
-        """Return the chunk without the geometries that `dropped` names."""
+        """Return the chunk without geometries whose label has a note in `dropped`."""
         names = {name for name, _ in self.dropped}
         return self.select_rows(np.flatnonzero([label not in names for label in self.labels]))
 
 
 @dataclass(frozen=True)
 class Reader:
-    """Reads a format: `function` is "module:function", which takes a Source and a chunk's size.
+    """A reader of a file format; call it to read a file in chunks.
 
+    function : "module:function" of a generator of `Raw`, which takes a Source and a chunk's size
     kind : the format's name in messages
-    in_memory : whether the complete file is read into memory
-    has_layers : whether the format has layers
+    in_memory : True if the complete file is read into memory, so that its size is limited
+    has_layers : True if the format has layers
     """
 
     function: str
@@ -89,7 +90,7 @@ class Reader:
     has_layers: bool = False
 
     def __call__(self, source: Source, size: int) -> Iterator[Raw]:
-        """Yield the file's chunks; raises SceneError, in one line, for any error."""
+        """Yield a file's chunks of `size` features; raises SceneError for any error."""
         path = str(source.path)
         if source.layer is not None and not self.has_layers:
             raise SceneError(f"{path} is {self.kind}, without layers: leave layer out")
@@ -123,7 +124,7 @@ _READERS = {
     ".svg": Reader("scenes.readers.svg:read", "SVG"),
     ".cityjson": _CITY,
 }
-"""Suffix to reader; GDAL reads everything else."""
+"""Readers by suffix; GDAL reads files with any other suffix."""
 
 
 def is_model(path: Path) -> bool:
@@ -133,7 +134,7 @@ def is_model(path: Path) -> bool:
 
 
 def choose_reader(path: Path) -> Reader:
-    """Return the reader for this file."""
+    """Return the reader for a file, by suffix; for .json, .jsonl and .mbtiles also by content."""
     suffix = path.suffix.lower()
     city = {".json": _CITY, ".jsonl": _SEQUENCE}
     if suffix in city and path.is_file():
@@ -147,7 +148,7 @@ def choose_reader(path: Path) -> Reader:
 
 
 def _is_for_gdal(path: Path) -> bool:
-    """Whether GDAL reads an MBTiles archive: only of format "pbf", with a list of layers."""
+    """Whether GDAL can read an MBTiles archive: its format is "pbf", and its layers are listed."""
     uri = f"{path.resolve().as_uri()}?mode=ro&immutable=1"
     with suppress(sqlite3.Error), closing(sqlite3.connect(uri, uri=True)) as database:
         metadata = dict(database.execute("SELECT name, value FROM metadata"))

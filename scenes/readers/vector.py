@@ -1,6 +1,6 @@
 """Reader of vector files by GDAL: GeoJSON, GeoPackage, Shapefile, FlatGeobuf, OSM PBF and more.
 
-GDAL skips features that it cannot read, and reports these to the error handler only.
+GDAL skips features that it cannot read, and reports each only to its error handler.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _DRAWINGS = (".dxf", ".dgn")
-"""Suffixes of drawings, whose areas are closed lines."""
+"""Suffixes of drawings, in which areas are drawn as closed lines."""
 
 _CLOSED = "closed lines are read as polygons"
 
@@ -50,7 +50,7 @@ _CSV_OPTIONS = {
 }
 
 _NO_WKT = "has no WKT (in a column named geometry also hexadecimal WKB), or it begins with SRID"
-"""Reason for dropping a row of CSV that GDAL reads without geometry."""
+"""Reason of the note on a row of CSV that GDAL reads without geometry."""
 
 _DATA_SETS = (".shp", ".gpkg", ".geojson", ".json", ".fgb", ".gml", ".kml", ".csv", ".gdb", ".dxf")
 """Suffixes by which a data set is recognised in an archive."""
@@ -60,7 +60,8 @@ def read(source: Source, size: int) -> Iterator[Raw]:
     """Yield the geometries of a layer, `size` features at a time.
 
     The default layer is the first that can contain polygons. Features that GDAL reads without
-    geometry are noted; raises SceneError if GDAL reports more failures than such features.
+    geometry become notes. Raises SceneError if GDAL reports more failures than such features,
+    because polygons would then be missing.
     """
     if re.search(r"[\n\r\t]", str(source.path)):  # GDAL removes these
         raise SceneError(f"{source.path} has a tab or line end in the name: rename it")
@@ -108,7 +109,10 @@ def read(source: Source, size: int) -> Iterator[Raw]:
 
 
 def _check_count(source: Source, layer: str, count: int) -> None:
-    """Raise SceneError if fewer features were read than the file states or than requested.
+    """Raise SceneError if fewer features were read (`count`) than stated or requested.
+
+    The stated number is that in the header of FlatGeobuf, the requested number that of
+    `source.rows`.
 
     GDAL reads FlatGeobuf files that were truncated between two features without an error.
     """
@@ -125,7 +129,10 @@ def _check_count(source: Source, layer: str, count: int) -> None:
 
 
 def _list_files(path: Path) -> Iterator[Path]:
-    """Yield the files that GDAL may open: in a folder, of the same stem, or sources of a VRT."""
+    """Yield the files that GDAL may open for a path.
+
+    These are all files of a folder, files that differ in the suffix only, and the sources of a VRT.
+    """
     folder = path if path.is_dir() else path.parent
     yield from (file for file in folder.iterdir() if folder == path or file.stem == path.stem)
     if path.suffix.lower() == ".vrt":
@@ -136,7 +143,7 @@ def _list_files(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def _explain_errors(source: Source) -> Iterator[None]:
-    """Replace two common errors of GDAL by messages with a remedy."""
+    """Raise a SceneError with a remedy for an unsupported format, and for an invalid condition."""
     try:
         yield
     except SceneError:
@@ -177,9 +184,9 @@ def _open_options(path: Path) -> dict[str, str]:
 
 
 def find_gdal_path(path: Path) -> Path | str:
-    """Return the path for GDAL: the file, or the only data set in a folder of an archive.
+    """Return the path to give to GDAL: the file, or the only data set in a folder of an archive.
 
-    Raises SceneError for an archive with no recognised data set, or with several in folders.
+    Raises SceneError for an archive without a recognised data set, or with several in folders.
     """
     if path.suffix.lower() != ".zip" or not zipfile.is_zipfile(path):
         return path
@@ -199,7 +206,7 @@ def find_gdal_path(path: Path) -> Path | str:
 
 
 def _read_arrow(source: Source, layer: str, size: int) -> Iterator[Raw]:
-    """Yield chunks of one pass over the file, or over the requested rows."""
+    """Yield chunks of `size` features from one pass over the file or `source.rows`, by pyarrow."""
     first, stop = source.rows or (0, None)
     stream = pyogrio.raw.open_arrow(
         find_gdal_path(source.path),
@@ -233,7 +240,7 @@ def _read_arrow(source: Source, layer: str, size: int) -> Iterator[Raw]:
 
 
 def _read_by_skipping(source: Source, layer: str, size: int | None) -> Iterator[Raw]:
-    """Yield chunks of one request each, without pyarrow."""
+    """Yield chunks of `size` features without pyarrow: each request skips the features before."""
     start, stop = source.rows or (0, None)
     while True:
         if stop is not None and size is not None:
@@ -263,11 +270,12 @@ def _read_by_skipping(source: Source, layer: str, size: int | None) -> Iterator[
 
 
 def _choose_columns(source: Source) -> list[str] | None:
-    """Return [] for no attributes, or None for all, because a condition may use any."""
+    """Return [] to read no attributes, or None to read all, which a condition may use."""
     return None if source.attributes or source.where else []
 
 
 def _make_no_geometry_error(source: Source, layer: str) -> SceneError:
+    """Return the error for a layer without geometries."""
     remedy = "give a layer with polygons"
     if source.path.suffix.lower() in (".csv", ".tsv"):
         remedy = "name the column of WKT geometries WKT or geometry"
@@ -277,14 +285,17 @@ def _make_no_geometry_error(source: Source, layer: str) -> SceneError:
 def _parse_chunk(
     fids: list[int], wkb: NDArray[Any], table: pd.DataFrame | None, crs: str | None
 ) -> Raw:
-    """Return a chunk of parsed geometries; unparsable geometries are noted and skipped."""
+    """Return a chunk of parsed geometries; a geometry that cannot be parsed becomes a note.
+
+    fids : numbers of the features; wkb : (E)WKB of each; table : attributes
+    """
     labels = [f"feature {fid}" for fid in fids]
     geometries, dropped, repaired = parse_wkb(wkb, labels)
     return Raw(geometries, labels, table, crs, "units", dropped, repaired).without_dropped()
 
 
 def _explain_missing(source: Source, raw: Raw) -> Raw:
-    """Return a chunk; rows of CSV for which GDAL finds no geometry are replaced by notes."""
+    """Return a chunk in which rows of CSV without a geometry are replaced by notes."""
     if not _open_options(source.path):
         return raw
     missing = shapely.is_missing(raw.geometries)
@@ -293,7 +304,7 @@ def _explain_missing(source: Source, raw: Raw) -> Raw:
 
 
 def _close_lines(source: Source, raw: Raw) -> Raw:
-    """Return a chunk of a drawing with closed lines as polygons; other chunks unchanged."""
+    """Return a chunk, for a drawing with closed lines as polygons, for others unchanged."""
     if source.path.suffix.lower() not in _DRAWINGS:
         return raw
     geometries = [_close_geometry(geometry) for geometry in raw.geometries]
@@ -302,7 +313,10 @@ def _close_lines(source: Source, raw: Raw) -> Raw:
 
 
 def _close_geometry(geometry: Any) -> Any:
-    """Return a polygon for a closed line, also in the collections that GDAL makes of blocks."""
+    """Return a polygon for a closed line, also for lines in collections; others unchanged.
+
+    GDAL reads a block of a drawing as a collection.
+    """
     if geometry is None or geometry.is_empty:
         return geometry
     if geometry.geom_type in ("LineString", "LinearRing"):
@@ -316,7 +330,10 @@ def _close_geometry(geometry: Any) -> Any:
 
 
 def choose_layer(source: Source) -> tuple[str, tuple[str, ...]]:
-    """Return the layer to read, and notes on other layers and files."""
+    """Return the name of the layer to read, and notes on layers and files that are not read.
+
+    The default is the first layer whose type allows polygons. Raises SceneError if there is none.
+    """
     layers = pyogrio.list_layers(find_gdal_path(source.path))
     names = [str(name) for name, _ in layers]
     if not names:

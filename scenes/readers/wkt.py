@@ -27,15 +27,16 @@ _SRID = re.compile(r"\s*SRID\s*=\s*(\d+)\s*;\s*", re.IGNORECASE)
 _GEOMETRY_START = re.compile(
     r"\s*\"?\s*(SRID|POLYGON|MULTI|GEOM|[0-9A-F]{10}|\w{1,20}\s*$)", re.IGNORECASE
 )
-"""Start of a line that is intended as a geometry; its first word may be truncated."""
+"""Beginning of a line that is meant as a geometry, even if the line is truncated."""
 
 
 def parse_wkb(
     values: Sequence[bytes | None] | NDArray[Any], labels: Sequence[str]
 ) -> tuple[NDArray[Any], list[Note], list[Note]]:
-    """Return the geometries of (E)WKB, None if unparsable, notes on these, and notes on repairs.
+    """Return geometries (None if unparsable), notes on unparsable values, and notes on repairs.
 
-    A repair replaces curves by straight edges, or closes open rings.
+    values : (E)WKB or None; labels : names of the values in notes. A repair replaces curves by
+    straight edges, or closes open rings.
 
     >>> parse_wkb([None, shapely.Point(1, 2).wkb], ["a", "b"])[0].tolist()
     [None, <POINT (1 2)>]
@@ -58,7 +59,10 @@ def parse_wkb(
 
 
 def parse_wkt(text: str) -> tuple[Any | None, str]:
-    """Return the geometry of WKT, and its repair or ""; or None, and the reason."""
+    """Return the geometry of WKT and a note on its repair, or "".
+
+    If the text cannot be parsed, return None and the reason.
+    """
     if is_text_too_deep(text):
         return None, _DEEP
     geometry = _parse_geometry(text)
@@ -75,7 +79,10 @@ def _parse_geometry(source: str | bytes | None) -> Any | None:
 
 
 def _recover(source: Any) -> tuple[Any | None, str]:
-    """Return the geometry of input that GEOS rejects, and its repair; or None, and the reason."""
+    """Return the geometry of WKT or WKB that GEOS rejects, and a note on its repair.
+
+    If the input cannot be repaired, return None and the reason.
+    """
     parse = shapely.from_wkt if isinstance(source, str) else shapely.from_wkb
     is_curved = False
     try:
@@ -92,9 +99,10 @@ def _recover(source: Any) -> tuple[Any | None, str]:
 
 
 def read_text(source: Source, size: int) -> Iterator[Raw]:
-    """Yield one geometry per line, or one over several lines; `#` begins a comment.
+    """Yield the geometries of a text file: one per line, or a single one over several lines.
 
-    The first SRID is the file's; lines with another SRID are noted and skipped.
+    Lines that begin with `#` are comments. The SRID of the first geometry is the file's reference
+    system; lines with another SRID are skipped, with a note.
     """
     single = _parse_single(source)
     if single is not None:
@@ -110,7 +118,10 @@ def read_text(source: Source, size: int) -> Iterator[Raw]:
 
 
 def _parse_single(source: Source) -> Raw | None:
-    """Return the file as one geometry, or None if it is large or has one geometry per line."""
+    """Return a chunk with the single geometry of a file, or None.
+
+    None if the file is larger than 10 MB, has one line, or as a whole is not one geometry.
+    """
     if source.path.stat().st_size > 10_000_000:
         return None
     text = source.path.read_text(encoding="utf-8-sig", errors="replace").strip()
@@ -124,13 +135,16 @@ def _parse_single(source: Source) -> Raw | None:
 
 
 def _is_ended(line: bytes) -> bool:
-    """Whether a line is a geometry, or does not begin like a geometry."""
+    """Whether a line is a complete geometry, or not meant as a geometry at all."""
     text = line.decode("utf-8", "replace")
     return _GEOMETRY_START.match(text) is None or _parse_line(text)[0] is not None
 
 
 def _parse_lines(chunk: list[tuple[int, str]], crs: str | None, is_first: bool) -> Raw:
-    """Return a chunk of lines; the first geometry may define `crs`."""
+    """Return the geometries of lines, given as (number, text).
+
+    crs : the file's reference system, if known; is_first : True if the first geometry determines it
+    """
     geometries: list[Any] = []
     labels: list[str] = []
     dropped: list[Note] = []
@@ -155,9 +169,10 @@ def _parse_lines(chunk: list[tuple[int, str]], crs: str | None, is_first: bool) 
 
 
 def _parse_line(text: str) -> tuple[Any | None, str | None, str]:
-    """Return geometry, reference system and repair (or "") of WKT, EWKT or hexadecimal WKB.
+    """Return geometry, reference system and a note on the repair of WKT, EWKT or hexadecimal WKB.
 
-    For unparsable text the geometry is None, and the third value is the reason.
+    The note is "" without a repair. For text that cannot be parsed the geometry is None, and the
+    third value is the reason.
     """
     match = _SRID.match(text)
     crs = f"EPSG:{match[1]}" if match else None
@@ -175,7 +190,7 @@ def _parse_line(text: str) -> tuple[Any | None, str | None, str]:
 
 
 def read_binary(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - one geometry
-    """Yield the parts of one geometry in (E)WKB."""
+    """Yield the parts of the geometry in a file of (E)WKB, as one chunk."""
     (geometry,), dropped, repaired = parse_wkb([source.path.read_bytes()], ["the geometry"])
     if geometry is None:
         raise ValueError(dropped[0][1] if dropped else "empty file")
@@ -186,5 +201,6 @@ def read_binary(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - o
 
 
 def _find_embedded_crs(geometry: Any) -> str | None:
+    """Return the reference system of a geometry's SRID, or None if it has none."""
     srid = shapely.get_srid(geometry)
     return f"EPSG:{srid}" if srid > 0 else None
