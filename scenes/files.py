@@ -129,8 +129,8 @@ def read_chunks(
 ) -> Iterator[Chunk]:
     """Yield the polygons of a file, about `size` features at a time, in bounded memory.
 
-    `rows` is the range of features (first, stop) to read, in files that `scenes.slices` cuts; other
-    parameters are those of `read`. The first chunk determines the projection of all chunks. Raises
+    `rows` is the range of features (first, stop) to read, in files that `scenes.slices` cuts; see
+    `read` for other parameters. The first chunk determines the projection of all chunks. Raises
     SceneError as `read` does, but for a file without polygons the chunks have no polygons.
     """
     source = Source(check_path(path), layer, where, rows, attributes)
@@ -172,7 +172,7 @@ def read_chunks(
 
 
 def _read_raws(source: Source, size: int) -> Iterator[Raw]:
-    """Yield what the file's reader returns, `size` features at a time, filtered by `where`."""
+    """Yield the file's features, `size` at a time, filtered by `where`."""
     reader = choose_reader(source.path)
     for raw in reader(source, size):
         if source.where is None or reader is GDAL:
@@ -231,8 +231,8 @@ def _choose_map(
     """Return units, reference system, projection and notes of a file.
 
     raw : the first chunk with a geometry
-    globe : the geometries without a vertex off the globe; None if so many have one that coordinates
-        cannot be degrees
+    globe : the geometries without a vertex off the globe; None if so many geometries have such
+        a vertex that coordinates cannot be degrees
     project : None to project if the file's reference system is geographic; False: never; True: also
         coordinates without a known system. Raises SceneError for a system that is not geographic.
     """

@@ -53,7 +53,7 @@ class Entry:
     tiled: bool = False
 
     def find_install_command(self) -> str | None:
-        """Return the command that installs the scene's data, or None if they are installed."""
+        """Return the command that installs the scene's data, or None if the data are installed."""
         if self.package is None or find_spec(self.package) is not None:
             return None
         return format_install_command(self.extra or "")
@@ -245,7 +245,7 @@ def split_parameters(text: str) -> tuple[str, dict[str, Any], bool]:
     """Split "name:key=value" into name, parameters of `load`, and whether the name is a file.
 
     An existing path is not split. The parameters of a file are converted to their types; raises
-    SceneError if one is invalid.
+    SceneError if a value is invalid.
 
     >>> split_parameters("town.gpkg:layer=parks,limit=9")
     ('town.gpkg', {'layer': 'parks', 'limit': 9}, True)

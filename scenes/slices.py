@@ -52,7 +52,7 @@ class Slices:
     identity : 16 hexadecimal digits that change with the file's content
     rows : range of rows (first, stop) of each slice; None for the complete file
     sizes : number of rows of each slice; 0 if unknown
-    pruned : number of rows that are in no slice, because they cannot meet the condition
+    pruned : number of rows that are in no slice, because no such row can meet the condition
     """
 
     identity: str

@@ -197,7 +197,7 @@ def convert_arguments(
 
 
 def convert_value(key: str, value: Any, annotation: Any) -> Any:
-    """Return a parameter's value, converted to the declared type if it is text.
+    """Return a parameter's value, converted from text to the declared type.
 
     >>> convert_value("limit", "7", int | None), convert_value("project", "no", bool)
     (7, False)

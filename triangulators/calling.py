@@ -165,8 +165,8 @@ def _run_triangulator(
 def _check_triangles(outline: Boundary, raw: Any, choice: Choice, criterion: Any) -> np.ndarray:
     """Return a triangulator's result as int32 (m, 3), counter-clockwise, without zero areas.
 
-    raw: the result. Raises `TriangulationError` if it is not an array (m, 3) of vertex indices, or
-    if the sum of a user's criterion over the triangles is not finite.
+    raw: the result. Raises `TriangulationError` unless `raw` is an array (m, 3) of vertex indices,
+    or if the sum of a user's criterion over the triangles is not finite.
     """
     try:
         triangles = orient_triangles(outline.points, check_rows(raw, outline.points))

@@ -260,7 +260,7 @@ def rings_at(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return polygon `index`: vertices (n, 2), and offsets of the rings in them, (h + 2,).
 
-    The arrays are those of a `PolygonArray`.
+    See `PolygonArray` for the arrays.
     """
     offsets = ring_offsets[geom_offsets[index] : geom_offsets[index + 1] + 1]
     return coords[offsets[0] : offsets[-1]], offsets - offsets[0]

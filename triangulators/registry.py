@@ -43,7 +43,7 @@ class Entry:
     needs : str or None
         A module that must be importable, or a "module:function" that must return True.
     install : str or None
-        The command that installs what `needs` names.
+        The command that installs the module in `needs`.
     builtin : bool
         False for entry points and `module:function` strings.
     order : "walk" or "native"

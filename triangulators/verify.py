@@ -200,7 +200,7 @@ def _list_unconfirmed(
 
 
 def orient_triangles(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Return triangles (m, 3) as int32, all counter-clockwise, without those of zero area."""
+    """Return triangles (m, 3) as int32, all counter-clockwise, without triangles of zero area."""
     triangles = np.ascontiguousarray(triangles, dtype=np.int32)
     if classify_orientations(points, triangles) == ALL_LEFT:
         return triangles

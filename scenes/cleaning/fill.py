@@ -96,7 +96,7 @@ def _insert_holes(
     outer: NDArray[np.int64],
     inner: NDArray[np.int64],
 ) -> Any | None:
-    """Return the shells as polygons, with each hole in the smallest shell that contains it.
+    """Return the shells as polygons, with each hole in the smallest shell around the hole.
 
     is_shell, is_hole : flags of `rings`. outer, inner : ring outer[k] contains ring inner[k].
     Returns None if the polygons are invalid, or a hole is in no shell. A shell may lie in a hole of
@@ -147,7 +147,7 @@ def compute_winding_numbers(
     first, last = np.searchsorted(y, low[:, 1]), np.searchsorted(y, high[:, 1])
     edges = zip(low, high, np.where(upward, 1, -1), first, last, strict=True)
     for (x0, y0), (x1, y1), sign, i, j in edges:
-        if i < j:  # a ray from a point of each face to the right: does it meet the edge?
+        if i < j:  # a ray from a point of each face to the right: does the ray meet the edge?
             meets = (x1 - x0) * (y[i:j] - y0) > (x[i:j] - x0) * (y1 - y0)
             numbers[i:j] += sign * meets
     return faces[order], numbers

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from pyproj import CRS, Transformer
 
 MAX_DISTANCE_DEG = 90.0
-"""Maximum distance from the centre of an azimuthal map, in degrees of arc; shapes that extend
-beyond it would overlap themselves on the map."""
+"""Maximum distance from the centre of an azimuthal map, in degrees of arc; larger
+shapes would overlap themselves on the map."""
 
 MAX_EDGE_DEG = 90.0
 """Maximum longitude difference, in degrees, of edges on an azimuthal map. A longer edge is meant as
@@ -207,7 +207,7 @@ class Projection:
     def find_torn(self, geometries: NDArray[Any]) -> NDArray[np.bool_]:
         """Return flags (k,) of geometries that cross the 180th meridian, where the map ends.
 
-        Only cylindrical maps end there. An edge is taken to cross the meridian if it spans more
+        Only cylindrical maps end there. An edge is taken to cross the meridian if spanning more
         than 180 degrees of longitude, except an edge of exactly 360, which runs around the globe.
         """
         torn = np.zeros(len(geometries), dtype=bool)
@@ -242,7 +242,7 @@ def _compute_cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np
 def _list_steps(
     geometries: Any,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Return the longitude difference and mean latitude of each ring's edges, and their geometry.
+    """Return the longitude difference and mean latitude of each ring's edges.
 
     Three arrays (e,): degrees, degrees, and the index of the geometry in `geometries`.
     """

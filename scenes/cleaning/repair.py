@@ -40,7 +40,7 @@ class Cleaned:
 
 
 Locate = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""A function that maps coordinates (n, 2) to those of the source file, for locations in notes."""
+"""A function that maps coordinates (n, 2) to source coordinates, for locations in notes."""
 
 
 def clean(
@@ -84,7 +84,7 @@ def clean(
 
 
 def _find_usable(inputs: NDArray[Any], names: list[str], dropped: list[Note]) -> NDArray[np.int64]:
-    """Return the indices of geometries with finite coordinates only; append notes on others."""
+    """Return the indices of geometries with finite coordinates only; append notes."""
     absent = shapely.is_missing(inputs) | shapely.is_empty(inputs)
     dropped += [(names[i], "empty geometry") for i in np.flatnonzero(absent)]
     coordinates, owner = shapely.get_coordinates(inputs, return_index=True)

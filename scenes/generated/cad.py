@@ -48,7 +48,7 @@ def build(*, seed: int = 0, parts: int = 60, segments: int = 32) -> Scene:
 
 
 def _arrange_by_part(polygons: np.ndarray, source: np.ndarray) -> list[shapely.Polygon]:
-    """Return the polygons in rows of parts; polygons of one part are moved together.
+    """Return the polygons in rows of parts; the polygons of a part are moved together.
 
     source : (p,) index of each polygon's part
     """
@@ -136,7 +136,7 @@ def _build_flange(rng: Generator, segments: int) -> shapely.Geometry:
 
 
 def _build_bracket(rng: Generator, segments: int) -> shapely.Geometry:
-    """Return an L with a rounded inner corner, a slot in one arm and bolt holes in the other."""
+    """Return an L with a rounded inner corner, a slot along x and bolt holes along y."""
     a, b, t = rng.uniform(70, 130), rng.uniform(70, 130), rng.uniform(18, 28)
     fillet = rng.uniform(6, 14)
     inner = _build_arc((t + fillet, t + fillet), fillet, 1.5 * np.pi, np.pi, segments)

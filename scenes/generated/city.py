@@ -128,7 +128,7 @@ def _build_district(rng: Generator, district: shapely.Polygon, radius: float) ->
 
 
 def _choose_direction(rng: Generator, district: shapely.Polygon) -> float:
-    """Return the direction of a district's streets, in radians: near that of its longest side."""
+    """Return the direction of a district's streets, in radians: near the longest side."""
     corners = shapely.get_coordinates(district.simplify(5.0).exterior)
     sides = np.diff(corners, axis=0)
     longest = sides[np.argmax(np.hypot(*sides.T))]

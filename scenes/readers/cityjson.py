@@ -27,12 +27,12 @@ _PLAN = "surfaces seen from above, with the height as an attribute"
 
 
 def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model is one chunk
-    """Yield the surfaces of all city objects, as polygons in plan.
+    """Yield the surfaces of all city objects, as polygons seen from above.
 
-    `layer` is RoofSurface or GroundSurface; both are read by default. In a model without semantics
-    a surface that faces up is a roof, and a surface that faces down is ground. Of an object's
-    levels of detail the highest is read. The table has the object's identifier and type, and the
-    surface's kind and height.
+    `source.layer` is RoofSurface or GroundSurface; both are read by default. In a model without
+    semantics a surface that faces up is a roof, and a surface that faces down is ground. Of an
+    object's levels of detail the highest is read. The attributes are the object's identifier and
+    type, and the surface's kind and height.
     """
     model = _parse_model(str(source.path), source.path.read_bytes)
     surfaces = _Surfaces(source)
@@ -79,7 +79,7 @@ class _Surfaces:
         self._rows: list[dict[str, Any]] = []
 
     def add(self, objects: dict[str, Any], vertices: NDArray[np.float64]) -> None:
-        """Collect the surfaces of objects that share vertices."""
+        """Collect the surfaces of city objects, by identifier, that share vertices (n, 3)."""
         for identifier, city_object in objects.items():
             with note_errors(self.dropped, str(identifier), "is an invalid city object"):
                 geometry_types = [g["type"] for g in city_object.get("geometry", [])]
@@ -95,12 +95,13 @@ class _Surfaces:
                         self._rows.append({**kinds, "height": height})
 
     def make_raw(self, crs: str | None) -> Raw:
-        """Return the collected surfaces."""
+        """Return the collected surfaces as a chunk; crs : reference system."""
         table = pd.DataFrame(self._rows, columns=["id", "type", "surface", "height"])
         return Raw(self._geometries, self._labels, table, crs, "m", self.dropped, notes=(_PLAN,))
 
 
 def _parse_model(name: str, content: Callable[[], bytes]) -> dict[str, Any]:
+    """Return a CityJSON model; content : function that reads the text; name : for messages."""
     with clear_errors(name, "JSON"):
         model = json.loads(content())
     if not isinstance(model, dict) or model.get("type") != "CityJSON":
@@ -109,6 +110,7 @@ def _parse_model(name: str, content: Callable[[], bytes]) -> dict[str, Any]:
 
 
 def _find_crs(model: dict[str, Any]) -> str | None:
+    """Return the EPSG code of a model's reference system, or None without a code."""
     metadata = model.get("metadata")
     name = metadata.get("referenceSystem") if isinstance(metadata, dict) else None
     code = str(name).replace("::", ":").replace("/", ":").rpartition(":")[2]
@@ -116,9 +118,9 @@ def _find_crs(model: dict[str, Any]) -> str | None:
 
 
 def _read_vertices(model: dict[str, Any], source: dict[str, Any]) -> NDArray[np.float64]:
-    """Return vertices (n, 3), scaled and translated by the `transform` of `source`.
+    """Return a model's vertices (n, 3), scaled and translated by the `transform` of `source`.
 
-    source : the model itself, or the first line of its sequence
+    source : the model itself, or the first line of the sequence that contains the model
     """
     vertices = np.array(model["vertices"], dtype=float).reshape(-1, 3)
     if "transform" in source:
@@ -130,9 +132,10 @@ def _read_vertices(model: dict[str, Any], source: dict[str, Any]) -> NDArray[np.
 def _read_surfaces(
     city_object: dict[str, Any], vertices: NDArray[np.float64]
 ) -> Iterator[tuple[str | None, shapely.Polygon, float]]:
-    """Yield kind, plan and mean height of each surface of an object's most detailed geometry.
+    """Yield kind, polygon seen from above and mean height of each surface of a city object.
 
-    A surface without semantics is a roof or ground by its slope.
+    Only the most detailed geometry is read. A surface without semantics is a roof if the normal
+    points up, otherwise ground.
     """
     shapes = [
         g for g in city_object.get("geometry", []) if "boundaries" in g and g["type"] in _DEPTHS
@@ -155,6 +158,7 @@ def _read_surfaces(
 
 
 def _check_indices(ring: Any, count: int) -> NDArray[np.int64]:
+    """Return the vertex indices (k,) of a ring; raises ValueError for indices out of range."""
     indices = np.array(ring, dtype=np.int64)
     if len(indices) < 3 or indices.min() < 0 or indices.max() >= count:
         raise ValueError("a ring has fewer than 3 vertices, or a missing vertex")
@@ -162,7 +166,11 @@ def _check_indices(ring: Any, count: int) -> NDArray[np.int64]:
 
 
 def _flatten_values(values: Any, boundaries: Any, depth: int) -> list[int | None]:
-    """Return each surface's index in the semantics, or None; a shell or solid may have one null."""
+    """Return, for each surface, the index of its semantics, or None.
+
+    values, boundaries : nested lists of a geometry, `depth` levels deep; null in `values` for a
+    shell or solid applies to all its surfaces.
+    """
     padded = [*(values or []), *[None] * len(boundaries)][: len(boundaries)]
     if depth == 0:
         return padded
@@ -171,7 +179,10 @@ def _flatten_values(values: Any, boundaries: Any, depth: int) -> list[int | None
 
 
 def _classify_by_slope(ring: NDArray[np.float64]) -> str:
-    """Return roof or ground by the vertical part of the normal, by Newell's method."""
+    """Return the kind of a surface by its ring (k, 3): roof if the normal points up, or ground.
+
+    The normal is computed by Newell's method.
+    """
     following = np.roll(ring, -1, axis=0)
     up = np.sum((ring[:, 0] - following[:, 0]) * (ring[:, 1] + following[:, 1]))
     return "RoofSurface" if up > 0 else "GroundSurface"

@@ -21,13 +21,13 @@ _SRID = 0x20000000
 
 _MULTI_POLYGON = 6
 _SURFACES = {15: _MULTI_POLYGON, 16: _MULTI_POLYGON, 17: 3}
-"""Geometry types of surfaces (polyhedral surface, TIN, triangle), and the types of polygons to
-which they are converted."""
+"""Geometry types of surfaces (polyhedral surface, TIN, triangle), and the equivalent
+types of polygons."""
 
 
 @cache
 def load_library() -> Any | None:
-    """Return pyogrio's GDAL library, or None if it is not found or pyogrio is not installed.
+    """Return pyogrio's GDAL library, or None if the library or pyogrio is missing.
 
     GDAL's functions can be reached through an extension module of pyogrio; on Windows through the
     library in pyogrio.libs.

@@ -25,7 +25,7 @@ def find_crs(path: Path, crs: str | None) -> str | None:
     """Return the reference system of a file, given the system `crs` that GDAL reports.
 
     GeoJSON of 2008 may state a system in its member `crs`, before or after the features; null means
-    no system. If GDAL does not know the stated name, it reports longitude and latitude. TopoJSON
+    no system. For a name that GDAL does not know, GDAL reports longitude and latitude. TopoJSON
     has no reference system; as in GeoJSON, coordinates are longitude and latitude.
     """
     is_json = path.suffix.lower() in (".geojson", ".json", ".topojson") and path.is_file()

@@ -25,7 +25,7 @@ LINE_LOOP, TRIANGLES, STRIP, FAN = 2, 4, 5, 6
 
 POLYGONS = "EXT_mesh_polygon"
 RESTART = 2**32 - 1
-"""Index between the loops of EXT_mesh_polygon, if indices have 32 bits."""
+"""Index that separates the rings of a polygon in EXT_mesh_polygon, if indices have 32 bits."""
 
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
@@ -46,7 +46,7 @@ _INSTANCING = "EXT_mesh_gpu_instancing"
 HARMLESS = re.compile(
     rf"^(KHR_mesh_(quantization|primitive_restart)|{_INSTANCING}|{POLYGONS})$|material|texture|light"
 )
-"""Extensions that are read, or that do not affect triangles."""
+"""Extensions that this module reads, or that do not affect triangles."""
 
 
 class GltfFile:
@@ -76,7 +76,7 @@ class GltfFile:
         self.buffers = [self._read_buffer(buffer) for buffer in self.json.get("buffers", [])]
 
     def _read_chunks(self, data: bytes) -> bytes:
-        """Return the JSON of a .gltf or .glb; store the chunks of a .glb."""
+        """Return the JSON of a .gltf or .glb file; store the chunks of a .glb in `self._chunks`."""
         self._chunks: list[tuple[bytes, bytes]] = []
         if data[:4] != MAGIC:
             return data
@@ -95,6 +95,7 @@ class GltfFile:
         return self._chunks[0][1]
 
     def _read_buffer(self, buffer: dict[str, Any]) -> bytearray:
+        """Return the bytes of a buffer: a chunk of the .glb, a data URI or a file."""
         uri = buffer.get("uri")
         if uri is None:
             data = next((content for kind, content in self._chunks if kind == BIN), None)
@@ -109,7 +110,7 @@ class GltfFile:
         return bytearray(data)
 
     def _resolve(self, uri: str) -> Path:
-        """Return the file of a relative URI, which must be below the model's folder."""
+        """Return the file of a relative URI; raises SceneError if outside the model's folder."""
         file = self.path.parent / unquote(uri)
         if not file.resolve().is_relative_to(self.path.parent.resolve()):
             raise SceneError(
@@ -121,7 +122,7 @@ class GltfFile:
         return file
 
     def read_array(self, accessor: int) -> NDArray[Any]:
-        """Return an accessor's stored values (n, width)."""
+        """Return the stored values (n, width) of an accessor, given its index."""
         description = self.json["accessors"][check_index(accessor)]
         kind, width = find_component_type(description), WIDTHS[description["type"]]
         if "bufferView" in description:
@@ -136,13 +137,21 @@ class GltfFile:
         return values
 
     def read_values(self, accessor: int) -> tuple[NDArray[Any], bool]:
-        """Return an accessor's stored values (n, width), and whether these are normalized."""
+        """Return the stored values (n, width) of an accessor, and whether these are normalized.
+
+        A normalized integer stands for its share of the type's maximum.
+        """
         description = self.json["accessors"][check_index(accessor)]
         return self.read_array(accessor), bool(description.get("normalized"))
 
     def _read_view(
         self, description: dict[str, Any], kind: np.dtype[Any], width: int, count: int
     ) -> NDArray[Any]:
+        """Return `count` elements (count, width) of a buffer view as an array on the buffer.
+
+        description : an accessor, or part of a sparse accessor. Raises ValueError if the view is
+        too short.
+        """
         view = self.json["bufferViews"][check_index(description["bufferView"])]
         first = view.get("byteOffset", 0) + description.get("byteOffset", 0)
         stride = view.get("byteStride", kind.itemsize * width)
@@ -155,9 +164,10 @@ class GltfFile:
     def read_positions(
         self, primitive: dict[str, Any], placements: tuple[NDArray[np.float64], ...]
     ) -> tuple[NDArray[Any], tuple[NDArray[np.float64], ...]]:
-        """Return a primitive's stored positions (n, 3), and the matrices (4, 4) that place these.
+        """Return a primitive's stored positions (n, 3), and the matrices (4, 4) of placements.
 
-        Normalized integers stay integers; the returned matrices then contain their scale.
+        placements : matrices of the mesh. Normalized integers are returned as integers, with the
+        scale factor multiplied into the returned matrices.
         """
         positions, normalized = self.read_values(primitive["attributes"]["POSITION"])
         if positions.shape[1] != 3:
@@ -170,7 +180,10 @@ class GltfFile:
         return positions, placements
 
     def read_triangles(self, primitive: dict[str, Any], count: int) -> NDArray[np.int64]:
-        """Return the triangles (m, 3) of a primitive of `count` vertices; split strips and fans."""
+        """Return the triangles (m, 3) of a primitive of `count` vertices, also of strips.
+
+        Strips and fans are split. Raises ValueError if an index is out of range.
+        """
         if "indices" in primitive:
             vertex = self.read_array(primitive["indices"])[:, 0].astype(np.int64)
         else:
@@ -222,9 +235,9 @@ class GltfFile:
         return polygons
 
     def list_placements(self) -> list[tuple[NDArray[np.float64], ...]]:
-        """Return for each mesh the (4, 4) matrices by which the scene's nodes place it.
+        """Return, for each mesh, the matrices (4, 4) with which the default scene places the mesh.
 
-        A file without scenes places each mesh once, unchanged.
+        If the file has no scenes, each mesh is placed once, unchanged.
         """
         count = len(self.json.get("meshes", []))
         scenes = self.json.get("scenes")
@@ -268,21 +281,24 @@ class GltfFile:
 
 
 def check_index(number: Any) -> int:
-    """Return a valid index; ValueError for negative numbers, which Python would accept."""
+    """Return a number that is an index; raises ValueError for any other value.
+
+    Python would accept a negative index.
+    """
     if not isinstance(number, int) or isinstance(number, bool) or number < 0:
         raise ValueError(f"{number!r} is not an index")
     return number
 
 
 def find_component_type(description: dict[str, Any]) -> np.dtype[Any]:
-    """Return the type of an accessor's stored numbers."""
+    """Return the NumPy type of an accessor's stored numbers; raises ValueError if unknown."""
     if description["componentType"] not in _TYPES:
         raise ValueError(f"component type {description['componentType']} is unknown")
     return np.dtype(_TYPES[description["componentType"]])
 
 
 def _read_node_matrix(node: dict[str, Any]) -> NDArray[np.float64]:
-    """Return the (4, 4) matrix of a node."""
+    """Return the matrix (4, 4) of a node: its matrix, or translation, rotation and scale."""
     if "matrix" in node:
         return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
     from scipy.spatial.transform import Rotation  # slow to import, and writers of meshes need none
@@ -295,9 +311,9 @@ def _read_node_matrix(node: dict[str, Any]) -> NDArray[np.float64]:
 
 
 def read_polygons(model: GltfFile) -> list[list[NDArray[np.float64]]] | None:
-    """Return the rings (k, 3) of each polygon as placed by the default scene, z up.
+    """Return the rings (k, 3) of each polygon as placed by the default scene, z up, or None.
 
-    None unless every mesh consists of polygons, in EXT_mesh_polygon.
+    None unless all primitives of the model are polygons, in EXT_mesh_polygon.
     """
     primitives = [p for mesh in model.json.get("meshes", []) for p in mesh["primitives"]]
     if not primitives or not all(POLYGONS in p.get("extensions", {}) for p in primitives):
@@ -317,7 +333,8 @@ def read_polygons(model: GltfFile) -> list[list[NDArray[np.float64]]] | None:
 def read_triangles(model: GltfFile) -> tuple[NDArray[np.float64], NDArray[np.int64], int]:
     """Return vertices (n, 3) and triangles (m, 3) of a model as placed by the default scene.
 
-    The third value is the number of skipped primitives: points, lines, or without positions.
+    The third value is the number of skipped primitives: points, lines, and triangles
+    without positions.
     """
     vertices: list[NDArray[np.float64]] = [np.empty((0, 3))]
     triangles: list[NDArray[np.int64]] = [np.empty((0, 3), np.int64)]

@@ -1,7 +1,9 @@
-"""Faces of 3D models: n-gons of OBJ and PLY unchanged, coplanar triangles joined.
+"""Faces of 3D models: n-gons of OBJ and PLY unchanged; in models of triangles, coplanar neighbours
+joined to polygons.
 
-trimesh reads OFF and text STL. It cuts n-gons into triangles, and supports glTF and binary STL only
-in part, so this module and `scenes.readers.gltf` read these formats.
+The library trimesh reads OFF and text STL, but cuts n-gons into triangles, and supports glTF and
+binary STL only in part. So this module reads OBJ, PLY and binary STL, and `scenes.readers.gltf`
+reads glTF.
 """
 
 from collections.abc import Iterator
@@ -24,15 +26,16 @@ _FLAT = "each face in a plane, side by side"
 _MAP = "the polygons of EXT_mesh_polygon"
 _NO_AREA = "has no area, or a NaN or infinite coordinate"
 _MAX_DEVIATION = 1e-3
-"""Distance of a vertex from its face's plane, relative to the face's size, that is noted."""
+"""Distance of a vertex from the face's plane above which the face gets a note, relative to the
+face's size."""
 
 
 def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model is one chunk
-    """Yield every face, rotated into the plane and laid out in rows, in model units.
+    """Yield every face of a model as a polygon in the face's plane, laid out in rows.
 
-    Horizontal faces keep the plan, and vertical faces stand upright. In a model of triangles only,
-    coplanar neighbours are joined. Polygons of EXT_mesh_polygon that lie in one horizontal plane
-    keep their positions.
+    Coordinates are in units of the model. Horizontal faces are as seen from above, and vertical
+    faces are upright. In a model of triangles only, coplanar neighbours are joined. Polygons of
+    EXT_mesh_polygon that all lie in one horizontal plane are not moved.
     """
     suffix = source.path.suffix.lower()
     model = GltfFile(source.path) if suffix in (".glb", ".gltf") else None
@@ -62,7 +65,10 @@ def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model 
 
 
 def _flatten_polygons(polygons: list[list[NDArray[np.float64]]]) -> Raw:
-    """Return the polygons of EXT_mesh_polygon, as a map if all are in one horizontal plane."""
+    """Return the polygons of EXT_mesh_polygon, unmoved if all are in one horizontal plane.
+
+    polygons : rings (k, 3) of each polygon, the exterior first
+    """
     faces = [(f"polygon {number}", rings) for number, rings in enumerate(polygons)]
     heights = np.concatenate([ring[:, 2] for rings in polygons for ring in rings])
     if np.ptp(heights) != 0.0 or any(len(ring) < 3 for rings in polygons for ring in rings):
@@ -72,9 +78,10 @@ def _flatten_polygons(polygons: list[list[NDArray[np.float64]]]) -> Raw:
 
 
 def _flatten_faces(faces: list[tuple[str, list[NDArray[np.float64]]]], dropped: list[Note]) -> Raw:
-    """Return labelled faces, given by rings (k, 3), each in the plane of its first ring.
+    """Return faces as polygons, each in the plane of its first ring, laid out in rows.
 
-    dropped : notes of faces that were skipped
+    faces : (label, rings (k, 3)) of each face
+    dropped : notes on faces that were skipped before; extended
     """
     polygons, labels, repaired = [], [], []
     for label, rings in faces:
@@ -92,7 +99,7 @@ def _flatten_faces(faces: list[tuple[str, list[NDArray[np.float64]]]], dropped: 
 
 
 def _has_vertices(face: NDArray[np.int64], count: int, label: str, dropped: list[Note]) -> bool:
-    """Whether all vertices of a face exist; add a note otherwise."""
+    """Whether a face has three or more vertices, all below `count`; if not, append a note."""
     if len(face) < 3:
         dropped.append((label, "has fewer than 3 vertices"))
     elif face.min() < 0 or face.max() >= count:
@@ -103,7 +110,9 @@ def _has_vertices(face: NDArray[np.int64], count: int, label: str, dropped: list
 
 
 def _flatten(rings: list[NDArray[np.float64]]) -> tuple[shapely.Polygon | None, float]:
-    """Return a face in its plane, and the vertices' largest distance from it, relative to the size.
+    """Return a face as a polygon in its plane, or None without area, and the deviation.
+
+    The deviation is the largest distance of a vertex from the plane, relative to the face's size.
 
     rings : vertices (k, 3) of the exterior, which defines the plane, and of the holes
     """
@@ -124,7 +133,10 @@ def _flatten(rings: list[NDArray[np.float64]]) -> tuple[shapely.Polygon | None, 
 
 
 def compute_axes(normal: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return rows x, y, normal of a right-handed frame; x is level, y points up if possible."""
+    """Return the axes of a right-handed frame as rows x, y, normal; x is horizontal, y points up.
+
+    normal : unit vector (3,). For a vertical normal, x is (1, 0, 0).
+    """
     x = np.cross([0.0, 0.0, 1.0], normal)
     if np.linalg.norm(x) < 1e-9:
         x = np.array([1.0, 0.0, 0.0])
@@ -135,7 +147,10 @@ def compute_axes(normal: NDArray[np.float64]) -> NDArray[np.float64]:
 def _read_triangles(
     source: Source, model: GltfFile | None
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], tuple[str, ...]]:
-    """Return vertices, triangles and notes of a format of triangles; `model` is a glTF file."""
+    """Return vertices (n, 3), triangles (m, 3) and notes of a model of triangles.
+
+    model : the file as glTF, or None for STL and OFF
+    """
     suffix = source.path.suffix.lower()
     if model is not None:
         vertices, triangles, skipped = read_triangles(model)
@@ -152,9 +167,10 @@ def _read_triangles(
 
 
 def _read_binary_stl(path: Path) -> NDArray[np.float64] | None:
-    """Return the vertices (m, 3, 3) of the triangles, or None if the STL is text.
+    """Return the vertices (m, 3, 3) of the triangles in binary STL, or None if the STL is text.
 
-    A header may begin with "solid", and bytes may follow the triangles, whose number is stated.
+    The header of binary STL may begin with "solid", like text, and more bytes may follow the
+    triangles.
     """
     data = path.read_bytes()
     stated = int.from_bytes(data[80:84], "little")
@@ -170,7 +186,7 @@ def _read_binary_stl(path: Path) -> NDArray[np.float64] | None:
 def _merge_vertices(
     vertices: NDArray[np.float64], triangles: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return distinct vertices, and the triangles as indices of the distinct vertices.
+    """Return the distinct vertices (k, 3), and the triangles (m, 3) as indices of these.
 
     Coordinates are compared in steps of 2^-30 of the model's size, because the matrices of glTF
     round equal vertices differently.
@@ -188,7 +204,7 @@ def _merge_vertices(
 
 
 def _join_triangles(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> Raw:
-    """Return the faces of a model of triangles, coplanar neighbours joined."""
+    """Return the faces of a model of triangles, in rows, with coplanar neighbours joined."""
     polygons, dropped = join_facets(vertices, triangles)
     labels = [f"facet {i}" for i in range(len(polygons))]
     return Raw(arrange_in_rows(polygons), labels, dropped=dropped, notes=(_FLAT,))
@@ -197,7 +213,10 @@ def _join_triangles(vertices: NDArray[np.float64], triangles: NDArray[np.int64])
 def join_facets(
     vertices: NDArray[np.float64], triangles: NDArray[np.int64]
 ) -> tuple[list[Any], list[Note]]:
-    """Return coplanar neighbouring triangles of a mesh as polygons, one per facet, and notes."""
+    """Return the facets of a mesh as polygons, and notes on triangles without area.
+
+    A facet is a set of coplanar neighbouring triangles, or a single triangle.
+    """
     import trimesh
 
     mesh = trimesh.Trimesh(vertices, triangles, process=False)
@@ -220,9 +239,9 @@ def join_facets(
 
 
 def parse_obj(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
-    """Return (n, 3) vertices and, for each face, the indices of its vertices from 0.
+    """Return the vertices (n, 3) of an OBJ file, and the vertex indices (k,) of each face, from 0.
 
-    Indices are not checked. Raises SceneError, with the line's number, for an invalid line.
+    Indices may be out of range. Raises SceneError, with the line's number, for an invalid line.
     """
     vertices: list[list[float]] = []
     faces: list[NDArray[np.int64]] = []
@@ -243,7 +262,10 @@ def parse_obj(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]
 
 
 def _join_continued_lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield (number, line); lines that end in a backslash are joined, numbered by the last."""
+    """Yield (number, line) of a text file, with lines that end in a backslash joined to the next.
+
+    A joined line has the number of its last line.
+    """
     parts: list[str] = []
     number = length = 0
     for number, line in number_lines(path):
@@ -259,18 +281,21 @@ def _join_continued_lines(path: Path) -> Iterator[tuple[int, str]]:
 
 
 def _parse_face(fields: list[str], count: int) -> NDArray[np.int64]:
-    """Return indices from 0: "7/1/3" is vertex 7 from 1; "-1" is the last vertex so far."""
+    """Return the vertex indices (k,), from 0, of a face of OBJ, after `count` vertices.
+
+    In OBJ, "7/1/3" is the seventh vertex, and "-1" the last vertex before the face.
+    """
     numbers = [int(word.partition("/")[0]) for word in fields]
     return np.array(
         [i - 1 if i > 0 else count + i if i < 0 else -1 for i in numbers], dtype=np.int64
     )
 
 
-_INDICES = ("vertex_indices", "vertex_index")
+_INDICES = ("vertex_indices", "vertex_index")  # names of the list of a face's vertices in PLY
 
 
 def parse_ply(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
-    """Return (n, 3) vertices and, for each face, the indices of its vertices from 0.
+    """Return the vertices (n, 3) of a PLY file, and the vertex indices (k,) of each face, from 0.
 
     Raises SceneError for a file without faces and if plyfile is missing, and plyfile's errors for
     invalid PLY.

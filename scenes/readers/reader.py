@@ -41,7 +41,7 @@ class Source:
 class Raw:
     """A chunk of a file, as a reader yields it: geometries before cleaning, attributes and notes.
 
-    `geometries` are shapely geometries or None; `labels` are their names in messages; `attributes`
+    `geometries` are shapely geometries or None; `labels` are names for messages; `attributes`
     has one row per geometry; `crs` is a reference system that PROJ accepts: a code, WKT or
     PROJJSON. `dropped` has notes on items without a usable geometry, `repaired` on geometries that
     the reader changed. `notes` are the reader's choices, such as which of several layers was read.

@@ -1,4 +1,4 @@
-"""Reader of SVG drawings: filled paths and basic shapes, as they are drawn."""
+"""Reader of SVG drawings: the visible areas of filled paths and basic shapes."""
 
 import re
 from collections.abc import Iterator
@@ -50,16 +50,17 @@ _INHERITED = {
     "visibility": "visible",
 }
 _LOCAL = ("display", "opacity", "clip-path", "mask", "overflow", "transform", "transform-origin")
-"""Properties that are not inherited."""
+"""CSS properties that children do not inherit."""
 
 
 @dataclass(frozen=True)
 class _State:
-    """State for the content of an element.
+    """State in which the content of an element is drawn.
 
-    matrix : from the element's user space to the drawing's
-    properties : inherited properties
-    clip : the visible area, y up; None for all
+    matrix : transform from the element's user space to that of the drawing
+    properties : inherited CSS properties, by name
+    viewport : size to which percentages refer, or None if unknown
+    clip : area of the clip path, y up, or None without a clip path
     hidden : why the content is not drawn, or ""
     """
 
@@ -79,7 +80,7 @@ def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a drawin
 
 
 class _Drawing:
-    """Collected shapes of a drawing."""
+    """An SVG document, with notes on the shapes that `read` drops."""
 
     def __init__(self, root: ElementTree.Element) -> None:
         self._root = root
@@ -124,14 +125,17 @@ class _Drawing:
         return Raw(geometries, labels, table, None, "px", self.dropped, notes=notes)
 
     def _is_drawn(self, element: ElementTree.Element) -> bool:
-        """Whether an element is a drawn element of SVG, and its conditions are met."""
+        """Whether an element is an SVG container, shape, text or image whose conditions are met."""
         namespace = str(element.tag).rpartition("}")[0].lstrip("{")
         is_svg = namespace == _NAMESPACE or (not namespace and "}" not in str(self._root.tag))
         is_known = get_tag(element) in (*_CONTAINERS, *SHAPES, *_OMITTED)
         return is_svg and is_known and _meets_conditions(element)
 
     def _enter(self, element: ElementTree.Element, parent: _State) -> tuple[_State, dict[str, str]]:
-        """Return the state in an element, and the CSS properties of its attribute `style`."""
+        """Return the state for an element's content, and the CSS properties of its `style`.
+
+        parent : state in which the element is drawn. Raises ValueError for unsupported properties.
+        """
         items = (item.partition(":") for item in element.get("style", "").split(";"))
         style = {key.strip(): value.removesuffix("!important").strip() for key, _, value in items}
         names = (*_INHERITED, *_LOCAL)
@@ -162,7 +166,10 @@ class _Drawing:
         return state, style
 
     def _enter_viewport(self, element: ElementTree.Element, state: _State, overflow: str) -> _State:
-        """Return the state in an `svg` element, by its viewport and viewBox."""
+        """Return the state for the content of an `svg` element, by its viewport and viewBox.
+
+        overflow : the CSS property; unless it is visible, content outside the viewport is clipped
+        """
         box = [float(x) for x in re.split(r"[\s,]+", element.get("viewBox", "").strip()) if x]
         if element is self._root:
             viewport: Viewport = (box[2], box[3]) if len(box) == 4 else None
@@ -192,7 +199,10 @@ class _Drawing:
     def _find_region(
         self, element: ElementTree.Element, state: _State, style: dict[str, str], rule: str
     ) -> Any:
-        """Return the visible region of a shape as a geometry, or None if nothing is visible."""
+        """Return the visible region of a shape as a geometry, or None if nothing is visible.
+
+        rule : the CSS property with the fill rule, "fill-rule", or "clip-rule" in a clip path
+        """
         outline = format_outline(element, style, state.viewport)
         contours = flatten_outline(outline, FLIP.transform(state.matrix))
         name = state.properties[rule]
@@ -206,7 +216,7 @@ class _Drawing:
     def _clip_area(
         self, clip: ElementTree.Element, element: ElementTree.Element, state: _State
     ) -> Any:
-        """Return the area of a `clipPath` for an element of this state."""
+        """Return the area of the clip path `clip` for an element, whose state is `state`."""
         if clip.get("clipPathUnits") == "objectBoundingBox":
             if get_tag(element) not in SHAPES:
                 raise ValueError("the clip path has the size of a group, which is unsupported")
@@ -231,12 +241,16 @@ class _Drawing:
 
 
 def _intersect_clip(state: _State, area: Any) -> _State:
+    """Return a state that is clipped to an area in addition."""
     clip = area if state.clip is None else shapely.intersection(state.clip, area)
     return replace(state, clip=clip)
 
 
 def _fit_viewbox(box: list[float], width: float, height: float, alignment: str) -> Transform:
-    """Return the matrix from a viewBox to a viewport at (0, 0), by `preserveAspectRatio`."""
+    """Return the matrix from a viewBox (x, y, width, height) to a viewport at (0, 0).
+
+    alignment : the attribute `preserveAspectRatio`
+    """
     sx, sy = width / box[2], height / box[3]
     fields = alignment.split() or ["xMidYMid"]
     if fields[0] == "none":
@@ -249,7 +263,7 @@ def _fit_viewbox(box: list[float], width: float, height: float, alignment: str) 
 
 
 def _meets_conditions(element: ElementTree.Element) -> bool:
-    """Whether an element requires no extension, and English if it requires a language."""
+    """Whether an element requires no extension and, if it requires a language, English."""
     languages = element.get("systemLanguage")
     names = [] if languages is None else [name.strip().lower() for name in languages.split(",")]
     is_english = languages is None or any(name.partition("-")[0] == "en" for name in names)
@@ -257,7 +271,7 @@ def _meets_conditions(element: ElementTree.Element) -> bool:
 
 
 def _check_fill(state: _State, by_id: dict[str | None, ElementTree.Element]) -> str:
-    """Return why a shape of this state is not filled, or ""."""
+    """Return why a shape drawn in a state is not filled, or "" if filled; by_id : elements."""
     properties = state.properties
     if properties["visibility"] in ("hidden", "collapse"):
         return "is not visible"

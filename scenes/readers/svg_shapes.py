@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 SHAPES = ("path", "rect", "circle", "ellipse", "polygon", "polyline")
 FLIP = Transform(1, 0, 0, -1, 0, 0)
-"""From SVG's axes, with y down, to the axes of scenes."""
+"""Transform from SVG's axes, with y down, to the axes of scenes, with y up."""
 
 _CHORDS = 8
-"""Number of chords that replace a curve."""
+"""Number of chords that replace a cubic curve."""
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _FUNCTION = re.compile(r"\s*,?\s*([A-Za-z0-9]+)\s*\(([^()]*)\)")
@@ -37,9 +37,11 @@ def get_tag(element: ElementTree.Element) -> str:
 
 
 def parse_length(text: str, viewport: Viewport, axis: int | None = None) -> float:
-    """Return a length in user units; percentages refer to the viewport's axis, or the diagonal.
+    """Return a length in user units.
 
-    Raises ValueError for other units, and percentages of an unknown viewport.
+    axis : the viewport's axis to which a percentage refers, 0 for x, 1 for y, None for the diagonal
+
+    Raises ValueError for unsupported units, and for percentages if the viewport is unknown.
 
     >>> parse_length("1in", None), parse_length("50%", (10, 20), 1)
     (96.0, 10.0)
@@ -57,8 +59,9 @@ def parse_length(text: str, viewport: Viewport, axis: int | None = None) -> floa
 def parse_transform(text: str, *, is_css: bool = False) -> Transform:
     """Return the matrix of a list of transform functions; the last function applies first.
 
-    Numbers may be packed as in `matrix(1 0 0 1 5-5)`, and have units. CSS has more functions than
-    the attribute. Raises ValueError for unknown and three-dimensional functions.
+    Numbers may have units, and may follow each other without a separator, as in
+    `matrix(1 0 0 1 5-5)`. is_css : True for a CSS property, which has more functions than the SVG
+    attribute. Raises ValueError for unknown and three-dimensional functions.
 
     >>> parse_transform("translate(2px, 0) scale(3)").transformPoint((1, 1))
     (5.0, 3.0)
@@ -75,6 +78,7 @@ def parse_transform(text: str, *, is_css: bool = False) -> Transform:
 
 
 def _make_rotation(angle: float, x: float = 0.0, y: float = 0.0) -> Transform:
+    """Return a rotation by an angle in degrees about (x, y)."""
     return Identity.translate(x, y).rotate(math.radians(angle)).translate(-x, -y)
 
 
@@ -92,10 +96,11 @@ _CSS_FUNCTIONS = _FUNCTIONS | {
     "scaleX": ((1,), lambda x: Identity.scale(x, 1.0)),
     "scaleY": ((1,), lambda y: Identity.scale(1.0, y)),
 }
-"""Transform functions: permitted numbers of arguments, and the matrix."""
+"""Transform functions of CSS: permitted numbers of arguments, and the function of the matrix."""
 
 
 def _parse_matrix(name: str, inner: str, is_css: bool) -> Transform:
+    """Return the matrix of one transform function, given its name and the text of its arguments."""
     arguments = list(_ARGUMENT.finditer(inner))
     values = [float(match[1]) * _DEGREES.get(match[2], 1.0) for match in arguments]
     counts, function = (_CSS_FUNCTIONS if is_css else _FUNCTIONS).get(name, ((), Transform))
@@ -106,7 +111,10 @@ def _parse_matrix(name: str, inner: str, is_css: bool) -> Transform:
 
 
 def transform_about(matrix: Transform, origin: str, viewport: Viewport) -> Transform:
-    """Return a transform about a `transform-origin` such as "50% 20px" or "center"."""
+    """Return a matrix that applies `matrix` about a point instead of (0, 0).
+
+    origin : the CSS property `transform-origin`, such as "50% 20px" or "center"
+    """
     keywords = [_KEYWORDS.get(word, word) for word in origin.split()[:2]]
     if origin.split()[:1] in (["top"], ["bottom"]):
         keywords = [*keywords[1:], "50%"][:1] + keywords[:1]
@@ -116,7 +124,7 @@ def transform_about(matrix: Transform, origin: str, viewport: Viewport) -> Trans
 
 
 class _Flattener(BasePen):  # type: ignore[misc]
-    """Collects contours as points, with curves cut into chords."""
+    """A pen of fontTools that stores contours as points, with curves replaced by chords."""
 
     def __init__(self) -> None:
         super().__init__(None)
@@ -136,7 +144,7 @@ class _Flattener(BasePen):  # type: ignore[misc]
 
 
 def flatten_outline(outline: str, matrix: Transform) -> list[NDArray[np.float64]]:
-    """Return the contours (n, 2) of SVG path data, transformed and without closing points.
+    """Return the contours (n, 2) of SVG path data, transformed by `matrix`, without closing points.
 
     Raises ValueError for a coordinate that is not finite.
     """
@@ -152,7 +160,7 @@ def flatten_outline(outline: str, matrix: Transform) -> list[NDArray[np.float64]
 
 
 def format_outline(element: ElementTree.Element, style: dict[str, str], viewport: Viewport) -> str:
-    """Return a shape as SVG path data; `style` are the CSS properties of the element."""
+    """Return the outline of a shape as SVG path data; style : CSS properties of the element."""
     kind = get_tag(element)
     if kind == "path":
         return element.get("d", "")
@@ -164,7 +172,7 @@ def format_outline(element: ElementTree.Element, style: dict[str, str], viewport
         return f"M {points} Z" if points else ""
 
     def length(key: str, axis: int | None) -> float | None:
-        """Return a length; None if it is absent or "auto", and for a negative radius."""
+        """Return the length of a property; None if absent or "auto", or if a radius is negative."""
         text = style.get(key) or element.get(key) or "auto"
         value = None if text.strip() == "auto" else parse_length(text, viewport, axis)
         return None if value is not None and value < 0 and key in ("r", "rx", "ry") else value
@@ -181,12 +189,16 @@ def format_outline(element: ElementTree.Element, style: dict[str, str], viewport
 
 
 def _read_radii(length: Callable[[str, int | None], float | None]) -> tuple[float, float]:
-    """Return both radii; an absent radius is equal to the other radius."""
+    """Return the radii along x and y of a shape; an absent radius equals the other."""
     rx, ry = length("rx", 0), length("ry", 1)
     return (rx if rx is not None else ry) or 0.0, (ry if ry is not None else rx) or 0.0
 
 
 def _make_rectangle(length: Callable[[str, int | None], float | None]) -> str:
+    """Return a rectangle, possibly with rounded corners, as SVG path data; "" if empty.
+
+    length : function of (property, axis) that returns a length or None
+    """
     x, y, w, h = (length(k, i % 2) or 0.0 for i, k in enumerate(("x", "y", "width", "height")))
     if w <= 0 or h <= 0:
         return ""

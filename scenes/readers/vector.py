@@ -1,6 +1,6 @@
 """Reader of vector files by GDAL: GeoJSON, GeoPackage, Shapefile, FlatGeobuf, OSM PBF and more.
 
-GDAL skips features that it cannot read, and reports each only to its error handler.
+GDAL skips features that GDAL cannot read, and reports each failure only to the error handler.
 """
 
 from __future__ import annotations
@@ -332,7 +332,7 @@ def _close_geometry(geometry: Any) -> Any:
 def choose_layer(source: Source) -> tuple[str, tuple[str, ...]]:
     """Return the name of the layer to read, and notes on layers and files that are not read.
 
-    The default is the first layer whose type allows polygons. Raises SceneError if there is none.
+    The default is the first layer whose type allows polygons. Raises SceneError if no layer fits.
     """
     layers = pyogrio.list_layers(find_gdal_path(source.path))
     names = [str(name) for name, _ in layers]

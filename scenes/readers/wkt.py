@@ -99,7 +99,7 @@ def _recover(source: Any) -> tuple[Any | None, str]:
 
 
 def read_text(source: Source, size: int) -> Iterator[Raw]:
-    """Yield the geometries of a text file: one per line, or a single one over several lines.
+    """Yield the geometries of a text file: one per line, or a single geometry over several lines.
 
     Lines that begin with `#` are comments. The SRID of the first geometry is the file's reference
     system; lines with another SRID are skipped, with a note.
@@ -143,7 +143,8 @@ def _is_ended(line: bytes) -> bool:
 def _parse_lines(chunk: list[tuple[int, str]], crs: str | None, is_first: bool) -> Raw:
     """Return the geometries of lines, given as (number, text).
 
-    crs : the file's reference system, if known; is_first : True if the first geometry determines it
+    crs : the file's reference system, if known; is_first : True if the first geometry determines
+    `crs`
     """
     geometries: list[Any] = []
     labels: list[str] = []
@@ -201,6 +202,6 @@ def read_binary(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - o
 
 
 def _find_embedded_crs(geometry: Any) -> str | None:
-    """Return the reference system of a geometry's SRID, or None if it has none."""
+    """Return the reference system of a geometry's SRID, or None without an SRID."""
     srid = shapely.get_srid(geometry)
     return f"EPSG:{srid}" if srid > 0 else None

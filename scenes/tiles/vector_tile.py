@@ -48,7 +48,7 @@ def _make_message_classes() -> _Messages:
     """Return protobuf's classes of the messages of a tile.
 
     Nested messages are declared as bytes and decoded separately: so an invalid layer or feature
-    does not affect others. A layer's name is bytes, because it may be invalid UTF-8.
+    does not affect others. A layer's name is bytes, because names may be invalid UTF-8.
     """
     descriptor = _import_protobuf("descriptor_pb2")
     file = descriptor.FileDescriptorProto(name="vector_tile.proto", package="raster_harness")
@@ -86,7 +86,7 @@ def _make_message_classes() -> _Messages:
 
 
 def _decode_message(kind: Any, data: bytes) -> Any:
-    """Return the message of class `kind` in `data`; raises ValueError if it is invalid.
+    """Return the message of class `kind` in `data`; raises ValueError if invalid.
 
     A known field with a wrong wire type is invalid, too: protobuf would silently skip the field,
     which may contain polygons.

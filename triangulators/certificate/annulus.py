@@ -1,4 +1,4 @@
-"""Kinds of edges of a polygon with one hole, and their positions around it (see `bridges`)."""
+"""Kinds of edges of a polygon with one hole, and positions around the hole (see `bridges`)."""
 
 import numpy as np
 

@@ -130,8 +130,8 @@ def _list_bridges(
 ) -> tuple[int, int]:
     """Write the outward bridges of an extreme vertex to `bridges`; return their number and hole.
 
-    The vertex is extreme among those of all holes not in `merged`: leftmost, rightmost, lowest or
-    highest. Outward bridges are the `usable` edges from it that lead further in that direction;
+    Of the vertices of all holes not in `merged`, the vertex is extreme: leftmost, rightmost, lowest
+    or highest. Outward bridges are the `usable` edges from it that lead further in that direction;
     every triangulation contains at least one. The direction with the fewest is taken.
     """
     points, edges = candidates.points, candidates.edges
@@ -261,8 +261,8 @@ def _solve_annulus(
     """Return the minimum weight of a cut polygon with one hole, and the indices (m,) of triangles.
 
     hole: number of the unmerged hole; cut, usable (e,): flags of cuts, and of edges that cross no
-    cut; starts: bridges of which each triangulation has at least one. Other arguments are those of
-    `solve_by_bridges`. The weight is `none` if there is no triangulation.
+    cut; starts: bridges of which each triangulation has at least one. See `solve_by_bridges` for
+    other arguments. The weight is `none` if there is no triangulation.
     """
     c, (outer, inner) = candidates, find_rings(candidates, ring_offsets, hole, cut)
     m, q = len(outer), len(inner)

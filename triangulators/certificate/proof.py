@@ -179,7 +179,7 @@ def prove(
 ) -> Proof | None:
     """Improve a triangulation (m, 3), and bound its gap to the optimum.
 
-    The units of weights are those of a claim about the given triangulation (see `find_units`).
+    Weights are in the units of a claim about the given triangulation (see `find_units`).
     seconds: time limit of each linear program, whose bound is weak if the limit is reached;
     infinite: solve only programs of up to 100,000 triangles; 0: solve no linear program. Return
     None if more than eight million triples of sites see each other (1.5 million if `seconds` is 0
@@ -266,7 +266,7 @@ def _compute_gap(
 
 
 def _find_candidate_indices(candidates: Candidates, triangles: np.ndarray) -> np.ndarray:
-    """Return the index (m,) of each triangle (m, 3) among the candidates, -1 if it is not there."""
+    """Return the index (m,) of each triangle (m, 3) among the candidates, -1 if absent."""
     n = len(candidates.points)
     keys = _make_keys(candidates.triangles, n)
     order = np.argsort(keys)

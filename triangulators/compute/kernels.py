@@ -63,7 +63,7 @@ def njit(**options: Any) -> Callable[[F], F]: ...
 def njit(function: Any = None, **options: Any) -> Any:
     """Declare a kernel: like `numba.njit`, but compiled on the first call, and cached on disk.
 
-    options: those of `numba.njit`.
+    options: see `numba.njit`.
     """
     if function is not None:
         return Kernel(function, options)

@@ -262,7 +262,7 @@ def predict_many(
 ) -> dict[str, np.ndarray]:
     """Return the sums of `predict` for p polygons, as columns (p,) by name.
 
-    The arrays are those of `polygon_arrays.Batch`.
+    See `polygon_arrays.Batch` for the arrays.
     """
     from triangulators.criteria.features import sum_features_of_many
 

@@ -115,7 +115,7 @@ def _look_through(
         hidden_right = orientation(points, v, view_right, apex) <= 0.0
         hidden_left = not hidden_right and orientation(points, v, apex, view_left) <= 0.0
         split = not (hidden_right or hidden_left)
-        # `find_visible_pairs` passes v as `floor`: it lists a pair only at the lower vertex.
+        # `find_visible_pairs` passes v as `floor`: a pair is listed only at the lower vertex.
         seen = split and apex > floor
         if not hidden_left and apex > floor and over_left >= 0:
             stack[height, 0], stack[height, 1], stack[height, 2] = over_left, apex, left

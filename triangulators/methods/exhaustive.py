@@ -147,9 +147,10 @@ class Recursion:
     """All triangulations of the polygons over one set of points, by cutting ears.
 
     From each edge of the remaining polygon three cuts are tried: the triangle of this and the next
-    edge (firstPart in the paper), the triangle of the two edges before it (secondPart), and both
-    triangles (thirdPart). A cut is allowed if the triangles are inside the polygon; what remains is
-    cut in the same way until one triangle is left. The result is a set, without duplicates.
+    edge (firstPart in the paper), the triangle of the two edges before (secondPart), and both
+    triangles (thirdPart). A cut is allowed if the triangles are inside the polygon; the remaining
+    polygon is cut in the same way until one triangle is left. The result is a set, without
+    duplicates.
 
     points: (n, 2). drop_straight: drop a vertex that a cut has made collinear, like the paper's
     program; triangulations without that vertex do not conform.

@@ -108,7 +108,7 @@ def _refine_if_valid(
     """Return the triangles (m, 3) of `refine`, or no rows if the given triangles are invalid.
 
     corner (3 m,): the given triangles, overwritten; valid if they are a conforming triangulation of
-    the rings. Other arguments are those of `refine`.
+    the rings. See `refine` for other arguments.
     """
     twin = link(corner)
     if is_triangulation(points, ring_offsets, corner, twin):
@@ -312,6 +312,6 @@ def triangulate_refined(
 
 @lru_cache(maxsize=64)
 def _find_plain_cost_and_test(criterion: criteria.Criterion) -> tuple[Cost | None, int]:
-    """Return the cost and flip test of a criterion; (None, NONE) if they depend on the polygon."""
+    """Return the cost and flip test of a criterion; (None, NONE) if polygons differ."""
     cost = plain_cost(criterion)
     return cost, NONE if cost is None else find_flip_test(cost)

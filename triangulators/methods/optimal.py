@@ -90,10 +90,10 @@ def triangulate_worst(outline: Boundary, **parameters: Any) -> np.ndarray:
 def triangulate_with_gap(outline: Boundary, **parameters: Any) -> tuple[np.ndarray, float]:
     """Return the result of `triangulate`, and its gap to the optimum, relative to its cost.
 
-    The gap is 0 if a dynamic program found the optimum, or if it is proven as in `certify`, but
-    without the check; for real costs, 0 means optimal up to rounding. If sums of integer costs
-    exceed 2^53, the gap is a bound of the rounding error, about 1e-16. The gap is infinite after
-    local search, which gives no lower bound.
+    The gap is 0 if a dynamic program found the optimum, or if a proof as in `certify` shows
+    optimality, but without the check; for real costs, 0 means optimal up to rounding. If sums of
+    integer costs exceed 2^53, the gap is a bound of the rounding error, about 1e-16. The gap is
+    infinite after local search, which gives no lower bound.
     """
     result = _optimise(outline, 1.0, **parameters)
     if result.exact_for is None:

@@ -1,7 +1,7 @@
 """The Pareto front of two criteria over all triangulations of a simple polygon.
 
 The dynamic program is that of the optimum (`optimum.visible_lists`), with sets of non-dominated
-pairs of costs instead of single costs. It does not enumerate triangulations; the fronts of
+pairs of costs instead of single costs. Triangulations are not enumerated; the fronts of
 sub-polygons are small in practice, but no bound of their size is proven. Minimising weighted sums
 of the two criteria would find only vertices of the front's convex hull; this program finds all
 points of the front.
@@ -121,7 +121,7 @@ def _find_pair_front(
 ) -> _Partial:
     """Return the front of the sub-polygon i..j, over the possible apexes of its side i-j.
 
-    fronts: those of smaller sub-polygons; pair: the costs of both criteria.
+    fronts: the fronts of smaller sub-polygons; pair: the costs of both criteria.
     """
     costs: list[np.ndarray] = []
     origins: list[np.ndarray] = []

@@ -16,7 +16,7 @@ final lengths are counted in advance. The inner loop reads one list from front t
 from one row of n numbers, which fits the first-level cache; for vertices that i does not see the
 row has `none`, which is never the minimum, so no branch is needed.
 
-Three kinds of costs share the loop over pairs, each with an inner loop of its own; `any_cost` is
+Three kinds of costs share the loop over pairs, each with a separate inner loop; `any_cost` is
 for all other costs:
 
 edges    only edges have a cost, triangles have none. For three numbers a <= b <= c,
