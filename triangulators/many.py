@@ -1,4 +1,4 @@
-"""Triangulation of millions of small polygons, in parallel or on a device."""
+"""Triangulation of millions of small polygons, by threads of compiled code or on a device."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -149,9 +149,10 @@ def attempt_many(
     order: str | None = None,
     **parameters: Any,
 ) -> Triangulations:
-    """Triangulate the polygons that a device or compiled code supports, for `triangulate_many`.
+    """Triangulate only the polygons that a device or compiled code supports.
 
-    Triangles of polygons with `compiled[i] == False` are uninitialised. Raises `UnknownNameError`.
+    Parameters and exceptions are those of `triangulate_many`, which triangulates all other polygons
+    afterwards. Triangles of polygons with `compiled[i] == False` are uninitialised.
     """
     if isinstance(polygons, shapely.Geometry):
         kind = type(polygons).__name__
@@ -193,9 +194,10 @@ def attempt_many(
 
 
 def _optimise(batch: Batch, cost: Cost, valid: np.ndarray, threads: int, limit: int) -> None:
-    """Optimise the `valid` polygons that compiled code supports; mark them in `batch.done`.
+    """Optimise the polygons that compiled code supports; mark solved polygons in `batch.done`.
 
-    limit: number of vertices up to which a polygon is optimised.
+    valid (p,): flags of the polygons to optimise, overwritten; limit: number of vertices up to
+    which a polygon is optimised.
     """
     vertices, rings = np.diff(batch.vertex_offsets), np.diff(batch.geom_offsets)
     valid &= (vertices >= 3) & (vertices <= min(limit, SMALL))
@@ -218,10 +220,10 @@ def _optimise(batch: Batch, cost: Cost, valid: np.ndarray, threads: int, limit: 
 def _optimise_with_holes(
     first: int, last: int, batch: Batch, indices: np.ndarray, box: np.ndarray
 ) -> None:
-    """Triangulate the polygons indices[first:last], which have holes; mark them in `batch.done`.
+    """Triangulate the polygons indices[first:last], which have holes; set their `batch.done`.
 
-    The loop is in Python: a polygon takes about fifty microseconds, of which a call is two or
-    three, and a loop in compiled code would compile all of `cut_holes` a second time.
+    The loop is in Python: a polygon takes about fifty microseconds, of which a call from Python
+    takes two or three, and a compiled loop would compile all of `cut_holes` a second time.
     """
     offsets = batch.triangle_offsets
     for index in indices[first:last].tolist():
@@ -231,10 +233,11 @@ def _optimise_with_holes(
 
 
 def _clip_ears(batch: Batch, valid: np.ndarray, threads: int, *how: Any) -> None:
-    """Triangulate polygons by ear clipping and flips; mark them in `batch.done`.
+    """Triangulate the `valid` (p,) polygons by ear clipping and flips; set their `batch.done`.
 
-    mapbox_earcut clips polygons that are large or have holes, in this thread; `improve_batch` clips
-    all others and flips, in `threads` threads. how: further arguments of `improve_batch`.
+    In this thread, mapbox_earcut clips polygons that are large or have holes. In `threads` threads,
+    `improve_batch` clips all other polygons and flips diagonals. how: the arguments `test` to
+    `in_walk` of `improve_batch`.
     """
     vertex_offsets, geom_offsets = batch.vertex_offsets.tolist(), batch.geom_offsets.tolist()
     first_vertices = np.repeat(batch.vertex_offsets[:-1], np.diff(batch.geom_offsets))
@@ -279,9 +282,9 @@ def _clip_ears(batch: Batch, valid: np.ndarray, threads: int, *how: Any) -> None
 
 
 def _find_device_feature(cost: Cost, device: str) -> tuple[str, bool] | None:
-    """Return the feature that a device minimises, and whether its negative; None if the CPU does.
+    """Return the feature that a device is to minimise, and True to maximise it; None for the CPU.
 
-    The number and the area of triangles are the same for every triangulation of a polygon.
+    A device supports costs in which one feature has the weight 1 or -1. The number and the area of triangles are the same for every triangulation of a polygon.
     """
     weights = dict(zip(FEATURES[2:], cost["weights"][2:].tolist(), strict=True))
     for feature in _DEVICE_FEATURES:
@@ -294,8 +297,9 @@ def _find_device_feature(cost: Cost, device: str) -> tuple[str, bool] | None:
 def _plain_cost(
     choice: Choice, criterion: Any, weights: dict[str, Any], device: str
 ) -> Cost | None:
-    """Return the cost if a batch supports it and it is the same for all polygons, or None.
+    """Return a triangulator's `Cost`, or None if a batch cannot use one for all polygons.
 
+    None for other triangulators, for costs that depend on the polygon, and for unsupported costs.
     criterion, weights: the caller's arguments, None and {} if only the name has a criterion
     """
     name = choice.entry.name

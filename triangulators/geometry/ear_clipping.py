@@ -1,8 +1,9 @@
-"""Ear clipping of one ring in compiled code: the triangles of mapbox_earcut, without Python's lock.
+"""Ear clipping of one ring in compiled code: the triangles of mapbox_earcut, without the GIL.
 
-mapbox_earcut holds Python's lock, so threads cannot clip at the same time, and a call costs about
-two microseconds. Rings of up to `MAX_VERTICES` vertices, most of a map, are clipped here. Where
-earcut would repair a ring (no ear is left, or its first vertex is repeated), `clip_ring` gives up.
+mapbox_earcut holds Python's global interpreter lock (GIL), so threads cannot clip at the same time,
+and a call takes about two microseconds. `clip_ring` clips rings of up to `MAX_VERTICES` vertices,
+most rings of a map. It gives up if earcut would repair the ring: if no ear is left, or the first
+vertex is repeated at the end.
 """
 
 import numpy as np
@@ -10,12 +11,13 @@ import numpy as np
 from triangulators.compute.kernels import njit
 
 MAX_VERTICES = 128
-"""Each ear is compared with all vertices; for larger rings earcut's index of a curve is faster."""
+"""Maximum number of vertices. Each ear is compared with all vertices; for larger rings earcut,
+which sorts the vertices along a space-filling curve, is faster."""
 
 
 @njit(nogil=True)
 def _area(points: np.ndarray, a: int, b: int, c: int) -> float:
-    """Twice the area of a triangle as earcut rounds it: negative at a convex vertex b."""
+    """Return twice the area of a triangle, rounded as in earcut; negative at a convex vertex b."""
     left = (points[b, 1] - points[a, 1]) * (points[c, 0] - points[b, 0])
     return float(left - (points[b, 0] - points[a, 0]) * (points[c, 1] - points[b, 1]))
 
@@ -24,7 +26,10 @@ def _area(points: np.ndarray, a: int, b: int, c: int) -> float:
 def _is_ear(
     points: np.ndarray, previous: np.ndarray, following: np.ndarray, a: int, b: int, c: int
 ) -> bool:
-    """Return whether no vertex that is not convex lies in the triangle a, b, c."""
+    """Whether no reflex vertex of the remaining ring lies in the triangle a, b, c.
+
+    previous, following (n,): neighbours of each vertex in the remaining ring.
+    """
     ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
     cx, cy = points[c, 0], points[c, 1]
     low_x, high_x = min(ax, bx, cx), max(ax, bx, cx)
@@ -50,9 +55,9 @@ def _is_ear(
 def clip_ring(points: np.ndarray) -> np.ndarray:
     """Return the triangles (n - 2, 3) of a ring (n, 2), or (0, 3) if earcut would repair the ring.
 
-    As in earcut, the list begins with the last vertex of a counter-clockwise ring, or the first of
-    a clockwise one; after a cut the next vertex is tried. The order in which earcut's index finds
-    the vertices in a triangle does not matter, so the triangles of large rings are equal, too.
+    As in earcut, the last vertex of a counter-clockwise ring is tried first, or the first vertex of
+    a clockwise ring; after a cut the next vertex is tried. For large rings earcut searches the
+    vertices in a triangle in another order, which does not change the triangles.
     """
     n = len(points)
     triangles = np.empty((max(n - 2, 0), 3), dtype=np.int32)

@@ -1,11 +1,13 @@
-"""Windows of a triangulation, optimised one after another: a near optimum of any cost.
+"""Local search for any cost: windows of a triangulation are optimised exactly, one after another.
 
 A window is a tree of adjacent triangles, unfolded into a simple polygon (see `unfold`), which the
-dynamic program over visible vertices optimises exactly. Each triangle is in a window. Work and
-memory are linear in the number of windows, because workspaces are cleared by window.
+dynamic program over visible vertices optimises exactly. Windows cover all triangles. Time and
+memory are linear in the number of windows, because after each window only the used part of the
+workspaces is cleared.
 
-The program's time depends on the pairs of vertices that see each other, so windows are larger where
-such pairs are few: up to 96 triangles in narrow polygons, 24 in convex ones.
+The time of the dynamic program depends on the number of pairs of vertices that see each other. So
+windows are larger in polygons with few such pairs: up to 96 triangles in narrow polygons, 24 in
+convex polygons.
 
 On letters at 1024 px, windows and then flips leave the expected quads 0.1 % above the optimum;
 flips alone, from two initial solutions, 3.5 %. Windows of up to 24 triangles leave 0.3 % in 0.85 of
@@ -22,7 +24,8 @@ from triangulators.geometry.unfold import fold_back, grow, unfold
 from triangulators.geometry.visibility import find_visible_pairs
 from triangulators.optimum.any_cost import solve_any
 
-_MIN_TRIANGLES = 24  # bounds of the limit on a window's number of triangles
+# A window's maximum number of triangles varies between these bounds.
+_MIN_TRIANGLES = 24
 _MAX_TRIANGLES = 96
 _FEW_PAIRS = 7  # visible pairs per triangle of a window, below which the limit is doubled
 _MANY_PAIRS = 12  # visible pairs per triangle, above which the limit is halved
@@ -32,10 +35,11 @@ _MANY_PAIRS = 12  # visible pairs per triangle, above which the limit is halved
 def optimise_windows(
     points: np.ndarray, triangles: np.ndarray, twin: np.ndarray, cost: Cost
 ) -> bool:
-    """Replace windows by their optima, in place; return whether the first was the whole polygon.
+    """Replace windows by optimal triangulations, in place; return True if one window is enough.
 
-    triangles, twin: (m, 3), see `half_edges`. Windows grow breadth first from the triangles that
-    are in no window yet, in ascending order. No replacement increases the cost.
+    That is the case if the first window is the full polygon, without cuts: the result is then the
+    optimum. triangles, twin: (m, 3), see `half_edges`. Windows grow breadth first from the
+    triangles that are in no window yet, in ascending order. No replacement increases the cost.
     """
     count, limit = len(triangles), _MIN_TRIANGLES
     tree, rows = np.zeros((count, 3), dtype=np.bool_), np.empty(_MAX_TRIANGLES, dtype=np.int32)
