@@ -284,7 +284,8 @@ def _clip_ears(batch: Batch, valid: np.ndarray, threads: int, *how: Any) -> None
 def _find_device_feature(cost: Cost, device: str) -> tuple[str, bool] | None:
     """Return the feature that a device is to minimise, and True to maximise it; None for the CPU.
 
-    A device supports costs in which one feature has the weight 1 or -1. The number and the area of triangles are the same for every triangulation of a polygon.
+    A device supports costs in which one feature has the weight 1 or -1. The number and the area of
+    triangles are the same for every triangulation of a polygon.
     """
     weights = dict(zip(FEATURES[2:], cost["weights"][2:].tolist(), strict=True))
     for feature in _DEVICE_FEATURES:

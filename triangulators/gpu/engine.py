@@ -1,8 +1,9 @@
-"""Run batches on a device; fall back to the CPU for polygons that a failed device did not solve.
+"""Solve batches of polygons on a device, by compute shaders, and check the results.
 
-An OpenGL context belongs to the thread that made it current. A single thread of this module
-uses all devices, so that other OpenGL code in this process is not disturbed. Batches may come from
-any thread and run consecutively.
+An OpenGL context belongs to the thread that made the context current. So a single thread of this
+module uses all devices, and other OpenGL code in the process is not disturbed. Batches may be
+submitted from any thread; they run one after another. If a device fails, the caller solves the
+remaining polygons on the CPU.
 """
 
 import logging
@@ -30,20 +31,20 @@ from triangulators.gpu.rings import (
 from triangulators.polygon_arrays import Batch
 
 VERSION = 430
-"""The first version of OpenGL with compute shaders and storage buffers."""
+"""The first version of OpenGL with compute shaders and storage buffers, times 100."""
 
-MAX_DEVICES = 32
+MAX_DEVICES = 32  # number of EGL devices that are tried
 MAX_GROUPS = 65535
 """Maximum number of workgroups in a dimension of a dispatch that every device supports."""
 
 NO_RESULT = (1 << 64) - 1
-"""Words of a ring without a triangulation in the shaders."""
+"""The 64 bits that shaders return as the cost of a ring without a triangulation."""
 
 LANES = 32
-"""Shader invocations of a workgroup; twice as many for rings of more than 32 vertices."""
+"""Minimum number of shader invocations of a workgroup; rings of more than 32 vertices have 64."""
 
 CHUNK = 1 << 18
-"""Vertices per upload to the device (2 MiB; the result is 1 MiB)."""
+"""Number of vertices in an upload to the device (2 MiB; the result is 1 MiB)."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -53,9 +54,9 @@ class DeviceError(Exception):
 
 
 class Compute:
-    """An open OpenGL context with compiled shaders, for use in the thread that opened it.
+    """An open OpenGL context with compiled shaders, for use in the thread that opened the context.
 
-    ctx: moderngl's context.
+    ctx: context of moderngl.
     """
 
     def __init__(self, ctx: Any) -> None:
@@ -65,7 +66,10 @@ class Compute:
         self._programs: dict[tuple[Any, ...], Any] = {}
 
     def program(self, *names: str, **constants: int) -> Any:
-        """Return the compiled shader of files in shaders/, with macros defined; cached."""
+        """Return a compiled compute shader; cached.
+
+        names: files in shaders/, which are concatenated; constants: macros to define.
+        """
         key = (names, *sorted(constants.items()))
         if key not in self._programs:
             lines = [f"#version {VERSION} core"]
@@ -75,23 +79,26 @@ class Compute:
         return self._programs[key]
 
     def run(self, program: Any, columns: int, rows: int = 1) -> None:
-        """Start columns x rows workgroups, followed by a barrier for later dispatches."""
+        """Start columns x rows workgroups, and a barrier, so that later dispatches see results."""
         program.run(columns, rows)
         self.ctx.memory_barrier()
 
     def check(self, doing: str) -> None:
-        """Raise `DeviceError` if OpenGL has recorded an error since the last check."""
+        """Raise `DeviceError` if OpenGL has recorded an error since the last check.
+
+        doing: description of the commands since then, for the message.
+        """
         error = self.ctx.error
         if error != "GL_NO_ERROR":
             raise DeviceError(f"OpenGL error {error} while {doing}")
 
     def close(self) -> None:
-        """Release the context with all objects."""
+        """Release the context with all its shaders and buffers."""
         self.ctx.release()
 
 
 class Storage:
-    """A storage buffer that grows on demand."""
+    """A storage buffer of a context that grows on demand; binding: index in the shaders."""
 
     def __init__(self, owner: Compute, binding: int) -> None:
         self._owner, self._binding = owner, binding
@@ -145,7 +152,7 @@ def open_context(name: str) -> Compute:
 
 
 def _open_contexts(problems: list[str]) -> Iterator[Any]:
-    """Yield a glcontext context of each EGL device; append reasons of failures to `problems`."""
+    """Yield a context of glcontext for each EGL device; append the message of each failure."""
     import glcontext
 
     for index in range(MAX_DEVICES):
@@ -165,6 +172,7 @@ def _open_contexts(problems: list[str]) -> Iterator[Any]:
 
 @cache
 def _read_shader(name: str) -> str:
+    """Return the source of a file in shaders/."""
     return files("triangulators.gpu").joinpath("shaders", name).read_text(encoding="utf-8")
 
 
@@ -174,10 +182,11 @@ _warned: set[str] = set()
 def attempt(
     name: str, batch: Batch, selected: np.ndarray, max_vertices: int, feature: str, worst: bool
 ) -> None:
-    """Solve the polygons that the device supports; mark solved polygons in `batch.done`.
+    """Solve the polygons of a batch that a device supports; mark solved polygons in `batch.done`.
 
-    selected (p,): polygons to solve, of up to `max_vertices` vertices; feature: "half_perimeter" or
-    "expected_quads"; worst: maximise its sum. The failure of a device is logged once, not raised.
+    name: the device; selected (p,): flags of the polygons to solve, if they have up to
+    `max_vertices` vertices; feature: "half_perimeter" or "expected_quads", whose sum is minimised,
+    or maximised if `worst` is True. A failure of the device is logged once, not raised.
     """
     try:
         wrong = (
@@ -194,16 +203,16 @@ def attempt(
 
 
 def _warn_once(line: str) -> None:
-    """Log each warning once: a file's polygons come in many batches."""
+    """Log a warning unless it was logged before: the polygons of a file come in many batches."""
     if line not in _warned:
         _warned.add(line)
         _LOG.warning(line)
 
 
 def describe(name: str) -> tuple[str, str]:
-    """Return the renderer and version that a device's driver reports; open the device if necessary.
+    """Return the renderer and the version that a device's driver reports.
 
-    Raises `DeviceError`.
+    Opens the device if necessary; raises `DeviceError` if that fails.
     """
     compute = _get_context_thread().submit(_open_engine, name).result().compute
     return compute.renderer, compute.version
@@ -229,6 +238,10 @@ _driver_pids: set[int] = set()
 
 
 def _open_engine(name: str) -> "Engine":
+    """Return the open device of a name, opening it first if necessary; for the context thread.
+
+    Raises `DeviceError`, also in a process that was forked after a driver was loaded.
+    """
     if _driver_pids - {os.getpid()}:
         raise DeviceError("driver loaded before this process was forked")
     if name not in _open_engines:
@@ -248,14 +261,15 @@ if hasattr(os, "register_at_fork"):
 
 
 def _close_all() -> None:
+    """Close all devices; for the context thread."""
     while _open_engines:
         _open_engines.popitem()[1].compute.close()
 
 
 def _solve_batch(name: str, *task: Any) -> int:
-    """Solve a batch; return the number of wrong results.
+    """Call `Engine.solve` with the arguments `task`; return the number of wrong results.
 
-    A device that raises is closed, because all objects are unusable after a lost context.
+    After an exception the device is closed, because a lost context makes all objects unusable.
     """
     engine = _open_engine(name)
     try:
@@ -281,7 +295,8 @@ class Engine:
     ) -> int:
         """Solve a batch in chunks; return the number of wrong results.
 
-        A result is wrong unless the triangles are a triangulation of the reported cost.
+        See `attempt` for the arguments. A result is wrong unless the triangles are a triangulation
+        with the reported cost.
         """
         is_quads = feature == "expected_quads"
         rings = Rings.allocate(batch.vertex_offsets)
@@ -301,9 +316,9 @@ class Engine:
     def _compute_chunk(
         self, rings: Rings, first: int, last: int, feature: str, worst: bool, bases: np.ndarray
     ) -> None:
-        """Compute the results (see `store_results`) of polygons first..last - 1 into bases (n,).
+        """Write the results of polygons first..last - 1 to `bases` (n,), see `store_results`.
 
-        A workgroup solves a ring.
+        Each workgroup solves a ring; rings of the same kind are solved in one dispatch.
         """
         vertices = slice(rings.vertex_offsets[first], rings.vertex_offsets[last])
         self._corners.write(rings.corners[vertices])
@@ -330,8 +345,8 @@ class Engine:
 def make_jobs(rings: Rings, first: int, last: int, kind: int) -> np.ndarray:
     """Return the jobs (k, 4) int32, one for each ring of a kind among polygons first..last - 1.
 
-    Columns: index of the first vertex in the chunk, number of vertices, w + h of the box, bits of
-    the grid's unit as a float.
+    Columns: index of the ring's first vertex in the chunk, number of vertices, width plus height of
+    the bounding box, bits of the unit of the ring's grid as float32.
     """
     indices = first + np.flatnonzero(rings.kind[first:last] == kind)
     begin = rings.vertex_offsets[indices]
@@ -344,7 +359,7 @@ def make_jobs(rings: Rings, first: int, last: int, kind: int) -> np.ndarray:
 
 
 def chunk_bounds(vertex_offsets: np.ndarray, corners: int = CHUNK) -> list[int]:
-    """Return the polygon indices that bound chunks of about `corners` vertices."""
+    """Return the polygon indices at which chunks of about `corners` vertices begin, and the end."""
     marks = np.arange(0, int(vertex_offsets[-1]), corners)
     cuts = np.searchsorted(vertex_offsets, marks, side="left")
     return [int(cut) for cut in np.unique(np.r_[cuts, len(vertex_offsets) - 1])]

@@ -1,17 +1,19 @@
 """Rings of a batch for a device: vertices as integers, and checked triangles from the results.
 
-Coordinates are int32: n (w + h) is below 2^30 units of the ring's grid (w, h: sides of the bounding
-box), so that every sum of diagonals fits, and so does the sum of two costs NONE of H.
+Coordinates are int32. Only rings with n (w + h) below 2^30 units of the ring's grid are supported
+(w, h: sides of the bounding box): every sum of diagonals then fits, and so does the sum of two
+costs NONE of half-perimeters.
 
-The result is the base (i, j) of the triangle of each apex k: every vertex of a ring except the
-first and the last is the apex of exactly one triangle. So the triangles are a binary tree. The pair
-(i, j) is also a side of a triangle with a longer base: the triangle of apex j if the base of j
-begins at i, otherwise the triangle of apex i. The tree is walked from the pair (0, n - 1), in the
-order of the CPU. The first and the last vertex have the low and the high word of the ring's cost.
+In the triangle i < k < j of a triangulation, the vertex k is called the apex and the side (i, j)
+the base. Every vertex of a ring except the first and the last is the apex of exactly one triangle,
+so a device returns the base of each apex, and in the places of the first and the last vertex the
+low and the high word of the ring's cost. The triangles are a binary tree: the base (i, j) of a
+triangle is also a side of another triangle, the triangle of apex j if the base of j begins at i,
+otherwise that of apex i. The tree is walked from the base (0, n - 1), in the order of the CPU.
 
 Results of drivers are not trusted: the bases must form such a tree, all triangles must be
-counter-clockwise, as in a triangulation, and the costs must add up to the reported one. The CPU
-does the rings of invalid results.
+counter-clockwise, as in a triangulation, and the costs must add up to the reported cost. The CPU
+solves rings with invalid results again.
 """
 
 from typing import NamedTuple
@@ -27,28 +29,27 @@ from triangulators.polygon import twice_ring_area
 from triangulators.polygon_arrays import Batch
 
 SIZES = (16, 32, 64)
-"""Maximum numbers of vertices of the shaders, which have a cost table of that size."""
+"""Maximum numbers of vertices of the three shaders; each has a cost table of that size."""
 
 MAX_VERTICES = SIZES[-1]
 KINDS = 2 * len(SIZES)
-"""Kinds are even if differences of coordinates stay below 2^15 units, so that orientations fit
-int32, and odd otherwise."""
+"""Number of kinds of rings: two for each size. The kind is even if differences of coordinates are
+below 2^15 units, so that orientations fit int32, and odd otherwise (wide)."""
 
-ON_CPU = -1
-_INT32_LIMIT = 1 << 30
-_MAX_UNIT = 2.0**64  # and the inverse of the minimum; in shaders a unit is a float
-_TOLERANCE = 1e-9  # relative difference of the sums of expected quads by device and CPU
+ON_CPU = -1  # kind of rings that devices do not support
+_INT32_LIMIT = 1 << 30  # limit of n (w + h)
+_MAX_UNIT = 2.0**64  # units of grids, float32 in shaders, are from 2^-64 to 2^64
+_TOLERANCE = 1e-9  # tolerated relative difference of expected quads between device and CPU
 
 
 class Rings(NamedTuple):
-    """The prepared rings of p polygons, with n vertices in total.
+    """The rings of p polygons without holes, prepared for a device, with n vertices in total.
 
-    vertex_offsets (p + 1,): offsets of the rings in corners (n, 2) int32, the vertices in
-    counter-clockwise order, in units of the ring's grid, relative to the lower left of the ring's
-    box.
-    kind (p,) int8: ON_CPU, or 2 * (index in SIZES) + (1 if wide, see KINDS); longest (p,) int32:
-    w + h of the box; turned (p,): whether the order is the reverse of the input; unit (p,) float32:
-    the unit, a power of two.
+    corners (n, 2) int32: vertices of each ring counter-clockwise, in units of the ring's grid,
+    relative to the lower left of the ring's bounding box; vertex_offsets (p + 1,): offsets of the
+    rings in `corners`. kind (p,) int8: ON_CPU, or 2 * (index in SIZES) + (1 if wide, see KINDS);
+    longest (p,) int32: width plus height of the bounding box; turned (p,): True if the order of
+    vertices was reversed; unit (p,) float32: the grid's unit, a power of two.
     """
 
     vertex_offsets: np.ndarray
@@ -60,7 +61,7 @@ class Rings(NamedTuple):
 
     @classmethod
     def allocate(cls, vertex_offsets: np.ndarray) -> "Rings":
-        """Allocate rings, all unprepared."""
+        """Return rings for the given offsets, all of the kind ON_CPU."""
         count = len(vertex_offsets) - 1
         return cls(
             vertex_offsets,
@@ -76,10 +77,11 @@ class Rings(NamedTuple):
 def prepare_rings(
     coords: np.ndarray, selected: np.ndarray, max_vertices: int, rings: Rings
 ) -> None:
-    """Prepare the `selected` rings (p,) that devices support.
+    """Write the rings that devices support to `rings`.
 
-    coords: (n, 2) float64. Unsupported: rings off the grid, with sums beyond int32, with fewer than
-    3 or more than `max_vertices` vertices (up to MAX_VERTICES), and with a repeated vertex.
+    coords (n, 2) float64: vertices of all polygons; selected (p,): flags of the polygons to
+    prepare. Unsupported are rings off the grid, with sums beyond int32, with fewer than 3 or more
+    than `max_vertices` vertices, and with a vertex repeated consecutively.
     """
     offsets, corners, kind, longest, turned, units = rings
     for index in range(len(selected)):
@@ -112,7 +114,7 @@ def prepare_rings(
 
 @njit(nogil=True)
 def _repeats(corners: np.ndarray) -> bool:
-    """Whether consecutive vertices are equal, which shapely considers valid."""
+    """Whether two consecutive vertices of a ring (n, 2) are equal, which shapely accepts."""
     x, y = corners[-1, 0], corners[-1, 1]
     for k in range(len(corners)):
         if corners[k, 0] == x and corners[k, 1] == y:
@@ -122,7 +124,10 @@ def _repeats(corners: np.ndarray) -> bool:
 
 
 def read_words(indices: np.ndarray, bases: np.ndarray, rings: Rings) -> np.ndarray:
-    """Return the words (k,) uint64 of the costs of the rings `indices`; bases: `store_results`."""
+    """Return the 64 bits (k,) uint64 of the cost of each ring in `indices` (k,).
+
+    bases (n,): see `store_results`; the first and last vertex have the low and the high word.
+    """
     first, last = rings.vertex_offsets[indices], rings.vertex_offsets[indices + 1] - 1
     high_words = bases[last].astype(np.uint64) << np.uint64(32)
     return np.asarray(bases[first] | high_words)
@@ -138,11 +143,11 @@ def store_results(
     rings: Rings,
     batch: Batch,
 ) -> None:
-    """Write the triangles of the rings `indices` (k,); mark rings with valid results in `done`.
+    """Write the triangles of the rings `indices` (k,) to `batch`; mark valid results in its `done`.
 
-    bases: (n,) uint32 by vertex, i | j << 16 at apex k; costs (k,) float64: reported by the device;
-    is_quads: whether they are expected quads, not half-perimeters; worst: whether the sum was
-    maximised.
+    bases (n,) uint32, by vertex: the base as i | j << 16 at apex k; costs (k,) float64: costs that
+    the device reported; is_quads: True if costs are expected quads, False if half-perimeters;
+    worst: True if the sum was maximised.
     """
     offsets, corners, longest, turned, unit = (
         rings.vertex_offsets,
@@ -168,7 +173,7 @@ def store_results(
             j, i, k = triangles[row]
             if turned[index]:
                 i, j, k = end - begin - 1 - i, end - begin - 1 - j, end - begin - 1 - k
-            # For quads, the order of `any_cost.trace`.
+            # The order of vertices on the CPU: for quads, of `any_cost.solve_any`.
             triangles[row] = (i, k, j) if is_quads else (j, i, k)
         if is_quads:
             triangles[:] = walk(triangles, end - begin)  # as `methods.optimal` does
@@ -185,11 +190,11 @@ def _walk_tree(
     stack: np.ndarray,
     triangles: np.ndarray,
 ) -> float:
-    """Write the triangles (n - 2, 3) of a ring; return the cost, NaN if `bases` are not a result.
+    """Write the triangles (n - 2, 3) of a ring; return the cost, NaN if `bases` are invalid.
 
-    bases (n,): see `store_results`; longest: w + h of the box if a diagonal costs longest - length,
-    -1 if a diagonal costs its length; unit: the grid's if the cost is expected quads, otherwise 0;
-    below, stack: workspaces.
+    bases (n,): see `store_results`; corners (n, 2): vertices of the ring; longest: -1 if a diagonal
+    costs its L1 length, otherwise a diagonal costs `longest` minus the length; unit: unit of the
+    grid if the cost is expected quads, otherwise 0; below, stack: workspaces.
     """
     n = len(bases)
     stack[0] = _link_tree(bases, below)
@@ -226,9 +231,10 @@ def _walk_tree(
 
 @njit(nogil=True)
 def _link_tree(bases: np.ndarray, below: np.ndarray) -> int:
-    """Link each apex below the apex of the triangle beyond its base; return the top apex or -1.
+    """Link the triangles of a ring to a tree; return the apex of the root, or -1 if impossible.
 
-    below (n, 2): the apexes over the sides (i, k) and (k, j) of apex k, or -1.
+    below (n, 2): output; for each apex k with base (i, j), the apexes of the triangles whose bases
+    are the sides (i, k) and (k, j), or -1.
     """
     n, top = len(bases), -1
     below[:n] = -1

@@ -1,8 +1,8 @@
 // Orientation of integer vectors, exactly.
 //
-// Corners span at most 2^24 units, so products of two differences have up to 48 bits: they are
-// taken as 64 bits in two words and compared, the high words as signed, the low ones as unsigned
-// integers. Where all differences are below 2^15 products fit 30 bits, and WIDE is not defined.
+// Corners span at most 2^24 units, so products of two differences have up to 48 bits. Products are
+// computed as 64 bits in two words and compared: the high words as signed, the low words as unsigned
+// integers. If all differences are below 2^15, products fit 30 bits, and WIDE is not defined.
 
 // Whether a * b > c * d.
 bool exceeds(int a, int b, int c, int d) {

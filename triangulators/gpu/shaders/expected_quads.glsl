@@ -1,12 +1,12 @@
 // Costs of expected quads: the kernel `_average_blocks` of criteria/features.py for 2x2 pixels.
 //
 // The operations and their order are those of the kernel. Differences of corners, determinants and
-// sums L are exact on a grid; `precise` forbids fused operations for all others. So a device that
-// rounds double divisions correctly computes the bits of the CPU.
+// sums L are exact on a grid; for all other operations `precise` forbids fused instructions. So a
+// device that rounds double divisions correctly returns the same bits as the CPU.
 
 #define COST double
 
-// Cost without a triangulation; it absorbs the cost of any triangle.
+// Cost without a triangulation: adding the cost of a triangle does not change it.
 const double NONE = 1e300LF;
 
 double weigh_diagonal(ivec2 along, int longest, bool maximised) {
@@ -51,7 +51,7 @@ double weigh_triangle(ivec2 to_apex, ivec2 along, float unit, bool maximised) {
 
 const bool HAS_NEGATIVE = true;  // whether triangles have negative costs if maximised
 
-// The highest apex of equals.
+// If sums are equal, the highest apex is taken.
 bool precedes(double total, double best) {
     return total <= best;
 }

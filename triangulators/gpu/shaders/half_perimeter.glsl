@@ -2,11 +2,11 @@
 
 #define COST int
 
-// Cost without a triangulation; the sum of two fits.
+// Cost without a triangulation; the sum of two fits an int.
 const int NONE = (1 << 30) - 1;
 
-// Maximised, a diagonal costs `longest` (w + h of the ring's box) minus its length, so that no cost
-// is negative.
+// Cost of a diagonal: the L1 length; if maximised, `longest` (width plus height of the ring's
+// bounding box) minus the length, so that no cost is negative.
 int weigh_diagonal(ivec2 along, int longest, bool maximised) {
     int length = abs(along.x) + abs(along.y);
     return maximised ? longest - length : length;
@@ -18,7 +18,7 @@ int weigh_triangle(ivec2 to_apex, ivec2 along, float unit, bool maximised) {
 
 const bool HAS_NEGATIVE = false;  // whether triangles have negative costs if maximised
 
-// The lowest apex of equals.
+// If sums are equal, the lowest apex is taken.
 bool precedes(int total, int best) {
     return total < best;
 }

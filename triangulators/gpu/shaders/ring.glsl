@@ -1,24 +1,25 @@
 // The optimum of a ring of n <= MAX_SIZE corners: one workgroup, all costs in shared memory.
 //
-// The cost is that of another file: COST, NONE, weigh_diagonal, weigh_triangle, HAS_NEGATIVE,
+// Another file defines the cost: COST (a type), NONE, weigh_diagonal, weigh_triangle, HAS_NEGATIVE,
 // precedes, words_of.
 //
-// Pairs (i, i + d) are done by ascending d, a lane for each i; a barrier separates two d. An apex
-// counts where the triangle turns left, as in full_table.py, so no visibility is needed.
+// Pairs (i, i + d) are computed in ascending order of d, a lane for each i, with a barrier after
+// each d. An apex is allowed if the triangle turns left, as in full_table.py, so no visibility is
+// needed.
 //
-// The table. cost(i, i + d) is in row d, column i: lanes side by side read i + d, k = i + m, m and
-// d - m as words side by side, whatever m is. Row d has MAX_SIZE - d columns, so that costs of 8
-// bytes and apexes of 4 take 24 KiB for 64 corners; OpenGL guarantees 32.
+// The table. cost(i, i + d) is in row d, column i, so that for each m adjacent lanes read adjacent
+// words of rows m and d - m. Row d has MAX_SIZE - d columns, so that costs of 8 bytes and apexes of
+// 4 bytes take 24 KiB for 64 corners; OpenGL guarantees 32 KiB of shared memory.
 //
 // Ties. Apexes are tried in ascending order; `precedes` decides between equal sums as the CPU does.
 layout(local_size_x = LANES) in;
 
 layout(std430, binding = 0) readonly buffer Corners { ivec2 corners[]; };
-// For each ring: its first corner, how many, w + h of its box, the bits of its grid's unit.
+// For each ring: index of the first corner, number of corners, width plus height of the bounding
+// box, bits of the unit of the grid as a float.
 layout(std430, binding = 1) readonly buffer Jobs { ivec4 jobs[]; };
-// As many as corners: at a ring's first and last corner the words of the cost, at its k-th the base
-// i | j << 16 of the triangle i, k, j. Each k but the first and the last is the apex of exactly one
-// triangle.
+// A word for each corner: at the first and the last corner of a ring the low and the high word of
+// the cost, at each other corner k the base i | j << 16 of the triangle i, k, j with this apex.
 layout(std430, binding = 2) writeonly buffer Bases { uint bases[]; };
 
 uniform int number;  // of jobs
@@ -29,9 +30,10 @@ shared COST costs[PAIRS];
 shared int apexes[PAIRS];
 shared ivec2 at[MAX_SIZE];
 
-const int MARK = 1 << 16;  // of a pair that is a side of a triangle of the optimum
-const uint NO_RESULT = 0xFFFFFFFFu;  // words of a ring without a triangulation
+const int MARK = 1 << 16;  // bit of an apex if the pair is a side of a triangle of the optimum
+const uint NO_RESULT = 0xFFFFFFFFu;  // both words of the cost of a ring without a triangulation
 
+// Index of the first element of row d in `costs` and `apexes`.
 int row(int d) {
     return (d - 1) * (2 * MAX_SIZE - d) / 2;
 }
@@ -92,7 +94,8 @@ void main() {
         apexes[top] |= MARK;
     }
     barrier();
-    // From the top down: a pair that is marked has a triangle, whose other two sides are marked.
+    // In descending order of d: a marked pair is the base of a triangle, whose other sides are then
+    // marked.
     for (int d = solved ? n - 1 : 0; d > 1; d--) {
         for (int i = lane; i + d < n; i += LANES) {
             int k = apexes[row(d) + i] - MARK;
