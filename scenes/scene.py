@@ -122,7 +122,7 @@ MAX_EXAMPLES = 1000
 def remove_location(reason: str) -> str:
     """Return the reason of a note without location and repair, for counting equal reasons.
 
-    >>> general_reason("self-intersects at 3.0 4.0; repaired into 2 polygons")
+    >>> remove_location("self-intersects at 3.0 4.0; repaired into 2 polygons")
     'self-intersects'
     """
     return reason.split(" at ")[0].split(";")[0]
