@@ -14,10 +14,10 @@ SOURCES := harness triangulators scenes scripts tests examples docs
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1|/' | column -t -s '|'
 
-setup:  ## make .venv with what measuring needs, and see that OpenGL works without a screen
+setup:  ## create .venv with the packages for measuring; check that OpenGL works without a screen
 	@scripts/setup.sh
 
-setup-test:  ## and with all that tests, studies, documents and every extra need
+setup-test:  ## setup, with the packages of tests, studies, documents and all extras
 	@scripts/setup.sh test
 
 city: setup  ## measure a city of 500 footprints; prints the table, writes results/
@@ -36,12 +36,12 @@ examples: setup-test  ## build pages that draw with three.js and MapLibre, with 
 
 FUZZ_SECONDS ?= 600
 
-fuzz: setup-test  ## search for inputs that break a promise, at random, for FUZZ_SECONDS
+fuzz: setup-test  ## search for inputs that violate a guarantee, at random, for FUZZ_SECONDS
 	FUZZ_SECONDS=$(FUZZ_SECONDS) $(PY) -m pytest tests/fuzz/search.py -n logical --dist load --maxschedchunk 1
 
 ENDURANCE ?= 1
 
-endurance: setup-test  ## ask for hours whether A equals B, whether kills and damage cost nothing; ENDURANCE=0.01 less
+endurance: setup-test  ## long tests of equality, kills and damaged files (hours); ENDURANCE=0.01 tries 1 % of the inputs
 	ENDURANCE=$(ENDURANCE) $(PY) -m pytest tests/endurance -n logical --dist load --maxschedchunk 1
 
 check: setup-test  ## ruff and mypy
@@ -49,17 +49,17 @@ check: setup-test  ## ruff and mypy
 	$(PY) -m ruff format --check $(SOURCES)
 	$(PY) -m mypy
 
-format: setup-test  ## let ruff format the code
+format: setup-test  ## format the code with ruff
 	$(PY) -m ruff check --fix $(SOURCES)
 	$(PY) -m ruff format $(SOURCES)
 
-bench: setup-test  ## the benchmarks and long sweeps; needs a quiet machine
+bench: setup-test  ## run the benchmarks; needs a quiet machine
 	$(PY) -m pytest tests/benchmarks --benchmark-enable -s
 
-proven: setup-test  ## prove the optimum for H of every scene's polygons; prints a table
+proven: setup-test  ## prove H-optimal triangulations of all scenes; prints a table
 	PYTHONPATH=. $(PY) scripts/proven.py
 
-study: setup-test  ## the studies behind docs/findings.md; more than an hour on a quiet machine
+study: setup-test  ## measure the results of docs/findings.md; over an hour on a quiet machine
 	scripts/study.sh
 
 documents: setup-test  ## render the figures, tables and charts of the documents
@@ -69,10 +69,10 @@ docs:  ## build the documents into site/, warnings as errors
 	@scripts/setup.sh docs
 	$(PY) -m mkdocs build --strict --quiet
 
-try: setup-test  ## put docs/try.html together from its parts
+try: setup-test  ## build docs/try.html
 	$(PY) docs/try/build.py
 
-docs-full: setup-test  ## run every command of README and docs, the slow ones too
+docs-full: setup-test  ## run all commands of README and docs, also the slow ones
 	DOCS_FULL=1 $(PY) -m pytest tests/docs
 
 # What `make setup` installs besides the base.
@@ -89,5 +89,5 @@ lock:  ## pin all packages again, with hashes and without addresses; needs uv
 	uv pip compile $(LOCK) --upgrade --no-deps requirements-ports.in -o requirements-ports.lock
 	echo uv | uv pip compile $(LOCK) --upgrade - -o requirements-setup.lock
 
-clean:  ## remove what set-up and tests made
+clean:  ## remove the files of set-up and tests
 	rm -rf .venv .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -62,7 +62,7 @@ class HasRecords(Protocol):
     def records(self) -> Any: ...
 
 
-def lines_of(run: HasRecords) -> list[dict[str, Any]]:
+def get_rows(run: HasRecords) -> list[dict[str, Any]]:
     """Return the fields of a run's records, with full names of triangulators and devices."""
     return [
         {

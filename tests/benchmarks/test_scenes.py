@@ -14,7 +14,7 @@ from harness.results.run_folder import Record, read_run
 from scenes import load
 from scenes.registry import find_entry, names
 from tests.paths import ROOT
-from tests.records import lines_of
+from tests.records import get_rows
 from triangulators import names as triangulators
 from triangulators.registry import BUILTIN
 
@@ -63,7 +63,7 @@ def measure(scene: str, out: Path) -> list[Record]:
         f"\n{scene}: {run.facts['scene']['polygons']} polygons, {seconds['all']:.0f} s in all, "
         f"{seconds['triangulate']:.0f} s of it triangulating"
     )
-    return lines_of(run)
+    return get_rows(run)
 
 
 def check(record: Record) -> None:

@@ -17,7 +17,7 @@ import shapely
 from harness.frame import View, make_frame
 from scenes import load
 from tests.paths import run_python
-from tests.triangulators.cases import convex, glyphs, shared, smooth, snapped, star
+from tests.triangulators.cases import convex, glyphs, read_shared, smooth, snapped, star
 from tests.triangulators.test_everywhere import LETTERS, check
 from triangulators import PolygonArray, triangulate, triangulate_many, vertices
 from triangulators.criteria import find, predict
@@ -225,6 +225,6 @@ def test_first_calls_compile_in_under_20_seconds(tmp_path):
 def test_every_fixture_building_and_letter():
     counts = [check(polygon, letter) for letter, polygon in glyphs(LETTERS)]
     for name in ("earcut_fixtures.json", "poly2tri_testbed.json", "helsinki.json"):
-        counts += [check(polygon, label) for label, polygon in shared(name)]
+        counts += [check(polygon, label) for label, polygon in read_shared(name)]
     counts += [check(polygon, index) for index, polygon in enumerate(load("city").polygons)]
     assert sum(count > 0 for count in counts) > 2000

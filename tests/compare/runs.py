@@ -26,12 +26,12 @@ MACHINE = {"cpu": "Test CPU", "threads": 8, "kernel": "Linux 6.1", "python": "3.
 Edit = Callable[[dict[str, Any]], None]
 
 
-def record(
+def make_case(
     triangulator: str, *, seed: int, noise: float = 0.01, speed: float = 1.0
 ) -> dict[str, Any]:
     """Return the record of a default case; `noise` is the scatter of the samples."""
     quads, helpers, seconds = TRIANGULATORS[triangulator]
-    times = samples(f"{triangulator} {seed}", seconds / speed, noise)
+    times = make_samples(f"{triangulator} {seed}", seconds / speed, noise)
     return {
         "key": f"{list(TRIANGULATORS).index(triangulator):016x}",
         "scene": "city",
@@ -59,13 +59,13 @@ def record(
             "samples_s": times,
             "median_s": statistics.median(times),
             "ci95_s": [sorted(times)[9], sorted(times)[20]],
-            "reference_s": samples(f"reference {seed}", 1.0e-3 / speed, noise),
-            "empty_s": samples(f"empty {seed}", 1.0e-5 / speed, noise),
+            "reference_s": make_samples(f"reference {seed}", 1.0e-3 / speed, noise),
+            "empty_s": make_samples(f"empty {seed}", 1.0e-5 / speed, noise),
         },
     }
 
 
-def samples(seed: str, seconds: float, noise: float) -> list[float]:
+def make_samples(seed: str, seconds: float, noise: float) -> list[float]:
     """Return simulated times, which other programs lengthen but never shorten."""
     generator = random.Random(seed)
     return [
@@ -96,7 +96,7 @@ def write_run(
     for name in TRIANGULATORS:
         if name in leave_out or name in cut_short:
             continue
-        entry = record(name, seed=seed, noise=noise, speed=speed)
+        entry = make_case(name, seed=seed, noise=noise, speed=speed)
         for key in ("*", name):
             if edits and key in edits:
                 edits[key](entry)
@@ -105,7 +105,7 @@ def write_run(
     content = {
         "schema_version": 1,
         "created": f"2026-01-{seed:02d}T12:00:00Z",
-        "plan": plan(leave_out),
+        "plan": make_plan(leave_out),
         "environment": {
             "harness": "0.1.0",
             "git": {"commit": f"{seed:02d}" * 20, "dirty": False},
@@ -123,7 +123,7 @@ def write_run(
     return path
 
 
-def plan(leave_out: tuple[str, ...] = (), **changes: Any) -> dict[str, Any]:
+def make_plan(leave_out: tuple[str, ...] = (), **changes: Any) -> dict[str, Any]:
     """Return the plan of a default run."""
     return {
         "scene": "city",
@@ -138,7 +138,7 @@ def plan(leave_out: tuple[str, ...] = (), **changes: Any) -> dict[str, Any]:
     }
 
 
-def costlier(share: float, *, time: float | None = None) -> Edit:
+def add_cost(share: float, *, time: float | None = None) -> Edit:
     """Return an edit that adds `share` to quads and, if given, `time` to every sample."""
 
     def edit(entry: dict[str, Any]) -> None:
@@ -146,12 +146,12 @@ def costlier(share: float, *, time: float | None = None) -> Edit:
         counters["quads"] = round(counters["quads"] * (1 + share))
         counters["helper_lanes"] = 4 * counters["quads"] - counters["fragments"]
         if time is not None:
-            slower(time)(entry)
+            add_time(time)(entry)
 
     return edit
 
 
-def slower(share: float) -> Edit:
+def add_time(share: float) -> Edit:
     """Return an edit that adds `share` to every sample."""
 
     def edit(entry: dict[str, Any]) -> None:
@@ -163,7 +163,7 @@ def slower(share: float) -> Edit:
     return edit
 
 
-def in_same_rounds(share: float = 0.0) -> Edit:
+def pair_rounds(share: float = 0.0) -> Edit:
     """Return an edit that makes samples those of BASE in the same rounds, times 1 + `share`."""
 
     def edit(entry: dict[str, Any]) -> None:
@@ -176,7 +176,7 @@ def in_same_rounds(share: float = 0.0) -> Edit:
     return edit
 
 
-def failed(status: str, reason: str) -> Edit:
+def set_failed(status: str, reason: str) -> Edit:
     """Return an edit that makes the case `failed` or `skipped`."""
 
     def edit(entry: dict[str, Any]) -> None:
@@ -187,7 +187,7 @@ def failed(status: str, reason: str) -> Edit:
     return edit
 
 
-def old(entry: dict[str, Any]) -> None:
+def make_old(entry: dict[str, Any]) -> None:
     """Remove the fields that the oldest run files lack."""
     for name in ("fit", "options", "scene_hash", "polygons", "coverage_error", "predicted"):
         entry.pop(name)
@@ -221,13 +221,13 @@ def equal_runs() -> None:
 
 def real_regression() -> None:
     write_run(BASE, seed=1)
-    edits = {"ear-clipping": costlier(0.09, time=0.12), "delaunay": costlier(-0.02, time=-0.09)}
+    edits = {"ear-clipping": add_cost(0.09, time=0.12), "delaunay": add_cost(-0.02, time=-0.09)}
     write_run(HEAD, seed=2, edits=edits)
 
 
 def time_regression() -> None:
     write_run(BASE, seed=1)
-    write_run(HEAD, seed=2, edits={"delaunay": slower(0.1)})
+    write_run(HEAD, seed=2, edits={"delaunay": add_time(0.1)})
 
 
 def noise_only() -> None:
@@ -245,7 +245,7 @@ def missing_cases() -> None:
 
 def now_skipped() -> None:
     write_run(BASE, seed=1)
-    write_run(HEAD, seed=2, edits={"*": failed("skipped", "triangulating took more than 60 s")})
+    write_run(HEAD, seed=2, edits={"*": set_failed("skipped", "triangulating took more than 60 s")})
 
 
 def cut_short() -> None:
@@ -264,7 +264,7 @@ def counters_of_others() -> None:
 
         return edit
 
-    facts = {"plan": plan(rasterisers=["tiler"])}
+    facts = {"plan": make_plan(rasterisers=["tiler"])}
     write_run(BASE, seed=1, edits={"*": foreign(1)}, facts=facts)
     write_run(HEAD, seed=2, edits={"*": foreign(1), "delaunay": foreign(1.5)}, facts=facts)
 
@@ -272,14 +272,12 @@ def counters_of_others() -> None:
 def same_rounds() -> None:
     """BASE and HEAD timed in the same rounds; one case takes 3 % longer."""
     write_run(BASE, seed=1, noise=0.05)
-    write_run(
-        HEAD, seed=1, noise=0.05, edits={"*": in_same_rounds(), "delaunay": in_same_rounds(0.03)}
-    )
+    write_run(HEAD, seed=1, noise=0.05, edits={"*": pair_rounds(), "delaunay": pair_rounds(0.03)})
 
 
 def now_failing() -> None:
     write_run(BASE, seed=1)
-    crashed = failed("failed", "triangulators crashed: SIGSEGV | last <output> & `more`")
+    crashed = set_failed("failed", "triangulators crashed: SIGSEGV | last <output> & `more`")
     write_run(HEAD, seed=2, edits={"delaunay": crashed})
 
 
@@ -290,7 +288,7 @@ def different_machine() -> None:
 
 def everything_slower() -> None:
     write_run(BASE, seed=1)
-    write_run(HEAD, seed=2, edits={"*": slower(0.12)})
+    write_run(HEAD, seed=2, edits={"*": add_time(0.12)})
 
 
 def busy_machine() -> None:
@@ -299,7 +297,7 @@ def busy_machine() -> None:
 
 
 def older_schema() -> None:
-    write_run(BASE, seed=1, edits={"*": old}, facts={"schema_version": 0, "plan": None})
+    write_run(BASE, seed=1, edits={"*": make_old}, facts={"schema_version": 0, "plan": None})
     write_run(HEAD, seed=2)
 
 
@@ -326,7 +324,7 @@ def single_file() -> None:
 
 def changed_plan() -> None:
     write_run(BASE, seed=1)
-    changed = plan(seed=7, timing={"precision": 0.01, "budget_s": 2.0})
+    changed = make_plan(seed=7, timing={"precision": 0.01, "budget_s": 2.0})
     write_run(HEAD, seed=2, facts={"plan": changed})
 
 

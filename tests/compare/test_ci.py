@@ -17,23 +17,23 @@ GITLAB = yaml.safe_load((ROOT / "docs/ci/gitlab-ci.yml").read_text())
 STEPS = ACTION["runs"]["steps"]
 
 
-def expressions(value: object) -> set[str]:
+def find_values(value: object) -> set[str]:
     """Return the expressions in ${{ }} in a YAML value."""
     return set(re.findall(r"\$\{\{\s*(.*?)\s*\}\}", str(value)))
 
 
 def test_action_uses_declared_inputs_and_steps():
-    named = {name for text in expressions(ACTION) for name in re.findall(r"inputs\.([\w-]+)", text)}
+    named = {name for text in find_values(ACTION) for name in re.findall(r"inputs\.([\w-]+)", text)}
     named |= set(re.findall(r"inputs\.([\w-]+)", " ".join(str(s.get("if", "")) for s in STEPS)))
     assert named == set(ACTION["inputs"])
-    steps = {name for text in expressions(ACTION) for name in re.findall(r"steps\.(\w+)", text)}
+    steps = {name for text in find_values(ACTION) for name in re.findall(r"steps\.(\w+)", text)}
     assert steps <= {step["id"] for step in STEPS if "id" in step}
 
 
 @pytest.mark.parametrize("step", [s for s in STEPS if "run" in s], ids=lambda s: s["name"])
 def test_scripts_are_valid_and_read_values_from_the_environment(step, tmp_path):
     assert step["shell"] == "bash"
-    assert not expressions(step["run"])  # inputs must never be executed as code
+    assert not find_values(step["run"])  # inputs must never be executed as code
     script = tmp_path / "script.sh"
     script.write_text(step["run"])
     subprocess.run(["bash", "-n", script], check=True)
@@ -68,7 +68,9 @@ def test_options_are_split_as_a_shell_splits_them():
 
 
 def test_last_step_exits_with_the_code_of_compare():
-    (script,) = (step["run"] for step in STEPS if step.get("name") == "Judge")
+    (script,) = (
+        step["run"] for step in STEPS if step.get("name") == "Exit with the code of compare"
+    )
 
     def exit_code_of(code: str, strict: str = "false") -> int:
         environment = {**os.environ, "CODE": code, "STRICT": strict}

@@ -9,7 +9,7 @@ import pytest
 
 from harness.compare.matching import list_changes, machines_differ
 from harness.results.run_folder import Run
-from tests.compare.runs import costlier, failed, plan, slower, write_run
+from tests.compare.runs import add_cost, add_time, make_plan, set_failed, write_run
 from tests.conftest import assert_refused, require_ok
 from tests.paths import ROOT
 
@@ -105,7 +105,7 @@ def test_a_driver_update_is_reported_not_refused(runs):
 
 
 def test_thresholds_tolerate_growth(runs, harness):
-    assert runs(edits={"fan": costlier(0.02)})[0] == 1
+    assert runs(edits={"fan": add_cost(0.02)})[0] == 1
     loose = ("--threshold", "quads=2%", "--threshold", "helper_lanes=10%")
     assert harness("compare", "base", "head", *loose)[0] == 0
     assert harness("compare", "base", "head", *loose[:2])[0] == 1
@@ -114,7 +114,7 @@ def test_thresholds_tolerate_growth(runs, harness):
 
 
 def test_gate_on_counters_shows_times_without_failing(runs, harness):
-    out, _ = require_ok(runs("--gate", "counters", edits={"delaunay": slower(0.2)}))
+    out, _ = require_ok(runs("--gate", "counters", edits={"delaunay": add_time(0.2)}))
     assert "unchanged; time slower (not gated)" in out
     assert "regressed" not in out
     assert harness("compare", "base", "head")[0] == 1
@@ -126,7 +126,7 @@ def test_options_override_the_settings_of_the_project(runs, harness):
         '[tool.raster-harness]\ngate = "counters"\n'
         '[tool.raster-harness.threshold]\nquads = "3%"\nhelper_lanes = "10%"\n'
     )
-    assert runs(edits={"fan": costlier(0.02), "delaunay": slower(0.2)})[0] == 0
+    assert runs(edits={"fan": add_cost(0.02), "delaunay": add_time(0.2)})[0] == 0
     assert harness("compare", "base", "head", "--gate", "counters,time")[0] == 1
     assert harness("compare", "base", "head", "--threshold", "quads=1%")[0] == 1
 
@@ -154,7 +154,7 @@ def test_case_outside_heads_plan_fails_only_with_require_all(runs, harness):
 
 
 def test_planned_case_that_is_missing_or_skipped_fails(runs):
-    code, out, _ = runs(cut_short=("fan",), edits={"delaunay": failed("skipped", "why not")})
+    code, out, _ = runs(cut_short=("fan",), edits={"delaunay": set_failed("skipped", "why not")})
     assert code == 1
     assert out.startswith(
         "Regression: delaunay, city 1024 px, opengl on llvmpipe: measured in BASE"
@@ -183,7 +183,7 @@ def test_runs_without_common_cases_have_nothing_comparable(runs, record, changes
     def elsewhere(entry):
         entry |= record
 
-    code, out, _ = runs(edits={"*": elsewhere}, facts={"plan": plan(**changes)})
+    code, out, _ = runs(edits={"*": elsewhere}, facts={"plan": make_plan(**changes)})
     assert code == 4
     assert "5 cases new in HEAD" in out
     assert "5 cases not in HEAD's plan" in out
@@ -192,7 +192,7 @@ def test_runs_without_common_cases_have_nothing_comparable(runs, record, changes
 def test_changed_content_is_not_compared(runs):
     def other(entry):
         entry |= {"scene_hash": "0" * 16}
-        costlier(0.5)(entry)
+        add_cost(0.5)(entry)
 
     code, out, _ = runs(edits={"*": other})
     assert code == 4
@@ -215,7 +215,7 @@ def test_time_of_a_cached_triangulation_is_not_compared(runs, seconds):
 def test_fewer_polygons_are_a_regression_and_more_are_not(runs, harness):
     def lost(entry):
         entry |= {"polygons": 499, "reason": "failed polygon 3: boom"}
-        costlier(-0.1)(entry)
+        add_cost(-0.1)(entry)
 
     code, out, _ = runs(edits={"fan": lost})
     assert code == 1
@@ -228,7 +228,7 @@ def test_headline_prefers_growth_to_a_missing_counter(runs):
     def lost(entry):
         del entry["counters"]["helper_lanes"]
 
-    code, out, _ = runs(edits={"fan": lost, "delaunay": costlier(0.1)})
+    code, out, _ = runs(edits={"fan": lost, "delaunay": add_cost(0.1)})
     assert code == 1
     assert "Regression: delaunay, " in out
     assert "; 1 more case regressed" in out
@@ -237,7 +237,7 @@ def test_headline_prefers_growth_to_a_missing_counter(runs):
 def test_markdown_is_appended_to_the_step_summary(runs, monkeypatch):
     Path("summary.md").write_text("before\n")
     monkeypatch.setenv("GITHUB_STEP_SUMMARY", "summary.md")
-    assert runs("--markdown", "out/report.md", edits={"fan": costlier(0.1)})[0] == 1
+    assert runs("--markdown", "out/report.md", edits={"fan": add_cost(0.1)})[0] == 1
     text = Path("summary.md").read_text()
     assert text == "before\n" + Path("out/report.md").read_text()
     assert "**Regression:** fan, city 1024 px, opengl on llvmpipe: helper lanes" in text

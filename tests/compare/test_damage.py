@@ -10,27 +10,27 @@ from hypothesis import strategies as st
 from harness.compare.comparison import compare_runs
 from harness.compare.outputs import to_json, to_markdown
 from harness.errors import HarnessError
-from tests.compare.runs import TRIANGULATORS, read_back, record, write_run
+from tests.compare.runs import TRIANGULATORS, make_case, read_back, write_run
 from tests.conftest import require_ok
 from tests.fuzz.damage import JSON
 
 pytestmark = pytest.mark.usefixtures("no_plots")
 
-FIELDS = sorted(record("fan", seed=1))
+FIELDS = sorted(make_case("fan", seed=1))
 FACTS = ("plan", "environment", "devices", "warnings", "created", "interrupted")
 
 
-def all_records(seed: int) -> list[dict]:
-    return [record(name, seed=seed) for name in TRIANGULATORS]
+def make_all(seed: int) -> list[dict]:
+    return [make_case(name, seed=seed) for name in TRIANGULATORS]
 
 
 @settings(deadline=None, max_examples=60)
 @given(field=st.sampled_from([f for f in FIELDS if f != "key"]), value=JSON)
 def test_any_value_in_any_field_is_reported_or_compared(field, value):
-    damaged = all_records(2)
+    damaged = make_all(2)
     damaged[1] = {**damaged[1], field: value}
     try:
-        comparison = compare_runs(read_back({}, all_records(1)), read_back({}, damaged))
+        comparison = compare_runs(read_back({}, make_all(1)), read_back({}, damaged))
     except HarnessError:
         return  # e.g. all devices of a rasteriser differ
     json.dumps(to_json(comparison), allow_nan=False)
@@ -41,7 +41,7 @@ def test_any_value_in_any_field_is_reported_or_compared(field, value):
 @settings(deadline=None, max_examples=60)
 @given(facts=st.dictionaries(st.sampled_from(FACTS), JSON))
 def test_any_facts_are_read(facts):
-    comparison = compare_runs(*(read_back(facts, all_records(1)) for _ in range(2)))
+    comparison = compare_runs(*(read_back(facts, make_all(1)) for _ in range(2)))
     assert comparison.verdict == "good"
     json.dumps(to_json(comparison), allow_nan=False)
 
@@ -52,7 +52,7 @@ NUMBERS = ("vertices", "triangles", "polygons", "triangulate_s", "proven", "cove
 @pytest.mark.parametrize("name", [*NUMBERS, "time"])
 @pytest.mark.parametrize("value", [[], "many", {"epochs": [3, "x"]}, True, 10**400])
 def test_invalid_number_skips_the_record(name, value):
-    damaged = all_records(1)
+    damaged = make_all(1)
     damaged[0][name] = value
     run = read_back({}, damaged)
     assert len(run.records) == len(damaged) - 1
@@ -100,7 +100,7 @@ def test_a_gate_on_times_alone_needs_times(harness):
 def test_repeated_case_is_reported_and_the_later_record_is_used(harness):
     write_run(Path("base"), seed=1)
     write_run(Path("head"), seed=2)
-    later = record("fan", seed=3)
+    later = make_case("fan", seed=3)
     later |= {"key": "0123456789abcdef", "scene_hash": "0" * 16}
     with Path("head/cases.jsonl").open("a") as stream:
         stream.write(json.dumps(later) + "\n")

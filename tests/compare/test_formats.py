@@ -23,7 +23,7 @@ from harness.compare.outputs import (
 from harness.compare.wording import format_headline
 from harness.results.run_folder import read_run
 from tests.chromium import LOADED
-from tests.compare.runs import SCENARIOS, TRIANGULATORS, costlier, failed, slower, write_run
+from tests.compare.runs import SCENARIOS, TRIANGULATORS, add_cost, add_time, set_failed, write_run
 from tests.paths import ROOT
 
 SCHEMA = json.loads((ROOT / "docs/ci/compare.schema.json").read_text())
@@ -56,9 +56,9 @@ def markup_comparison(tmp_path):
         def edit(entry):
             entry["triangulator"] = name
             if name == "tab\there":
-                failed("failed", reason)(entry)
+                set_failed("failed", reason)(entry)
             else:
-                costlier(0.1)(entry)
+                add_cost(0.1)(entry)
 
         return edit
 
@@ -143,7 +143,7 @@ def test_markup_in_names_and_reasons_stays_text(markup_comparison):
 def test_markdown_fits_a_comment_and_counts_omitted_tables(tmp_path):
     runs = []
     for name, seed in (("base", 1), ("head", 2)):
-        folder = write_run(tmp_path / name, seed=seed, edits={"fan": costlier(0.1 * (seed - 1))})
+        folder = write_run(tmp_path / name, seed=seed, edits={"fan": add_cost(0.1 * (seed - 1))})
         lines = (folder / "cases.jsonl").read_text().splitlines()
         entries = []
         for size in range(40):
@@ -201,7 +201,7 @@ def test_html_plots_times_with_intervals(tmp_path):
     def untimed(entry):
         del entry["time"]
 
-    edits = {"optimal:overdraw": slower(0.4), "fan": untimed}
+    edits = {"optimal:overdraw": add_time(0.4), "fan": untimed}
     runs = [write_run(tmp_path / f"{bool(e)}", seed=1 + bool(e), edits=e) for e in ({}, edits)]
     comparison = compare_runs(*map(read_run, runs), Settings(thresholds={"time": 0.25}))
     page = to_html(comparison)

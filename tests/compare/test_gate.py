@@ -25,11 +25,11 @@ from tests.compare.runs import (
     SCENARIOS,
     TRIANGULATORS,
     Edit,
-    costlier,
-    in_same_rounds,
-    plan,
-    record,
-    slower,
+    add_cost,
+    add_time,
+    make_case,
+    make_plan,
+    pair_rounds,
     write_run,
 )
 from tests.metrics.test_decision import base, make_fields
@@ -38,7 +38,7 @@ from tests.records import make_record, make_run
 COUNTERS = Settings(gates=("counters",))
 
 
-def counted(counters: dict[str, int]) -> Edit:
+def set_counters(counters: dict[str, int]) -> Edit:
     """Return an edit that replaces the counters and removes the times."""
 
     def edit(entry: dict[str, Any]) -> None:
@@ -48,8 +48,8 @@ def counted(counters: dict[str, int]) -> Edit:
     return edit
 
 
-def compared(tmp_path: Path, base: Edit, head: Edit, settings: Settings = COUNTERS):
-    facts = {"plan": plan(rasterisers=["theirs"])}
+def compare(tmp_path: Path, base: Edit, head: Edit, settings: Settings = COUNTERS):
+    facts = {"plan": make_plan(rasterisers=["theirs"])}
     runs = [
         read_run(write_run(tmp_path / name, seed=seed, edits={"*": edit}, facts=facts))
         for name, seed, edit in (("base", 1, base), ("head", 2, head))
@@ -66,7 +66,7 @@ def compared(tmp_path: Path, base: Edit, head: Edit, settings: Settings = COUNTE
     ],
 )
 def test_fields_of_the_identity_distinguish_cases(field, value):
-    make_edited = {"fit": "box", **record("delaunay", seed=1)}
+    make_edited = {"fit": "box", **make_case("delaunay", seed=1)}
     name, other, same = (
         make_record(**make_edited | change).id for change in ({}, {field: value}, {"polygons": 3})
     )
@@ -79,7 +79,7 @@ def test_counters_of_the_binner_and_of_the_order_are_gated(tmp_path):
     before = {name: 1000 + number for number, name in enumerate(names)}
     for name in before:
         after = before | {name: round(before[name] * 1.5)}
-        comparison = compared(tmp_path / name, counted(before), counted(after))
+        comparison = compare(tmp_path / name, set_counters(before), set_counters(after))
         assert comparison.exit_code == 1
         assert f"{name.replace('_', ' ')} {before[name]:,} → " in format_headline(comparison)
         assert all(case.list_regressed_counters()[0].metric == name for case in comparison.cases)
@@ -94,10 +94,10 @@ def test_headline_names_the_largest_growth_of_counters_or_times(tmp_path, share,
 
     def slow(entry: dict[str, Any]) -> None:
         uncounted(entry)
-        slower(share)(entry)
+        add_time(share)(entry)
 
     one = write_run(tmp_path / "base", seed=1, edits={"delaunay": uncounted})
-    edits = {"delaunay": slow, "fan": costlier(0.5)}
+    edits = {"delaunay": slow, "fan": add_cost(0.5)}
     other = write_run(tmp_path / "head", seed=2, edits=edits)
     comparison = compare_runs(read_run(one), read_run(other), Settings(gates=("counters", "time")))
     assert {case.id.name for case in comparison.list_regressed_cases()} == {"delaunay", "fan"}
@@ -107,39 +107,39 @@ def test_headline_names_the_largest_growth_of_counters_or_times(tmp_path, share,
 def test_regressed_counters_have_the_first_columns(tmp_path):
     before = {"quads": 100, "spills": 100, "stalls": 100}
     after = before | {"spills": 150, "stalls": 150}
-    (group,) = build_tables(compared(tmp_path, counted(before), counted(after)))
+    (group,) = build_tables(compare(tmp_path, set_counters(before), set_counters(after)))
     assert group.heading[1:4] == ("spills", "stalls", "quads")
 
 
 @pytest.mark.parametrize("name", ["spills", "overdraw", "draw_ms", "half_perimeter"])
 def test_unregistered_counters_are_gated(tmp_path, name):
-    comparison = compared(tmp_path, counted({name: 100}), counted({name: 101}))
+    comparison = compare(tmp_path, set_counters({name: 100}), set_counters({name: 101}))
     assert comparison.exit_code == 1
     assert "+1.0 %" in format_headline(comparison)
     assert "101 (+1.0 %)" in str(build_tables(comparison)[0].rows[0].cells)
-    back = compared(tmp_path / "back", counted({name: 101}), counted({name: 100}))
+    back = compare(tmp_path / "back", set_counters({name: 101}), set_counters({name: 100}))
     assert back.exit_code == 0
     assert "5 improved" in format_headline(back)
 
 
 def test_a_threshold_may_name_any_counter_of_the_runs(tmp_path):
-    edits = counted({"spills": 100}), counted({"spills": 101})
+    edits = set_counters({"spills": 100}), set_counters({"spills": 101})
     loose = Settings(gates=("counters",), thresholds={"spills": 0.02})
-    assert compared(tmp_path, *edits, loose).exit_code == 0
+    assert compare(tmp_path, *edits, loose).exit_code == 0
 
 
 @pytest.mark.parametrize("shared", ["fragments", "hits", "samples_passed"])
 @pytest.mark.parametrize("after", [999, 1001])
 def test_shared_counters_are_gated_in_both_directions(tmp_path, shared, after):
-    comparison = compared(tmp_path, counted({shared: 1000}), counted({shared: after}))
+    comparison = compare(tmp_path, set_counters({shared: 1000}), set_counters({shared: after}))
     assert comparison.exit_code == 1
     assert f"covers other pixels: {shared.replace('_', ' ')}" in str(build_tables(comparison))
 
 
 @pytest.mark.parametrize("after", [{"vertex_shader_invocations": 1001}, {}])
 def test_driver_statistics_are_not_gated(tmp_path, after):
-    before = counted({"vertex_shader_invocations": 1000, "hits": 9})
-    comparison = compared(tmp_path, before, counted({**after, "hits": 9}))
+    before = set_counters({"vertex_shader_invocations": 1000, "hits": 9})
+    comparison = compare(tmp_path, before, set_counters({**after, "hits": 9}))
     assert comparison.exit_code == 0
     assert "no counter differs" in format_headline(comparison)
     with pytest.raises(UsageError, match="no better direction"):
@@ -147,7 +147,9 @@ def test_driver_statistics_are_not_gated(tmp_path, after):
 
 
 def test_missing_counter_is_a_regression(tmp_path):
-    comparison = compared(tmp_path, counted({"spills": 100, "hits": 9}), counted({"hits": 9}))
+    comparison = compare(
+        tmp_path, set_counters({"spills": 100, "hits": 9}), set_counters({"hits": 9})
+    )
     assert comparison.exit_code == 1
     assert "spills no longer counted" in format_headline(comparison)
 
@@ -187,7 +189,7 @@ def test_regression_is_reported_only_with_exit_code_1(scenario, name, gates):
 def test_drift_of_separate_runs_is_reported_and_not_gated(tmp_path):
     """A program that starts between two runs slows the reference draw less than the cases."""
     runs = [
-        read_run(write_run(tmp_path / name, seed=seed, edits={"*": slower(share)}))
+        read_run(write_run(tmp_path / name, seed=seed, edits={"*": add_time(share)}))
         for name, seed, share in (("base", 1, 0.0), ("head", 2, 0.55))
     ]
     comparison = compare_runs(*runs)
@@ -205,7 +207,7 @@ def test_drift_of_separate_runs_is_reported_and_not_gated(tmp_path):
 
 def test_drift_in_common_rounds_is_gated(tmp_path):
     base = read_run(write_run(tmp_path / "base", seed=1, noise=0.3))
-    edits = {"*": in_same_rounds(0.02)}
+    edits = {"*": pair_rounds(0.02)}
     head = read_run(write_run(tmp_path / "head", seed=1, noise=0.3, edits=edits))
     comparison = compare_runs(base, head)
     assert {case.time.against for case in comparison.cases} == {"rounds"}
@@ -219,8 +221,8 @@ def test_drift_in_common_rounds_is_gated(tmp_path):
 
 def test_drift_equal_to_the_threshold_is_tolerated(tmp_path):
     """Growth equal to the threshold is tolerated, for times as for counters."""
-    base = [record(name, seed=1) for name in TRIANGULATORS]
-    head = [record(name, seed=1) for name in TRIANGULATORS]
+    base = [make_case(name, seed=1) for name in TRIANGULATORS]
+    head = [make_case(name, seed=1) for name in TRIANGULATORS]
     for before, after in zip(base, head, strict=True):
         before["time"]["samples_s"] = [1.0] * 30
         after["time"]["samples_s"] = [1.25] * 30
@@ -269,7 +271,7 @@ def test_planned_rasteriser_without_records_is_a_regression(tmp_path):
             key=f"f{entry['key'][1:]}", rasteriser=rasteriser, device=device
         )
 
-    facts = {"plan": plan(rasterisers=["opengl", "theirs"])}
+    facts = {"plan": make_plan(rasterisers=["opengl", "theirs"])}
     first = write_run(tmp_path / "base", seed=1, facts=facts)
     second = write_run(tmp_path / "more", seed=1, edits={"*": on("theirs", "asic")})
     text = (second / "cases.jsonl").read_text()
@@ -278,7 +280,7 @@ def test_planned_rasteriser_without_records_is_a_regression(tmp_path):
     head = write_run(tmp_path / "head", seed=2, facts=facts)
     comparison = compare_runs(read_run(first), read_run(head))
     assert {case.id.rasteriser for case in comparison.list_regressed_cases()} == {"theirs"}
-    facts = {"plan": plan(rasterisers=["opengl"])}
+    facts = {"plan": make_plan(rasterisers=["opengl"])}
     narrower = write_run(tmp_path / "narrower", seed=2, facts=facts)
     assert compare_runs(read_run(first), read_run(narrower)).exit_code == 0
 
@@ -300,7 +302,7 @@ def test_200000_samples_are_compared(tmp_path):
 
 def make_edited(edit: Edit) -> Callable[[str], dict[str, Any]]:
     def make(name: str) -> dict[str, Any]:
-        entry = record(name, seed=1)
+        entry = make_case(name, seed=1)
         edit(entry)
         return entry
 
@@ -308,20 +310,20 @@ def make_edited(edit: Edit) -> Callable[[str], dict[str, Any]]:
 
 
 def test_group_describes_the_view(tmp_path):
-    case = make_record(**record("fan", seed=1) | {"rotation": 22.5, "fit": "circle"}).id
+    case = make_record(**make_case("fan", seed=1) | {"rotation": 22.5, "fit": "circle"}).id
     assert str(case.group) == "city 1024 px, turned 22.5°, fit to a circle, opengl on llvmpipe"
 
 
 def test_moved_scene_file_matches_the_plan(tmp_path):
     """A run of a moved file: the plan has another path, and the records have the name."""
     base = read_run(write_run(tmp_path / "base", seed=1))
-    moved = {"plan": plan(scene="elsewhere")}
+    moved = {"plan": make_plan(scene="elsewhere")}
     head = read_run(write_run(tmp_path / "head", seed=2, cut_short=("fan",), facts=moved))
     assert [case.id.name for case in compare_runs(base, head).list_regressed_cases()] == ["fan"]
 
 
 def test_only_cases_measured_in_both_runs_are_repeated():
-    done = record("fan", seed=1)
+    done = make_case("fan", seed=1)
     failed = done | {"status": "failed", "counters": {}}
     good, bad = make_record(**done), make_record(**failed)
     assert compare_repeated([good], [good])[0] == 1
@@ -362,7 +364,7 @@ def test_thresholds_are_printed_once(tmp_path):
 )
 def test_case_outside_the_plan_is_not_a_regression(tmp_path, narrower):
     base = read_run(write_run(tmp_path / "base", seed=1))
-    facts = {"plan": plan(**narrower)}
+    facts = {"plan": make_plan(**narrower)}
     head = read_run(write_run(tmp_path / "head", seed=2, cut_short=("fan",), facts=facts))
     comparison = compare_runs(base, head, Settings(across_devices=True))
     on_a_device = "devices" in narrower  # the other records are in HEAD

@@ -38,7 +38,7 @@ def test_outputs(harness, name, monkeypatch):
         outputs[suffix] = out
     if in_all_formats:
         outputs["xml"] = Path("junit.xml").read_text()
-        outputs["html"] = without_plots(Path("page.html").read_text())
+        outputs["html"] = remove_plots(Path("page.html").read_text())
     for suffix, text in outputs.items():
         check(GOLDEN / f"{name}.{suffix}", text)
 
@@ -59,23 +59,23 @@ def check(file: Path, text: str) -> None:
         file.parent.mkdir(exist_ok=True)
         file.write_text(text)
     if file.suffix == ".json":
-        assert rounded(json.loads(text)) == rounded(json.loads(file.read_text())), file.name
+        assert round_all(json.loads(text)) == round_all(json.loads(file.read_text())), file.name
     else:
         assert text == file.read_text(), file.name
 
 
-def rounded(value: Any) -> Any:
+def round_all(value: Any) -> Any:
     """Round numbers, because versions of SciPy sum in different orders."""
     if isinstance(value, float):
         return float(f"{value:.6g}")
     if isinstance(value, dict):
-        return {key: rounded(item) for key, item in value.items()}
+        return {key: round_all(item) for key, item in value.items()}
     if isinstance(value, list):
-        return [rounded(item) for item in value]
+        return [round_all(item) for item in value]
     return value
 
 
-def without_plots(page: str) -> str:
+def remove_plots(page: str) -> str:
     """Remove plots, which depend on the version of Matplotlib, and the style sheet.
 
     A browser opens the page in test_browser.py.

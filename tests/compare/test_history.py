@@ -18,7 +18,7 @@ from harness.history import (
     find_runs,
     read_series,
 )
-from tests.compare.runs import costlier, slower, write_run
+from tests.compare.runs import add_cost, add_time, write_run
 from tests.conftest import assert_refused, require_ok
 
 pytestmark = pytest.mark.usefixtures("no_plots")
@@ -29,9 +29,9 @@ def year(tmp_path) -> Path:
     """Sixteen runs: the machine's speed varies, delaunay is 12 % slower from the tenth on."""
     rng = np.random.default_rng(1)
     for number in range(1, 17):
-        edits = {"delaunay": slower(0.12)} if number >= 10 else {}
+        edits = {"delaunay": add_time(0.12)} if number >= 10 else {}
         if number >= 6:
-            edits["ear-clipping"] = costlier(0.03)
+            edits["ear-clipping"] = add_cost(0.03)
         speed = math.exp(rng.normal(0, 0.05))
         # The order of the names differs from the order of creation.
         write_run(tmp_path / f"run-{99 - number}", seed=number, edits=edits, speed=speed)
@@ -59,7 +59,7 @@ def test_changes_have_the_expected_positions(year):
 def test_changed_content_is_not_a_change(tmp_path):
     def other(entry):
         entry["scene_hash"] = "0" * 16
-        costlier(0.5)(entry)
+        add_cost(0.5)(entry)
 
     for number in range(1, 7):
         edits = {"*": other} if number > 3 else {}

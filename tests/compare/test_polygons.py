@@ -15,8 +15,8 @@ from harness.heatmaps import make_lane_maps
 from harness.results import drawings
 from harness.results.record import Record
 from harness.results.run_folder import Run, read_arrays, read_run
-from tests.measuring.test_run import measure, plan_for
-from tests.records import lines_of, make_record
+from tests.measuring.test_run import make_plan, measure
+from tests.records import get_rows, make_record
 from triangulators import triangulate
 from triangulators.polygon_arrays import PolygonArray
 
@@ -33,7 +33,7 @@ def runs(tmp_path_factory):
     name = f"{__name__}:varying"
     for number, method in enumerate(("optimal:half-perimeter", "ear-clipping")):
         globals()["METHOD"] = method
-        plan = plan_for(
+        plan = make_plan(
             Path("city:buildings=40"), triangulators=(name,), rasterisers=("reference",)
         )
         measure(plan, folder / str(number))
@@ -45,7 +45,7 @@ def test_three_largest_growths_are_those_of_the_columns(runs):
     base, head = runs
     comparison = compare_runs(base, head, Settings(gates=("counters",)))
     grown = find_largest_growth(base, head, comparison)
-    columns = [read_arrays(run, lines_of(run)[0]["key"])["helper_lanes"] for run in runs]
+    columns = [read_arrays(run, get_rows(run)[0]["key"])["helper_lanes"] for run in runs]
     growth = columns[1].astype(int) - columns[0]
     assert sorted(growth)[-3:][::-1] == [polygon.head - polygon.base for polygon in grown]
     for polygon in grown:

@@ -22,11 +22,11 @@ PAGE = ROOT / "docs" / "try.html"
 
 def test_the_page_is_current_and_small():
     built = build.render_page()
-    assert parts(PAGE.read_text()) == parts(built), "run: .venv/bin/python docs/try/build.py"
+    assert split(PAGE.read_text()) == split(built), "run: .venv/bin/python docs/try/build.py"
     assert len(built.encode()) < 400_000
 
 
-def parts(text: str) -> tuple[str, str, Any]:
+def split(text: str) -> tuple[str, str, Any]:
     """Return three decompressed texts: the page, the measuring page in it, and the data of that."""
     match = re.search(r'const PROFILE = "(.*?)";', text)
     assert match is not None
@@ -42,11 +42,11 @@ def open_page(browser: Chromium, width: int = 1200, fragment: str = "") -> None:
     browser.open(PAGE, REPORT_READY, fragment=fragment)
 
 
-def text_of(browser: Chromium, part: str) -> str:
+def read_text(browser: Chromium, part: str) -> str:
     return browser.evaluate(f"$('{part}').textContent")
 
 
-def after(browser: Chromium, action: str) -> None:
+def act(browser: Chromium, action: str) -> None:
     """Execute JavaScript in the page, and wait until the page shows the result."""
     before = browser.evaluate("Number(document.documentElement.dataset.ready)")
     browser.evaluate(f"{action}; null")
@@ -54,7 +54,7 @@ def after(browser: Chromium, action: str) -> None:
 
 
 def paste(browser: Chromium, text: str) -> None:
-    after(
+    act(
         browser,
         f"$('text').value = {json.dumps(text)}; $('text').dispatchEvent(new Event('input'))",
     )
@@ -63,7 +63,7 @@ def paste(browser: Chromium, text: str) -> None:
 def test_a_pasted_polygon_is_compared(browser):
     """Three quarters of a disc: the answer names the best method and all savings."""
     open_page(browser)
-    after(browser, "setSize(64); requestUpdate()")
+    act(browser, "setSize(64); requestUpdate()")
     arc = shapely.get_coordinates(shapely.Point(0, 0).buffer(9, quad_segs=14))[:42]
     paste(browser, Polygon([(0, 0), *arc[:41]]).wkt)
     counters = (
@@ -74,7 +74,7 @@ def test_a_pasted_polygon_is_compared(browser):
     assert max(saved) > 0.01
     shares = {f"{100 * abs(each):.1f} % {'more' if each < 0 else 'fewer'}" for each in saved}
     shares = {share for share in shares if not share.startswith("0.0 %")}  # "as many"
-    answer = text_of(browser, "answer")
+    answer = read_text(browser, "answer")
     assert set(re.findall(r"[\d.]+ % (?:more|fewer)", answer)) == shares
     names = browser.evaluate("NAMES")
     least = min(names, key=lambda name: quads[name])
@@ -82,7 +82,7 @@ def test_a_pasted_polygon_is_compared(browser):
     assert names[least] in answer.split(", with")[0]
     marked = "METHODS.map(([name]) => name).filter((name) => !panels[name].best.hidden)"
     assert set(browser.evaluate(marked)) == {name for name in quads if quads[name] == quads[least]}
-    assert re.fullmatch(r"42 vertices, 61 . 60 px", text_of(browser, "vertex-count"))
+    assert re.fullmatch(r"42 vertices, 61 . 60 px", read_text(browser, "vertex-count"))
     caption = browser.evaluate("panels.ears.caption.textContent")
     assert caption.startswith(f"{4 * quads['ears']:,} lanes for ")
     assert browser.requests == [PAGE.as_uri()]
@@ -95,22 +95,22 @@ def test_a_drawing_with_several_elements_offers_a_choice(browser):
     group = '<g transform="rotate(30) scale(20)"><path d="M0 0H4V3Z"/></g>'
     paste(browser, f'<svg><rect id="small" width="9" height="9"/>{group}<use href="#small"/></svg>')
     assert browser.evaluate("state.choices") == ["path 2: 3 vertices", "rect small: 4 vertices"]
-    assert "2 polygons" in text_of(browser, "notice")
-    assert "copy of another element" in text_of(browser, "notice")
-    after(browser, "$('choices').value = 1; $('choices').dispatchEvent(new Event('change'))")
-    assert text_of(browser, "vertex-count").startswith("4 vertices,")
+    assert "2 polygons" in read_text(browser, "notice")
+    assert "copy of another element" in read_text(browser, "notice")
+    act(browser, "$('choices').value = 1; $('choices').dispatchEvent(new Event('change'))")
+    assert read_text(browser, "vertex-count").startswith("4 vertices,")
     assert not browser.evaluate("$('choices-label').hidden")
     for button, number, count in (("previous", 0, 3), ("next", 1, 4)):
-        after(browser, f"$('{button}').click()")
+        act(browser, f"$('{button}').click()")
         assert browser.evaluate("[$('choices').value, state.choice]") == [str(number), number]
-        assert text_of(browser, "vertex-count").startswith(f"{count} vertices,")
+        assert read_text(browser, "vertex-count").startswith(f"{count} vertices,")
         assert browser.evaluate("[$('previous').disabled, $('next').disabled]") == [
             number == 0,
             number == 1,
         ]
-    after(browser, "$('remove').click()")
+    act(browser, "$('remove').click()")
     assert browser.evaluate("$('choices-label').hidden")
-    after(browser, "$('undo').click()")
+    act(browser, "$('undo').click()")
     assert browser.evaluate("$('choices').value") == "1"
 
 
@@ -119,8 +119,8 @@ def test_hostile_links_are_reported_as_invalid(browser):
     polygon = "0-0-1000-0-0-1000/"
     for fragment in (f"64/{'9' * 400}/{polygon}", f"{'9' * 400}/0/{polygon}"):
         open_page(browser, fragment=fragment)
-        assert "truncated or invalid" in text_of(browser, "notice")
-        assert text_of(browser, "vertex-count").startswith("8 vertices,")
+        assert "truncated or invalid" in read_text(browser, "notice")
+        assert read_text(browser, "vertex-count").startswith("8 vertices,")
         assert "NaN" not in browser.evaluate("document.body.innerText")
 
 
@@ -133,7 +133,7 @@ def test_the_page_opens_with_a_typical_polygon(browser):
     share = f"{100 * (saved >= saved[number]).mean():.0f} % of the {len(saved)} footprints"
     assert share in sentence
     open_page(browser)
-    assert text_of(browser, "typical") == sentence
+    assert read_text(browser, "typical") == sentence
     assert not browser.evaluate("$('typical').hidden")
     width, height = browser.evaluate("measureSize(state.result.placed.rings)")
     west, south, east, north = load("city").polygons[number].bounds
@@ -142,7 +142,7 @@ def test_the_page_opens_with_a_typical_polygon(browser):
     assert browser.evaluate("state.size") == min(sizes, key=lambda side: abs(side - size))
     assert np.array([width, height]) == pytest.approx(in_scene, rel=0.25)
     assert browser.evaluate("state.result.methods.quads.saving") > 0
-    after(browser, "document.querySelector('[data-example=\"A letter\"]').click()")
+    act(browser, "document.querySelector('[data-example=\"A letter\"]').click()")
     assert browser.evaluate("$('typical').hidden")
     assert browser.evaluate("state.size") == 64
 
@@ -170,16 +170,16 @@ def test_a_picture_is_saved(browser):
 
 def test_size_rotation_and_link_go_together(browser):
     open_page(browser)
-    before = text_of(browser, "answer")
-    after(browser, "$('size').value = 8; $('size').dispatchEvent(new Event('input'))")
-    after(browser, "$('rotation').value = 30; $('rotation').dispatchEvent(new Event('input'))")
-    answer = text_of(browser, "answer")
+    before = read_text(browser, "answer")
+    act(browser, "$('size').value = 8; $('size').dispatchEvent(new Event('input'))")
+    act(browser, "$('rotation').value = 30; $('rotation').dispatchEvent(new Event('input'))")
+    answer = read_text(browser, "answer")
     assert "at 256 px" in answer
     assert answer != before
     link = browser.evaluate("location.hash.slice(1)")
     assert link.startswith("256/30/")
     open_page(browser, fragment=link)
-    assert text_of(browser, "answer") == answer
+    assert read_text(browser, "answer") == answer
     assert browser.evaluate("$('rotation').value") == "30"
 
 
@@ -224,7 +224,7 @@ def test_a_polygon_is_drawn_by_clicks(browser):
         "state.drawing === null && $('vertex-count').textContent.startsWith('5 vertices,')"
     )
     assert browser.evaluate("doubledArea(state.rings[0])") > 0
-    assert "px" in text_of(browser, "answer")
+    assert "px" in read_text(browser, "answer")
 
 
 def test_a_polygon_is_drawn_by_keys(browser):
@@ -233,12 +233,12 @@ def test_a_polygon_is_drawn_by_keys(browser):
     before = browser.evaluate("state.rings")
     browser.evaluate("$('draw').click(); null")
     browser.wait("$('methods').classList.contains('stale')")
-    assert "Space places a vertex" in text_of(browser, "answer")
+    assert "Space places a vertex" in read_text(browser, "answer")
     for keys in ("ArrowLeft", "ArrowUp", "ArrowRight ArrowRight", "ArrowDown ArrowDown"):
         for key in keys.split():
             browser.press(key)
         browser.press(" ")
-    assert text_of(browser, "announcement").startswith("Cross at 510, 510")
+    assert read_text(browser, "announcement").startswith("Cross at 510, 510")
     browser.press("Escape")
     browser.wait("!$('methods').classList.contains('stale')")
     assert browser.evaluate("state.rings") == before
@@ -246,8 +246,8 @@ def test_a_polygon_is_drawn_by_keys(browser):
     browser.evaluate("$('draw').click(); null")
     for key in ("Enter", " ", "ArrowUp", " ", "ArrowLeft", " "):
         browser.press(key)
-    after(browser, "onKeyDown(new KeyboardEvent('keydown', {key: 'Enter'}))")
-    assert text_of(browser, "vertex-count").startswith("3 vertices,")
+    act(browser, "onKeyDown(new KeyboardEvent('keydown', {key: 'Enter'}))")
+    assert read_text(browser, "vertex-count").startswith("3 vertices,")
     browser.press("z", modifiers=2)
     browser.wait("$('vertex-count').textContent.startsWith('8 vertices,')")
     assert browser.evaluate("state.rings") == before
@@ -264,7 +264,7 @@ def test_invalid_polygons_and_texts_are_reported(browser):
         ("((0 0, 9 0, 9 9, 0 9, 0 0), (5 5, 15 5, 15 7, 5 5))", "self-intersects"),
     ):
         paste(browser, f"POLYGON {wkt}")
-        assert text_of(browser, "answer").startswith(f"Invalid: this polygon {fault}")
+        assert read_text(browser, "answer").startswith(f"Invalid: this polygon {fault}")
         for method in ("ears", "refined", "flipped", "optimal", "quads"):
             shown = browser.evaluate(f"panels.{method}.missing.textContent")
             assert shown == "the polygon is invalid"
@@ -272,14 +272,14 @@ def test_invalid_polygons_and_texts_are_reported(browser):
     assert "with holes" in browser.evaluate("panels.optimal.missing.textContent")
     top = browser.evaluate(TOP)
     browser.evaluate("$('text').value = 'nonsense'; $('text').dispatchEvent(new Event('input'))")
-    assert "not WKT" in text_of(browser, "notice")
+    assert "not WKT" in read_text(browser, "notice")
     assert browser.evaluate(TOP) == top
-    assert "the previous polygon" in text_of(browser, "notice")
+    assert "the previous polygon" in read_text(browser, "notice")
     assert browser.evaluate("$('methods').classList.contains('stale')")
     answer = browser.evaluate("$('notice').getBoundingClientRect().bottom")
     assert 0 < answer < browser.evaluate("innerHeight")
-    after(browser, "$('undo').click()")
-    assert text_of(browser, "vertex-count").startswith("7 vertices,")
+    act(browser, "$('undo').click()")
+    assert read_text(browser, "vertex-count").startswith("7 vertices,")
 
 
 def test_small_differences_are_reported_as_none(browser):
@@ -302,18 +302,18 @@ def test_small_differences_are_reported_as_none(browser):
 
 def test_files_and_links_are_loaded(browser):
     open_page(browser)
-    after(browser, "loadFile(new File(['0 0, 9 0, 9 9, 5 4, 0 9'], 'my.txt'))")
-    assert text_of(browser, "vertex-count").startswith("5 vertices,")
+    act(browser, "loadFile(new File(['0 0, 9 0, 9 9, 5 4, 0 9'], 'my.txt'))")
+    assert read_text(browser, "vertex-count").startswith("5 vertices,")
     assert not browser.evaluate("$('degrees-label').hidden")
     before = browser.evaluate("state.rings")
-    after(browser, "$('degrees').click()")
+    act(browser, "$('degrees').click()")
     assert browser.evaluate("state.rings") != before
     link = browser.evaluate("currentLink()")
-    after(browser, "$('undo').click()")
+    act(browser, "$('undo').click()")
     paste(browser, f"see page.html#{link}")
     assert browser.evaluate("currentLink()") == link
     open_page(browser, fragment=link[:-9])
-    assert "truncated" in text_of(browser, "notice")
+    assert "truncated" in read_text(browser, "notice")
 
 
 def test_a_device_is_measured_in_the_page(browser):

@@ -57,7 +57,7 @@ RUN = """
 """
 
 
-def in_node(code: str, given: Any) -> Any:
+def run_js(code: str, given: Any) -> Any:
     """Return the result of a function body that uses `given` and the page's scripts."""
     node = languages.find_node()
     if node is None or languages.find_earcut() is None:
@@ -85,10 +85,10 @@ def cases() -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
         }
         for number, polygon in enumerate(polygons)
     ]
-    return given, in_node(MEASURE, given)
+    return given, run_js(MEASURE, given)
 
 
-def points_of(result: dict[str, Any]) -> np.ndarray:
+def read_points(result: dict[str, Any]) -> np.ndarray:
     return np.array(result["points"], np.int32).reshape(-1, 2)
 
 
@@ -102,7 +102,7 @@ def test_polygons_are_placed_as_in_a_run():
             assert not result["valid"]
             continue
         assert result["valid"]
-        assert (points_of(result) == frame.points).all()
+        assert (read_points(result) == frame.points).all()
         placed += 1
     assert placed > 200
 
@@ -110,7 +110,7 @@ def test_polygons_are_placed_as_in_a_run():
 def test_counts_are_those_of_the_reference():
     ways = 0
     for result in cases()[1]:
-        points = points_of(result)
+        points = read_points(result)
         for way in result["ways"].values():
             triangles = np.array(way["rows"], np.int32).reshape(-1, 3)
             expected = {name: int(each.sum()) for name, each in predict(points, triangles).items()}
@@ -137,7 +137,7 @@ def test_optima_have_the_cost_of_pythons_optimum(way, criterion, error):
     for result in cases()[1]:
         if way not in result["ways"]:
             continue
-        polygon = Polygon(points_of(result) / SUBPIXEL)
+        polygon = Polygon(read_points(result) / SUBPIXEL)
         own = np.array(result["ways"][way]["rows"]).reshape(-1, 3)
         rows = triangulate(polygon, f"optimal:{criterion.replace('_', '-')}")
         costs = [criteria.predict(vertices(polygon), r)[criterion] for r in (own, rows)]
@@ -168,7 +168,7 @@ def test_validity_is_that_of_shapely():
             return [fault, ["ears", "refined", "flipped"].map((name) => Boolean(lists[name]))];
         });
     """
-    results = in_node(code, polygons)
+    results = run_js(code, polygons)
     for wkt, is_valid, (fault, covered) in zip(polygons, expected, results, strict=True):
         assert (fault is None) == is_valid, (wkt, fault)
         assert not is_valid or all(covered), wkt
@@ -180,12 +180,12 @@ def test_links_restore_the_polygon():
     given, results = cases()
     links = [result["link"] for result in results]
     read = "return given.map((link) => fromLink(link));"
-    for view, result, restored in zip(given, results, in_node(read, links), strict=True):
+    for view, result, restored in zip(given, results, run_js(read, links), strict=True):
         assert restored | {"text": view["text"]} == view | {"rings": result["rings"]}
     truncated = [links[0][:end] for end in range(len(links[0]))]
     many = f"64/{'9' * 400}/0-0-a-0-0-a/"
     invalid = [*truncated, "64/0/zz/", "64/0/1-1-2-2/", "x/0/1-1-2-2-3-4/", many]
-    assert in_node(read, invalid) == [None] * len(invalid)
+    assert run_js(read, invalid) == [None] * len(invalid)
 
 
 SQUARE = "0 0,9 0,9 9,0 9,0 0"
@@ -223,7 +223,7 @@ def l_shape() -> Polygon:
 )
 def test_texts_are_read(text, expected):
     """Polygons equal those of shapely up to position and scale, which the page normalises."""
-    rings = in_node("return readPolygon(given).rings;", text)
+    rings = run_js("return readPolygon(given).rings;", text)
     found = Polygon(rings[0], rings[1:])
     assert found.exterior.is_ccw
     low_x, low_y, high_x, high_y = expected.bounds
@@ -236,7 +236,7 @@ def test_texts_are_read(text, expected):
 def test_longitude_and_latitude_are_drawn_as_wide_as_they_are():
     """At 60 degrees north two degrees of longitude are as long as one of latitude."""
     boxes = [box(0, 0, 0.1, 0.1), box(20, 59.5, 22, 60.5)]
-    found = in_node("return readPolygon(given);", make_geojson(boxes))
+    found = run_js("return readPolygon(given);", make_geojson(boxes))
     low_x, low_y, high_x, high_y = Polygon(found["rings"][0]).bounds
     assert high_x - low_x == pytest.approx(high_y - low_y, rel=1e-5)
     assert found["note"] == "2 polygons: choose one below."
@@ -249,12 +249,12 @@ def test_degrees_are_recognised_in_every_format():
     written = [json.dumps(shapely.geometry.mapping(footprint)), f"SRID=4326;{footprint.wkt}"]
     asked = [[text, None] for text in (*written, footprint.wkt)] + [[footprint.wkt, False]]
     code = "return given.map(([text, degrees]) => readPolygon(text, degrees));"
-    one, two, three, plain = in_node(code, asked)
+    one, two, three, plain = run_js(code, asked)
     assert one["rings"] == two["rings"] == three["rings"] != plain["rings"]
     assert [each["degrees"] for each in (one, two, three, plain)] == [True, True, True, False]
     for text, degrees in (("0 0, 700 0, 0 700", None), ("0 0, 9 0, 9 9", False)):
-        assert in_node("return readPolygon(given).degrees;", text) is degrees
-    copied = in_node("const p = readPolygon(given); return toWkt(p.rings, p.degrees);", written[0])
+        assert run_js("return readPolygon(given).degrees;", text) is degrees
+    copied = run_js("const p = readPolygon(given); return toWkt(p.rings, p.degrees);", written[0])
     assert copied.startswith("SRID=4326;")
 
 
@@ -274,7 +274,7 @@ def test_a_polygon_is_copied_in_its_original_coordinates(text):
         return [false, true].map(read).map(write);
     """
     expected = shapely.from_wkt(text)
-    for copied in in_node(code, text):
+    for copied in run_js(code, text):
         assert shapely.equals(shapely.from_wkt(copied), expected)
 
 
@@ -285,9 +285,9 @@ def test_curves_and_arcs_are_followed():
         "M5 0C7.76 0 10 2.24 10 5S7.76 10 5 10 0 7.76 0 5 2.24 0 5 0Z",
     ]
     for text in circles:
-        ring = in_node("return readPolygon(given).rings[0];", text)
+        ring = run_js("return readPolygon(given).rings[0];", text)
         assert Polygon(ring).area / GRID**2 == pytest.approx(np.pi / 4, rel=0.03)
-    ring = in_node("return readPolygon(given).rings[0];", "M0 0Q5 8 10 0T20 0V-9H0Z")
+    ring = run_js("return readPolygon(given).rings[0];", "M0 0Q5 8 10 0T20 0V-9H0Z")
     assert Polygon(ring).is_valid
 
 
@@ -317,7 +317,7 @@ def test_svg_shapes_are_those_of_the_program(tmp_path):
     for name, polygon in zip(scene.attributes["id"], scene.polygons, strict=True):
         expected[name] = expected[name].union(polygon)
     areas = dict.fromkeys(expected, shapely.Polygon())
-    for shape in in_node("return readSvg(given.trim()).polygons;", SHAPES):
+    for shape in run_js("return readSvg(given.trim()).polygons;", SHAPES):
         rings = [[(x, -y) for x, y in ring] for ring in shape["rings"]]
         name = shape["label"].split()[1]
         areas[name] = areas[name].union(Polygon(rings[0], rings[1:]))
@@ -354,4 +354,4 @@ def test_svg_shapes_are_those_of_the_program(tmp_path):
 )
 def test_texts_without_a_usable_polygon_are_refused(text, message):
     code = "try { readPolygon(given); return ''; } catch (error) { return error.message; }"
-    assert message in in_node(code, text)
+    assert message in run_js(code, text)

@@ -14,7 +14,7 @@ from tests.paths import ROOT
 from tests.ports import languages
 from tests.ports.languages import Cases, flip_in_python, read_flips
 from tests.ports.polygons import Rings, earcut_rings, is_equivalent, random_polygons
-from tests.triangulators.cases import convex, shared_rings, smooth, star, touching_polygons
+from tests.triangulators.cases import convex, read_rings, smooth, star, touching_polygons
 from tests.triangulators.test_many import polygons as with_holes
 from triangulators import triangulate, triangulate_many, vertices
 from triangulators.criteria import FLIP_TESTS, find
@@ -102,7 +102,7 @@ def load_file_rings(name: str) -> list[Rings]:
     """Return valid and invalid polygons from third-party data."""
     if not (ROOT.parent / "shared" / "data" / name).exists():
         pytest.skip(f"third-party data not found: {name}")
-    ring_lists = (rings for _, rings in shared_rings(name))
+    ring_lists = (rings for _, rings in read_rings(name))
     return [
         (np.concatenate([ring.reshape(-1, 2) for ring in rings]), np.cumsum([*map(len, rings)]))
         for rings in ring_lists

@@ -25,10 +25,10 @@ from harness.results.run_folder import read_run
 from scenes import load
 from scenes.tiles.read import FILE
 from tests.fuzz.targets.runs import make_sample_run
-from tests.models.various import solid
+from tests.models.various import make_solid
 from tests.page.conftest import make_result, write_saved
 from tests.paths import ROOT
-from tests.records import lines_of
+from tests.records import get_rows
 
 REFERENCE = ("--rasterisers", "reference", "--quick", "--quiet", "--no-cache")
 SCENE = ("--scene", "city:buildings=40", "--resolution", "64,256")
@@ -39,7 +39,7 @@ def read_contents(folder: Path) -> Any:
     """Return the cases of a run by key without times, whether it was interrupted, and its files."""
     stored = read_run(folder)
     names = ("status", "counters", "predicted", "triangles", "coverage_error")
-    cases = {record["key"]: [record.get(name) for name in names] for record in lines_of(stored)}
+    cases = {record["key"]: [record.get(name) for name in names] for record in get_rows(stored)}
     files = sorted(str(file.relative_to(folder)) for file in folder.rglob("*") if file.is_file())
     return cases, stored.facts.get("interrupted", False), files
 
@@ -127,7 +127,7 @@ def prepare_folder(folder: Path) -> None:
     Path("SECOND/cases.jsonl").write_text(slower)
     shutil.copy(make_sample_run().with_name("block.geojson"), ".")
     Path("tiles.pmtiles").symlink_to(FILE)
-    solid().export("plate.glb")
+    make_solid().export("plate.glb")
     write_saved(make_result(read_run(Path("RUN"))), Path("saved.json"))
 
 

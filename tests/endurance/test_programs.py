@@ -33,10 +33,10 @@ from tests.endurance.programs import (
     run_each,
     run_forked,
 )
-from tests.models.build import glb, parts_of
+from tests.models.build import join_glb, split_glb
 from tests.models.various import MODELS
 from tests.paths import ROOT
-from tests.records import lines_of
+from tests.records import get_rows
 from tests.scenes.test_tiles import Compression, three_archives
 
 
@@ -90,17 +90,17 @@ def test_models(scale_count, report_counts, tmp_path):
         rng = np.random.default_rng(number)
         kind, model = number % 6, data[number // 6 % 2]
         file = folder / ("model.obj" if kind in (2, 5) else "model.glb")
-        document, binary = parts_of(model)
+        document, binary = split_glb(model)
         if kind == 0:
             file.write_bytes(damage_bytes(model, rng))
         elif kind == 1:
-            file.write_bytes(glb(damage_json(document, rng), binary))
+            file.write_bytes(join_glb(damage_json(document, rng), binary))
         elif kind == 2:
             file.write_bytes(damage_bytes(text, rng))
         elif kind == 3:
-            file.write_bytes(glb(nudge_json(document, rng), binary))
+            file.write_bytes(join_glb(nudge_json(document, rng), binary))
         elif kind == 4:
-            file.write_bytes(glb(document, change_byte(binary, rng)))
+            file.write_bytes(join_glb(document, change_byte(binary, rng)))
         else:
             file.write_bytes(change_byte(text, rng))
         commands = (
@@ -160,7 +160,7 @@ def find_lost_triangles(file: Path, outcome: Outcome) -> str:
     """Return a problem if the program reports another number of triangles than the file, or ""."""
     if outcome.code or file.suffix != ".glb":
         return ""
-    document, _ = parts_of(file.read_bytes())
+    document, _ = split_glb(file.read_bytes())
     parts = [part for mesh in document.get("meshes", ()) for part in mesh["primitives"]]
     # Primitives that share all accessors count once.
     drawn = {(p.get("indices"), p["attributes"]["POSITION"], p.get("mode", 4)) for p in parts}
@@ -267,7 +267,7 @@ def test_plugins(scale_count, report_counts, tmp_path):
         outcome = run(arguments, folder)
         problem = find_problem(outcome)
         if not problem and outcome.code in (0, 5):
-            records = {r["triangulator"]: r for r in lines_of(read_run(folder / "out"))}
+            records = {r["triangulator"]: r for r in get_rows(read_run(folder / "out"))}
             lost = {"mine:cut", "mine:right", "delaunay"} - set(records)
             bad = [
                 n
@@ -322,7 +322,7 @@ def read_content(path: Path) -> bytes:
             return b"".join(arrays[name].tobytes() for name in sorted(arrays.files))
     if (table := path / "census.csv").exists():
         return table.read_bytes()
-    counted = [(r["triangulator"], r["counters"]) for r in lines_of(read_run(path))]
+    counted = [(r["triangulator"], r["counters"]) for r in get_rows(read_run(path))]
     return json.dumps(sorted(counted), sort_keys=True).encode()
 
 

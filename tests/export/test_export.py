@@ -23,7 +23,7 @@ CITY = "city:buildings=60"
 MODELS = (".glb", ".gltf", ".obj")
 
 
-def area_of(source: str) -> float:
+def get_area(source: str) -> float:
     return float(sum(polygon.area for polygon in load(source).polygons))
 
 
@@ -60,7 +60,7 @@ def test_models_keep_the_area(tmp_path, suffix):
     assert report.polygons == 60
     model = read_model(out)
     assert len(model.faces) == report.triangles
-    assert model.area == pytest.approx(area_of(CITY), rel=1e-6)
+    assert model.area == pytest.approx(get_area(CITY), rel=1e-6)
 
 
 def test_obj_far_from_the_origin_keeps_the_sources_coordinates(tmp_path, houses):

@@ -20,7 +20,7 @@ from harness.results.run_folder import Run, read_run
 from harness.results.run_writer import RunFolder
 from tests.conftest import assert_one_line, assert_refused, write_geojson
 from tests.harness.test_cli import MOCK
-from tests.measuring.test_run import measure, plan_for
+from tests.measuring.test_run import make_plan, measure
 from tests.paths import ROOT
 
 pytestmark = pytest.mark.usefixtures("no_plots")
@@ -31,7 +31,7 @@ def finished(tmp_path_factory) -> Path:
     """Return a finished run of two triangulators on the mock."""
     folder = tmp_path_factory.mktemp("finished")
     scene = write_geojson(folder / "squares.geojson", [box(0, 0, 8, 8), box(9, 0, 14, 5)])
-    measure(plan_for(scene, triangulators=("ear-clipping", "delaunay")), folder / "run")
+    measure(make_plan(scene, triangulators=("ear-clipping", "delaunay")), folder / "run")
     return folder / "run"
 
 

@@ -17,9 +17,9 @@ from harness.metrics import processors
 from harness.results.run_folder import Run, read_run
 from harness.scaling import merging
 from harness.workers.pool import get_third_party_limits
-from tests.compare.runs import MACHINE, slower, write_run
+from tests.compare.runs import MACHINE, add_time, write_run
 from tests.conftest import MEASURED_OTHERS_S, MEASURED_STOLEN_S, require_ok
-from tests.records import lines_of
+from tests.records import get_rows
 
 
 @pytest.fixture(autouse=True)
@@ -156,7 +156,7 @@ def two_runs(tmp_path) -> list[Run]:
     runs = []
     for number, label in enumerate((EPYC, XEON)):
         run = read_run(write_run(tmp_path / str(number), seed=number))
-        scene = {"hash": lines_of(run)[0]["scene_hash"]}
+        scene = {"hash": get_rows(run)[0]["scene_hash"]}
         facts = {**run.facts, "cpu": {"label": label}, "scene": scene}
         runs.append(replace(run, facts=facts))
     return runs
@@ -192,7 +192,7 @@ def test_history_ignores_changes_of_the_processor(tmp_path):
     """Ten runs, of which five on another processor that draws delaunay 12 % slower."""
     runs = []
     for number in range(10):
-        edits = {"delaunay": slower(0.12)} if number >= 5 else {}
+        edits = {"delaunay": add_time(0.12)} if number >= 5 else {}
         run = read_run(write_run(tmp_path / str(number), seed=number, edits=edits))
         label = EPYC if number < 5 else XEON
         runs.append(replace(run, facts={**run.facts, "cpu": {"label": label}}))

@@ -30,7 +30,7 @@ def scene_of(folder: str) -> dict:
     return json.loads(Path(folder, "run.json").read_text())["scene"]
 
 
-def records_of(folder: str) -> list[dict]:
+def read_cases(folder: str) -> list[dict]:
     return [json.loads(line) for line in Path(folder, "cases.jsonl").read_text().splitlines()]
 
 
@@ -50,7 +50,7 @@ def test_a_part_of_a_file(harness, town):
     scene = scene_of("out")
     assert scene["polygons"] == 1
     assert scene["parameters"] == {"layer": "houses", "where": condition, "limit": "1"}
-    (record,) = records_of("out")
+    (record,) = read_cases("out")
     assert record["polygons"] == 1
     assert record["scene"] == f"town.gpkg:layer=houses,where={condition},limit=1"
 
@@ -70,7 +70,7 @@ def test_one_line_describes_the_read_file(harness, town):
     assert scene_of("out")["notes"] == line.removeprefix("town: ").split("; ")
     # resuming finds the same scene
     assert harness("run", "--resume", "out", *LOUD)[0] == 0
-    assert len(records_of("out")) == 1
+    assert len(read_cases("out")) == 1
     out, err = require_ok(harness("triangulate", town, "-o", "out.parquet"))
     assert "4 polygons" in out
     assert f"{town}: {line.removeprefix('town: ')}" in err

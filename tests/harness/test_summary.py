@@ -32,7 +32,7 @@ def record(name: str, factor: float = 1.0, polygons: int = 500, **changes: objec
     }
 
 
-def printed(records: list[dict], base: str = "", **options: Any) -> str:
+def show(records: list[dict], base: str = "", **options: Any) -> str:
     output = io.StringIO()
     console = Console(**{"file": output, "width": 80, **options})
     print_summary(decide_all(make_run(records, base=base)), console)
@@ -49,7 +49,7 @@ RECORDS = [
 
 
 def test_the_ranking_fits_eighty_columns_with_full_names():
-    text = printed(RECORDS)
+    text = show(RECORDS)
     assert max(len(line) for line in text.splitlines()) <= 80
     for fields in RECORDS[:4]:
         assert fields["triangulator"] in text
@@ -64,15 +64,15 @@ def test_large_numbers_fit_eighty_columns():
     counters["covering_triangles"] = 1234567
     complete = {"ear-clipping": 1098, "optimal:half-perimeter": 1098, "max-area": 1060}
     records = [record(name, 1.0, n, counters=counters) for name, n in complete.items()]
-    text = printed(records)
+    text = show(records)
     assert "optimal:half-perimeter" in text
     assert "9,876,543" in text
     assert max(len(line) for line in text.splitlines()) <= 80
 
 
 def test_the_fastest_comes_first_and_incomplete_ones_last():
-    text = printed(RECORDS)
-    assert "229 of 500 done" in printed(RECORDS, width=120)
+    text = show(RECORDS)
+    assert "229 of 500 done" in show(RECORDS, width=120)
     lines = text.splitlines()
     order = [
         line.split()[0]
@@ -88,17 +88,17 @@ def test_regret_is_shown_after_covering_triangles_if_there_is_room():
     minimum = {"polygons": 500, "quads": 3650, "shaded": 4000, "fragments": 9000}
     names = ("ear-clipping", "optimal:half-perimeter")
     records = [record(name, counters=counters, least=minimum) for name in names]
-    wide, narrow = (printed(records, width=width) for width in (96, 95))
+    wide, narrow = (show(records, width=width) for width in (96, 95))
     assert "helpers covering regret draw ms" in wide.splitlines()[1]
     assert "7,000    3,456  25.0%" in wide
     assert max(len(line) for line in wide.splitlines()) <= 96
     assert "helpers covering draw ms" in narrow.splitlines()[1]
-    assert "covering" not in printed(RECORDS, width=120)  # a rasteriser without this counter
+    assert "covering" not in show(RECORDS, width=120)  # a rasteriser without this counter
 
 
 @pytest.mark.parametrize("terminal", [True, False])
 def test_only_terminals_get_colour(terminal):
-    text = printed(RECORDS, force_terminal=terminal, color_system="standard" if terminal else None)
+    text = show(RECORDS, force_terminal=terminal, color_system="standard" if terminal else None)
     assert ("\x1b[" in text) is terminal
 
 
@@ -131,21 +131,21 @@ def test_the_interval_is_printed_and_order_follows_the_paired_ratio():
     ]
     medians = {fields["triangulator"]: fields["time"]["median_s"] for fields in records}
     assert medians["greedy"] < medians["ear-clipping"]
-    text = printed(records)
+    text = show(records)
     lines = text.splitlines()[2:5]
     assert [line.split()[0] for line in lines] == ["greedy", "delaunay", "ear-clipping"]
     assert "0.900 (0.500-0.950)" in lines[1]
 
 
 def test_the_base_is_chosen_or_ear_clipping_or_the_first_complete_triangulator():
-    assert "vs ear-clipping" in printed(RECORDS)
-    text = printed(RECORDS, "worst:half-perimeter")
+    assert "vs ear-clipping" in show(RECORDS)
+    text = show(RECORDS, "worst:half-perimeter")
     assert "vs worst:half-perimeter" in text
     assert "0.667 (0.663-0.671) faster" in text
     assert max(len(line) for line in text.splitlines()) <= 80
     without = [fields for fields in RECORDS if fields["triangulator"] != "ear-clipping"]
     fan_first = sorted(without, key=lambda fields: fields["triangulator"] != "fan")
-    text = printed(fan_first)
+    text = show(fan_first)
     assert "vs optimal:half-perimeter" in text
     assert "1.125 (1.118-1.132) slower" in text
 
@@ -176,7 +176,7 @@ def test_proven_optima_are_printed_below():
     partial = {"proven": 497, "largest_gap": 0.00123}
     searched = {"proven": 0, "largest_gap": None}
     unbounded = {"proven": 499, "largest_gap": 0.99999}
-    text = printed(
+    text = show(
         [
             record("ear-clipping"),
             record("optimal:overdraw", 0.9, **complete),
@@ -191,4 +191,4 @@ def test_proven_optima_are_printed_below():
     assert "497 of 500 polygons: optimal:shape; the others within 0.12%" in joined
     assert "0 of 500 polygons: optimal:edge-length; some others have no bound" in joined
     assert "499 of 500 polygons: optimal:expected-quads; some others have no" in joined
-    assert "proven" not in printed(RECORDS)
+    assert "proven" not in show(RECORDS)

@@ -18,7 +18,7 @@ from harness.results.run_folder import read_run
 from harness.triangulating.recipes import parse_all
 from scenes import load
 from tests.conftest import assert_refused, require_ok, write_geojson
-from tests.records import lines_of
+from tests.records import get_rows
 
 NAMES = ("ear-clipping", "flips:l1", "optimal:half-perimeter")
 
@@ -46,7 +46,7 @@ def test_counts_equal_those_of_runs(harness):
     document = json.loads(out)
     by_size = {size["resolution"]: size["costs"] for size in document["sizes"]}
     assert list(by_size) == [32, 64, 128, 256, 512]
-    records = lines_of(read_run(Path("run")))
+    records = get_rows(read_run(Path("run")))
     assert len(records) == 15
     lanes = {}
     for record in records:

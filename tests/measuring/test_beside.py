@@ -30,7 +30,7 @@ from tests.harness.test_environment import git
 from tests.inline import InlineWorker
 from tests.mock import MockRasteriser
 from tests.paths import ROOT
-from tests.records import lines_of
+from tests.records import get_rows
 from triangulators import registry
 
 MODULE = (
@@ -99,10 +99,10 @@ def measured(tmp_path_factory) -> Iterator[Path]:
 
 def test_samples_pair_and_a_change_is_detected(measured):
     base, head = runs(measured / "out")
-    statuses = [{r["triangulator"]: r["status"] for r in lines_of(run)} for run in (base, head)]
+    statuses = [{r["triangulator"]: r["status"] for r in get_rows(run)} for run in (base, head)]
     assert statuses[0] == {"fan": "ok", "theirs:cut": "ok", "newer:cut": "failed"}
     assert statuses[1] == dict.fromkeys(statuses[0], "ok")
-    keys = [{r["triangulator"]: r["key"] for r in lines_of(run)} for run in (base, head)]
+    keys = [{r["triangulator"]: r["key"] for r in get_rows(run)} for run in (base, head)]
     assert keys[0] == keys[1]
     comparison = compare_runs(base, head)
     times = {case.id.name: case.time for case in comparison.list_compared()}
@@ -110,7 +110,7 @@ def test_samples_pair_and_a_change_is_detected(measured):
     assert (times["fan"].against, times["fan"].ratio) == ("same-triangles", None)
     newer = {case.id.name: case.status for case in comparison.cases}["newer:cut"]
     assert newer == "now-measured"
-    (reason,) = (r["reason"] for r in lines_of(base) if r["status"] == "failed")
+    (reason,) = (r["reason"] for r in get_rows(base) if r["status"] == "failed")
     assert "newer" in reason
 
 
@@ -118,7 +118,7 @@ def test_each_run_has_its_own_records(measured):
     base, head = runs(measured / "out")
     for run in (base, head):
         files = {file.stem for file in (run.path / "polygons").iterdir()}
-        assert files == {r["key"] for r in lines_of(run) if r["status"] == "ok"}
+        assert files == {r["key"] for r in get_rows(run) if r["status"] == "ok"}
     drawn = [drawings.read(run, View()).triangles for run in (base, head)]
     assert set(drawn[1]) - set(drawn[0]) == {"newer:cut", "delaunay"}
     assert not any(BASE_MARK in name for names in drawn for name in names)
@@ -144,11 +144,11 @@ def test_resume_uses_the_same_baseline(tmp_path):
         (folder / "theirs.py").write_text(BROKEN)
         measure(plan, "out")
         base, head = runs("out")
-        assert [r["status"] for r in lines_of(base) + lines_of(head)] == ["ok", "failed"]
+        assert [r["status"] for r in get_rows(base) + get_rows(head)] == ["ok", "failed"]
         (folder / "theirs.py").write_text(WORSE)
         measure(plan, "out", resume=True)
         base, head = runs("out")
-        assert [r["status"] for r in lines_of(base) + lines_of(head)] == ["ok", "ok"]
+        assert [r["status"] for r in get_rows(base) + get_rows(head)] == ["ok", "ok"]
         # They were not timed together, so the run has no comparison of the two.
         assert compare_runs(base, head).cases[0].time.against != "rounds"
         git(folder, "commit", "-q", "-a", "-m", "second")
@@ -169,7 +169,7 @@ def test_equal_triangulations_are_drawn_once_by_default(twice, tmp_path, monkeyp
     with project(tmp_path / "project") as folder:
         (folder / "theirs.py").write_text(WORSE)
         measure(PLAN, "out", twice=twice)
-        times = [{r["triangulator"]: r["time"] for r in lines_of(run)} for run in runs("out")]
+        times = [{r["triangulator"]: r["time"] for r in get_rows(run)} for run in runs("out")]
     names = ["fan", "theirs:cut", *([f"{BASE_MARK}fan"] if twice else []), f"{BASE_MARK}theirs:cut"]
     assert sorted(drawn) == sorted(names)
     base, head = times

@@ -15,8 +15,8 @@ from harness.progress import Reporter
 from harness.triangulating.recipes import parse_all
 from harness.workers.worker import TaskTimeoutError
 from tests.inline import InlineWorker
-from tests.measuring.test_run import plan_for
-from tests.records import lines_of
+from tests.measuring.test_run import make_plan
+from tests.records import get_rows
 from triangulators import triangulate
 from triangulators.compute import compiled_files
 
@@ -41,9 +41,9 @@ def measured(block, out, log, fails="", names=("ear-clipping", "optimal:overdraw
     stream = io.StringIO()
     seconds = count(step=60)
     reporter = Reporter(console=Console(file=stream, width=200), clock=lambda: next(seconds))
-    plan = plan_for(block, triangulators=names, timeout_s=7.0)
+    plan = make_plan(block, triangulators=names, timeout_s=7.0)
     result = run(plan, out, reporter, open_worker=lambda *_: Slow(log, fails))
-    return lines_of(result), stream.getvalue()
+    return get_rows(result), stream.getvalue()
 
 
 def test_compilation_has_a_separate_budget_and_message(block, tmp_path):

@@ -21,7 +21,7 @@ from tests.records import make_record
 from triangulators import triangulate
 
 
-def limits_of(frame, open_worker=inline):
+def get_limits(frame, open_worker=inline):
     parts = [triangulate(polygon, "delaunay") for polygon in frame.polygons]
     with closing(MeasuringPool(open_worker, 60)) as pool:
         return lower_limits.collect_bounds(lower_limits.start_bounds(frame, parts, pool))
@@ -29,7 +29,7 @@ def limits_of(frame, open_worker=inline):
 
 def test_minimum_quads_are_between_outline_and_triangulations():
     frame = make_frame(load("city:buildings=25").polygons, View(200))
-    limits = limits_of(frame)
+    limits = get_limits(frame)
     assert (limits[OUTLINE] <= limits[MIN_QUADS]).all()
     for name in ("ear-clipping", "optimal:expected-quads", "optimal:half-perimeter", "greedy"):
         parts = [triangulate(polygon, name) for polygon in frame.polygons]
@@ -42,7 +42,7 @@ def test_the_quickest_polygons_are_solved_within_the_budget(monkeypatch):
     frame = make_frame(load("city:buildings=25").polygons, View(200))
     seconds = lower_limits.estimate_seconds(frame)
     monkeypatch.setattr(lower_limits, "MAX_SEARCH_S", seconds.sum() / 2)
-    has_minimum = limits_of(frame)[MIN_QUADS] >= 0
+    has_minimum = get_limits(frame)[MIN_QUADS] >= 0
     assert has_minimum.any()
     assert seconds[has_minimum].max() <= seconds[~has_minimum].min()
     assert (
@@ -51,7 +51,7 @@ def test_the_quickest_polygons_are_solved_within_the_budget(monkeypatch):
         < seconds[has_minimum].sum() + seconds[~has_minimum].min()
     )
     monkeypatch.setattr(lower_limits, "MAX_SEARCH_S", 0.0)
-    assert (limits_of(frame)[MIN_QUADS] == -1).all()
+    assert (get_limits(frame)[MIN_QUADS] == -1).all()
 
 
 def test_seconds_grow_with_height_vertices_and_holes():
@@ -75,7 +75,7 @@ class Failing(InlineWorker):
 
 def test_a_crash_does_not_affect_outline_quads():
     frame = make_frame([shapely.box(0, 0, 1, 1)], View(32))
-    limits = limits_of(frame, lambda *_: Failing())
+    limits = get_limits(frame, lambda *_: Failing())
     assert limits[OUTLINE].item() > 0
     assert MIN_QUADS not in limits
 

@@ -33,7 +33,7 @@ from harness.workers.worker import OpenWorker, Worker
 from tests.conftest import write_geojson
 from tests.inline import InlineWorker
 from tests.mock import MockRasteriser
-from tests.records import lines_of
+from tests.records import get_rows
 from triangulators import PolygonArray
 
 MOCK = "tests.mock:MockRasteriser"
@@ -45,7 +45,7 @@ def inline(name: str, environment: object, limits: object = None) -> InlineWorke
     return InlineWorker()
 
 
-def plan_for(scene: Path, **changes: object) -> Plan:
+def make_plan(scene: Path, **changes: object) -> Plan:
     names = parse_all(changes.pop("triangulators", NAMES))  # type: ignore[arg-type]
     plan = Plan(scene=str(scene), triangulators=names, rasterisers=(MOCK,), timing=FAST)
     return replace(plan, **changes)  # type: ignore[arg-type]
@@ -63,8 +63,8 @@ def measure(
 
 
 def test_every_case_gets_a_complete_record(block, tmp_path):
-    outcome = measure(plan_for(block), tmp_path / "out")
-    records = {record["triangulator"]: record for record in lines_of(outcome)}
+    outcome = measure(make_plan(block), tmp_path / "out")
+    records = {record["triangulator"]: record for record in get_rows(outcome)}
     assert set(records) == set(NAMES)
     for record in records.values():
         assert record["status"] == "ok"
@@ -77,7 +77,7 @@ def test_every_case_gets_a_complete_record(block, tmp_path):
         assert 4 * counters["quads"] == counters["fragments"] + counters["helper_lanes"]
         assert len(record["time"]["samples_s"]) >= MIN_ROUNDS
         assert record["time"]["timer"] == "wall"
-        assert record["time"]["reference_s"] == lines_of(outcome)[0]["time"]["reference_s"]
+        assert record["time"]["reference_s"] == get_rows(outcome)[0]["time"]["reference_s"]
     best = records["optimal:overdraw"]["predicted"]["overdraw"]
     assert best == min(record["predicted"]["overdraw"] for record in records.values())
     stored = read_run(tmp_path / "out")
@@ -91,12 +91,12 @@ def test_every_case_gets_a_complete_record(block, tmp_path):
     assert columns["fragments"].sum() == records["delaunay"]["counters"]["fragments"]
 
 
-def nothing_at_once(_recipe: Recipe, polygons: PolygonArray) -> tuple[list[object], np.ndarray]:
+def skip_batch(_recipe: Recipe, polygons: PolygonArray) -> tuple[list[object], np.ndarray]:
     """Leave all polygons to single calls."""
     return [], np.zeros(len(polygons), np.bool_)
 
 
-def failing(name: str, holes: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def make_failing(name: str, holes: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Make the triangulator `name` fail on every polygon with this number of holes."""
     original = triangulators.triangulate_with_gap
 
@@ -106,11 +106,11 @@ def failing(name: str, holes: int, monkeypatch: pytest.MonkeyPatch) -> None:
         return original(polygon, triangulator, **options)
 
     monkeypatch.setattr(triangulators, "triangulate_with_gap", triangulate)
-    monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
+    monkeypatch.setattr(Recipe, "attempt", skip_batch)
 
 
 def test_excess_coverage_is_detected_if_the_baseline_skips_polygons(block, tmp_path, monkeypatch):
-    failing("delaunay", 1, monkeypatch)
+    make_failing("delaunay", 1, monkeypatch)
     count = MockRasteriser._count
 
     def count_too_much(self: MockRasteriser, frame: Frame, *arguments: object) -> Counters:
@@ -121,8 +121,8 @@ def test_excess_coverage_is_detected_if_the_baseline_skips_polygons(block, tmp_p
         return counters
 
     monkeypatch.setattr("tests.mock.MockRasteriser._count", count_too_much)
-    plan = plan_for(block, triangulators=("fan", "ear-clipping", "delaunay"))
-    records = {r["triangulator"]: r for r in lines_of(measure(plan, tmp_path / "out"))}
+    plan = make_plan(block, triangulators=("fan", "ear-clipping", "delaunay"))
+    records = {r["triangulator"]: r for r in get_rows(measure(plan, tmp_path / "out"))}
     errors = {name: r["coverage_error"] for name, r in records.items()}
     assert errors == {"fan": 0, "ear-clipping": 101, "delaunay": 0}
     fan, delaunay = records["fan"], records["delaunay"]
@@ -132,10 +132,10 @@ def test_excess_coverage_is_detected_if_the_baseline_skips_polygons(block, tmp_p
 
 
 def test_coverage_is_unknown_without_common_polygons(tmp_path, monkeypatch):
-    failing("delaunay", 0, monkeypatch)
+    make_failing("delaunay", 0, monkeypatch)
     scene = write_geojson(tmp_path / "squares.geojson", [box(0, 0, 4, 4), box(6, 0, 9, 3)])
-    plan = plan_for(scene, triangulators=("fan", "delaunay"))
-    records = {r["triangulator"]: r for r in lines_of(measure(plan, tmp_path / "out"))}
+    plan = make_plan(scene, triangulators=("fan", "delaunay"))
+    records = {r["triangulator"]: r for r in get_rows(measure(plan, tmp_path / "out"))}
     assert records["fan"]["status"] == "ok"
     assert records["fan"]["coverage_error"] is None
     assert records["delaunay"]["status"] == "failed"
@@ -144,22 +144,22 @@ def test_coverage_is_unknown_without_common_polygons(tmp_path, monkeypatch):
 def test_scenes_of_triangles_are_refused(tmp_path):
     """An icosahedron: no two faces are coplanar."""
     trimesh.creation.icosphere(0).export(tmp_path / "die.obj")
-    plan = plan_for(tmp_path / "die.obj", triangulators=("fan",))
+    plan = make_plan(tmp_path / "die.obj", triangulators=("fan",))
     with pytest.raises(NothingMeasuredError, match=r"every polygon is a triangle"):
         measure(plan, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
 def test_resume_measures_only_missing_cases(block, tmp_path):
-    complete = lines_of(measure(plan_for(block), tmp_path / "whole"))
+    complete = get_rows(measure(make_plan(block), tmp_path / "whole"))
     out = tmp_path / "out"
-    measure(plan_for(block), out)
+    measure(make_plan(block), out)
     lines = (out / "cases.jsonl").read_text().splitlines(keepends=True)
     (out / "cases.jsonl").write_text("".join(lines[:2]) + lines[2][:50])
-    stored = lines_of(read_run(out))
-    outcome = measure(plan_for(block), out, resume=True)
-    assert lines_of(outcome)[:2] == stored
-    assert [(r["key"], r["counters"]) for r in lines_of(outcome)] == [
+    stored = get_rows(read_run(out))
+    outcome = measure(make_plan(block), out, resume=True)
+    assert get_rows(outcome)[:2] == stored
+    assert [(r["key"], r["counters"]) for r in get_rows(outcome)] == [
         (r["key"], r["counters"]) for r in complete
     ]
 
@@ -174,10 +174,10 @@ def test_resume_measures_only_missing_cases(block, tmp_path):
     ],
 )
 def test_resume_refuses_differences_unless_forced(block, tmp_path, monkeypatch, changed, reason):
-    plan, out = plan_for(block), tmp_path / "out"
+    plan, out = make_plan(block), tmp_path / "out"
     measure(plan, out)
     if changed == "plan":
-        plan = plan_for(block, seed=7)
+        plan = make_plan(block, seed=7)
     elif changed == "scene":
         write_geojson(block, [box(0, 0, 5, 7)])
     elif changed == "code":
@@ -188,20 +188,20 @@ def test_resume_refuses_differences_unless_forced(block, tmp_path, monkeypatch, 
     with pytest.raises(HarnessError, match=reason):
         measure(plan, out, resume=True)
     if changed in ("plan", "machine"):
-        assert lines_of(measure(plan, out, resume=True, force=True))
+        assert get_rows(measure(plan, out, resume=True, force=True))
 
 
 def test_resume_repeats_failed_but_not_skipped_cases(tmp_path, monkeypatch):
     courtyard = box(0, 0, 16, 16).difference(box(4, 4, 12, 12))
     scene = write_geojson(tmp_path / "courtyard.geojson", [courtyard])
-    plan = plan_for(scene, triangulators=("fan", "ear-clipping"))
+    plan = make_plan(scene, triangulators=("fan", "ear-clipping"))
     out = tmp_path / "out"
     with monkeypatch.context() as patch:
-        failing("ear-clipping", 1, patch)
-        statuses = [r["status"] for r in lines_of(measure(plan, out))]
+        make_failing("ear-clipping", 1, patch)
+        statuses = [r["status"] for r in get_rows(measure(plan, out))]
     assert statuses == ["skipped", "failed"]
     before = (out / "cases.jsonl").read_text()
-    assert [r["status"] for r in lines_of(measure(plan, out, resume=True))] == ["skipped", "ok"]
+    assert [r["status"] for r in get_rows(measure(plan, out, resume=True))] == ["skipped", "ok"]
     after = (out / "cases.jsonl").read_text()
     assert after.startswith(before)
     assert [json.loads(line)["triangulator"] for line in after[len(before) :].splitlines()] == [
@@ -215,7 +215,7 @@ def interrupt_after_one(monkeypatch):
 
     def append_and_interrupt(self: RunFolder, record: dict[str, object]) -> None:
         append(self, record)
-        if len(lines_of(read_run(self.path))) == 1:
+        if len(get_rows(read_run(self.path))) == 1:
             os.kill(os.getpid(), signal.SIGINT)
 
     monkeypatch.setattr(RunFolder, "append", append_and_interrupt)
@@ -223,12 +223,12 @@ def interrupt_after_one(monkeypatch):
 
 def test_an_interrupt_preserves_finished_cases(block, tmp_path, monkeypatch):
     interrupt_after_one(monkeypatch)
-    plan = plan_for(block, views=(View(64), View(128)))
+    plan = make_plan(block, views=(View(64), View(128)))
     outcome = measure(plan, tmp_path / "out")
     assert outcome.interrupted
-    assert {r["resolution"] for r in lines_of(outcome)} == {64}
-    assert len(lines_of(outcome)) == len(NAMES)
-    assert len(lines_of(measure(plan, tmp_path / "out", resume=True))) == 2 * len(NAMES)
+    assert {r["resolution"] for r in get_rows(outcome)} == {64}
+    assert len(get_rows(outcome)) == len(NAMES)
+    assert len(get_rows(measure(plan, tmp_path / "out", resume=True))) == 2 * len(NAMES)
 
 
 @pytest.mark.parametrize(
@@ -248,9 +248,9 @@ def test_a_device_failure_affects_only_its_case(tmp_path, monkeypatch, fault, re
     ell = Polygon([(0, 0), (12, 0), (12, 4), (4, 4), (4, 10), (0, 10)])
     house = Polygon([(0, 20), (8, 20), (8, 26), (4, 29), (0, 26)])
     scene = write_geojson(tmp_path / "odd.geojson", [courtyard, ell, house])
-    plan = plan_for(scene, triangulators=("fan", "ear-clipping", "delaunay"), timeout_s=4.0)
+    plan = make_plan(scene, triangulators=("fan", "ear-clipping", "delaunay"), timeout_s=4.0)
     outcome = measure(plan, tmp_path / "out", open_worker=Worker)
-    records = {record["triangulator"]: record for record in lines_of(outcome)}
+    records = {record["triangulator"]: record for record in get_rows(outcome)}
     statuses = {name: record["status"] for name, record in records.items()}
     assert statuses == {"fan": "failed", "ear-clipping": "ok", "delaunay": "ok"}
     assert reason in records["fan"]["reason"]
@@ -260,9 +260,9 @@ def test_a_device_failure_affects_only_its_case(tmp_path, monkeypatch, fault, re
 def test_upright_triangulations_are_drawn_rotated(block, tmp_path):
     names = ("delaunay", "optimal:overdraw", "optimal:overdraw@0")
     views = (View(256, 0.0, "circle"), View(256, 35.0, "circle"))
-    outcome = measure(plan_for(block, triangulators=names, views=views), tmp_path / "out")
-    seen = {(r["triangulator"], r["rotation"]): r for r in lines_of(outcome)}
-    assert {record["status"] for record in lines_of(outcome)} == {"ok"}
+    outcome = measure(make_plan(block, triangulators=names, views=views), tmp_path / "out")
+    seen = {(r["triangulator"], r["rotation"]): r for r in get_rows(outcome)}
+    assert {record["status"] for record in get_rows(outcome)} == {"ok"}
     fresh, carried = "optimal:overdraw", "optimal:overdraw@0"
     overdraw = {key: record["predicted"]["overdraw"] for key, record in seen.items()}
     assert overdraw[carried, 0.0] == overdraw[fresh, 0.0]
@@ -272,11 +272,11 @@ def test_upright_triangulations_are_drawn_rotated(block, tmp_path):
 
 
 def test_random_triangulations_have_separate_seeds(block, tmp_path):
-    plan = plan_for(block, triangulators=("random#1", "random#2", "random#1"))
-    records = lines_of(measure(plan, tmp_path / "out"))
+    plan = make_plan(block, triangulators=("random#1", "random#2", "random#1"))
+    records = get_rows(measure(plan, tmp_path / "out"))
     assert [record["triangulator"] for record in records] == ["random#1", "random#2"]
     with pytest.raises(UsageError, match="write a seed as random#7"):
-        measure(plan_for(block, triangulators=("delaunay#1",)), tmp_path / "other")
+        measure(make_plan(block, triangulators=("delaunay#1",)), tmp_path / "other")
 
 
 def test_repeats_are_new_processes_in_turn(block, tmp_path):
@@ -294,21 +294,21 @@ def test_repeats_are_new_processes_in_turn(block, tmp_path):
     def watched(name: str, environment: object, limits: object = None) -> InlineWorker:
         return Watched(name)
 
-    plan = plan_for(block, timing=replace(FAST, processes=3))
-    assert lines_of(measure(plan, tmp_path / "out", open_worker=watched))
+    plan = make_plan(block, timing=replace(FAST, processes=3))
+    assert get_rows(measure(plan, tmp_path / "out", open_worker=watched))
     drawing = f"{MOCK} on scripted"
     steps = [line.removeprefix(drawing) for line in log if line.startswith(drawing)]
     assert steps == [" begins", " ends"] * 3
-    for record in lines_of(read_run(tmp_path / "out")):
+    for record in get_rows(read_run(tmp_path / "out")):
         times = record["time"]
         assert len(times["processes"]) == 3
         assert min(times["processes"]) >= MIN_ROUNDS
         assert sum(times["processes"]) == sum(times["epochs"]) == len(times["samples_s"])
         assert len(times["reference_s"]) == len(times["samples_s"])
     # A plan of one process has no field for processes, as in older runs.
-    assert "processes" not in plan_for(block).to_json()["timing"]
+    assert "processes" not in make_plan(block).to_json()["timing"]
     assert Plan.from_json(plan.to_json()).timing == plan.timing
-    assert Plan.from_json(plan_for(block).to_json()).timing.processes == 1
+    assert Plan.from_json(make_plan(block).to_json()).timing.processes == 1
 
 
 @pytest.mark.parametrize(

@@ -14,10 +14,10 @@ from harness.frame import View
 from harness.measuring.pool import MeasuringPool
 from harness.results.run_folder import read_arrays, read_run
 from harness.results.run_writer import RunFolder
-from tests.measuring.test_run import MOCK, NAMES, measure, plan_for
+from tests.measuring.test_run import MOCK, NAMES, make_plan, measure
 from tests.mock import MockRasteriser
 from tests.paths import ROOT
-from tests.records import lines_of
+from tests.records import get_rows
 
 pytestmark = pytest.mark.usefixtures("no_plots")
 
@@ -34,14 +34,14 @@ def signal_while_timing(number: signal.Signals, patch: pytest.MonkeyPatch) -> No
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_counters_of_a_run_stopped_while_timing_are_reused(block, tmp_path, monkeypatch, number):
-    complete = lines_of(measure(plan_for(block), tmp_path / "whole"))
+    complete = get_rows(measure(make_plan(block), tmp_path / "whole"))
     out = tmp_path / "out"
     with monkeypatch.context() as patch:
         signal_while_timing(number, patch)
-        result = measure(plan_for(block), out)
+        result = measure(make_plan(block), out)
     assert result.interrupted
     assert result.aborted
-    assert lines_of(result) == lines_of(read_run(out)) == []
+    assert get_rows(result) == get_rows(read_run(out)) == []
     assert read_run(out).facts["interrupted"] is True
     counted = [json.loads(line) for line in (out / "counted.jsonl").read_text().splitlines()]
     assert [record["status"] for record in counted] == ["counted"] * len(NAMES)
@@ -51,7 +51,7 @@ def test_counters_of_a_run_stopped_while_timing_are_reused(block, tmp_path, monk
         raise AssertionError("counted again")
 
     monkeypatch.setattr(MockRasteriser, "_count", count)
-    resumed = lines_of(measure(plan_for(block), out, resume=True))
+    resumed = get_rows(measure(make_plan(block), out, resume=True))
     assert [record["status"] for record in resumed] == ["ok"] * len(NAMES)
     for record, other in zip(resumed, complete, strict=True):
         # The number of timed rounds depends on the speed.
@@ -75,7 +75,7 @@ def test_first_interrupt_stops_at_once_while_nothing_is_timed(block, tmp_path, m
         raise AssertionError("it went on")
 
     monkeypatch.setattr(MeasuringPool, step, interrupt)
-    result = measure(plan_for(block), tmp_path / "out")
+    result = measure(make_plan(block), tmp_path / "out")
     assert result.interrupted
     assert result.aborted
     assert read_run(tmp_path / "out").facts["interrupted"] is True
@@ -94,11 +94,11 @@ def test_counted_cases_are_stored_at_once(block, tmp_path, monkeypatch):
         return count(self, *arguments)  # type: ignore[arg-type]
 
     monkeypatch.setattr(MockRasteriser, "_count", count_twice)
-    assert measure(plan_for(block), out).interrupted
+    assert measure(make_plan(block), out).interrupted
     with (out / "counted.jsonl").open("a") as file:
         file.write('{"key": "torn')
     calls[:] = ["a third call", "is", "none"]
-    assert len(lines_of(measure(plan_for(block), out, resume=True))) == len(NAMES)
+    assert len(get_rows(measure(make_plan(block), out, resume=True))) == len(NAMES)
     # The two missing cases, and the baseline, which defines the coverage.
     assert len(calls) == 3 + 3
 
@@ -107,11 +107,11 @@ def test_force_counts_cases_of_other_code_again(block, tmp_path, monkeypatch):
     out = tmp_path / "out"
     with monkeypatch.context() as patch:
         signal_while_timing(signal.SIGTERM, patch)
-        measure(plan_for(block), out)
+        measure(make_plan(block), out)
     lines = (out / "counted.jsonl").read_text().replace('"quads": ', '"quads": 1')
     (out / "counted.jsonl").write_text(lines)
-    forced = lines_of(measure(plan_for(block), out, resume=True, force=True))
-    complete = lines_of(measure(plan_for(block), tmp_path / "whole"))
+    forced = get_rows(measure(make_plan(block), out, resume=True, force=True))
+    complete = get_rows(measure(make_plan(block), tmp_path / "whole"))
     assert [r["counters"] for r in forced] == [r["counters"] for r in complete]
 
 
@@ -134,29 +134,29 @@ def test_the_command_prints_how_to_resume(block, harness, monkeypatch):
 def measure_many(scene: str, out: str, *resume: str) -> None:
     """Measure many short cases on the scripted rasteriser, without worker processes or plots."""
     views = tuple(View(size) for size in (64, 96, 128, 256, 512, 1024))
-    measure(plan_for(Path(scene), views=views), Path(out), resume=bool(resume))
+    measure(make_plan(Path(scene), views=views), Path(out), resume=bool(resume))
 
 
 def test_a_killed_run_loses_nothing_and_can_be_resumed(block, tmp_path):
     """`make endurance` kills complete commands at 30 moments each."""
     out, cases = tmp_path / "killed", tmp_path / "killed" / "cases.jsonl"
     measure_many(str(block), str(tmp_path / "whole"))
-    expected = {r["key"]: r["counters"] for r in lines_of(read_run(tmp_path / "whole"))}
+    expected = {r["key"]: r["counters"] for r in get_rows(read_run(tmp_path / "whole"))}
     command = [sys.executable, "-m", "tests.measuring.test_stopping", str(block), str(out)]
     process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL)
     while process.poll() is None and not (cases.exists() and cases.read_bytes().count(b"\n") >= 9):
         time.sleep(0.001)
     process.kill()
     process.wait()
-    finished = lines_of(read_run(out))
+    finished = get_rows(read_run(out))
     lines = cases.read_bytes().split(b"\n")
     assert [json.loads(line)["key"] for line in lines[:-1]] == [r["key"] for r in finished]
     assert 9 <= len(finished) < len(expected) == 24
     subprocess.run([*command, "resume"], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
     resumed = read_run(out)
     assert resumed.problems == []
-    assert lines_of(resumed)[: len(finished)] == finished
-    assert {r["key"]: r["counters"] for r in lines_of(resumed)} == expected
+    assert get_rows(resumed)[: len(finished)] == finished
+    assert {r["key"]: r["counters"] for r in get_rows(resumed)} == expected
     assert not (out / "counted.jsonl").exists()
 
 

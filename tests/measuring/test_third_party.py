@@ -10,8 +10,8 @@ import pytest
 from harness.measuring.run import run
 from harness.workers.worker import Worker
 from tests.conftest import assert_refused, require_ok
-from tests.measuring.test_run import MOCK, measure, plan_for, quiet
-from tests.records import lines_of
+from tests.measuring.test_run import MOCK, make_plan, measure, quiet
+from tests.records import get_rows
 
 pytestmark = pytest.mark.usefixtures("no_plots")
 
@@ -39,9 +39,9 @@ VALID = ("delaunay", "tests.broken:triangulate_clockwise", "tests.broken:fork")
 def test_failures_of_third_party_code_are_failed_records(block, tmp_path, monkeypatch):
     monkeypatch.setattr("harness.workers.pool.MEMORY_SHARE", 0.15)
     names = [f"tests.broken:{name}" for name in REASONS]
-    plan = plan_for(block, triangulators=(*names, *VALID), timeout_s=3.0)
+    plan = make_plan(block, triangulators=(*names, *VALID), timeout_s=3.0)
     outcome = measure(plan, tmp_path / "out", open_worker=Worker)
-    records = {record["triangulator"]: record for record in lines_of(outcome)}
+    records = {record["triangulator"]: record for record in get_rows(outcome)}
     for name, reason in REASONS.items():
         record = records[f"tests.broken:{name}"]
         assert record["status"] == "failed", name
@@ -74,9 +74,9 @@ def module(tmp_path, monkeypatch):
 def test_a_module_that_crashes_on_import_fails_its_case(block, tmp_path, module, statement, reason):
     log = tmp_path / "imported"
     module("dying", f"import os, sys\nopen({str(log)!r}, 'a').write('x')\n{statement}\n")
-    plan = plan_for(block, triangulators=("dying:cut", "delaunay"), timeout_s=300.0)
+    plan = make_plan(block, triangulators=("dying:cut", "delaunay"), timeout_s=300.0)
     start = time.monotonic()
-    records = lines_of(run(plan, tmp_path / "out", quiet(), open_worker=Worker))
+    records = get_rows(run(plan, tmp_path / "out", quiet(), open_worker=Worker))
     assert time.monotonic() - start < 120
     by_triangulator = {record["triangulator"]: record for record in records}
     assert by_triangulator["delaunay"]["status"] == "ok"

@@ -28,8 +28,8 @@ from harness.viewing import is_model_with_views
 from scenes import Scene, load
 from tests.conftest import assert_refused, require_ok
 from tests.measuring.test_run import FAST, measure
-from tests.models.various import solid
-from tests.records import lines_of, make_group, make_record
+from tests.models.various import make_solid
+from tests.records import get_rows, make_group, make_record
 
 TILES = "helsinki-tiles:zoom=16,tiles=3,layers=building"
 CUTS = parse_all(["ear-clipping", "delaunay"])
@@ -38,7 +38,7 @@ OF_TILES = Plan(TILES, triangulators=CUTS, rasterisers=("reference",), timing=FA
 
 @pytest.fixture
 def model(tmp_path) -> str:
-    solid().export(tmp_path / "plate.glb")
+    make_solid().export(tmp_path / "plate.glb")
     return str(tmp_path / "plate.glb")
 
 
@@ -55,7 +55,7 @@ def plan(model: str, **changes: object) -> Plan:
 
 def test_the_original_triangles_are_the_base_and_views_add_up(model, tmp_path):
     out = tmp_path / "out"
-    records = {record["triangulator"]: record for record in lines_of(measure(plan(model), out))}
+    records = {record["triangulator"]: record for record in get_rows(measure(plan(model), out))}
     assert list(records) == ["original", "delaunay", "optimal:edge-length"]
     stored = read_run(out)
     assert stored.facts["base"] == "original"
@@ -85,7 +85,7 @@ def test_the_original_triangles_are_the_base_and_views_add_up(model, tmp_path):
 
 
 def test_with_a_depth_test_the_outline_is_no_bound(model, tmp_path):
-    records = lines_of(
+    records = get_rows(
         measure(plan(model, scene=f"{model}:views=4,pixels=128,depth=front"), tmp_path / "out")
     )
     for record in records:
@@ -190,7 +190,7 @@ def test_damaged_views_are_refused(damage):
 def test_models_have_default_triangulators(model, harness, tmp_path):
     options = ("--rasterisers", "reference", "--quick", "--budget", "0.01", "--out", "out")
     output, err = require_ok(harness("run", "--scene", f"{model}:views=4,pixels=64", *options))
-    names = [record["triangulator"] for record in lines_of(read_run(tmp_path / "out"))]
+    names = [record["triangulator"] for record in get_rows(read_run(tmp_path / "out"))]
     assert names == list(MODEL_TRIANGULATORS)
     assert "helper lanes relative to original (4 views, too few" in output
     assert "flat faces with a choice of diagonals, 100% of the area; 4 views" in err
@@ -207,8 +207,8 @@ def test_runs_with_views_can_be_resumed_but_not_exported_as_pages(model, tmp_pat
     assert stored.views == (view,)
     assert str(stored.triangulators[0]) == ("original" if view.fit == "view" else "ear-clipping")
     resumed = measure(stored, out, resume=True)
-    assert [record["key"] for record in lines_of(resumed)] == [
-        record["key"] for record in lines_of(first)
+    assert [record["key"] for record in get_rows(resumed)] == [
+        record["key"] for record in get_rows(first)
     ]
     with pytest.raises(InputError, match=f"pages do not support {noun}"):
         make_page_content(read_run(out))
@@ -216,7 +216,7 @@ def test_runs_with_views_can_be_resumed_but_not_exported_as_pages(model, tmp_pat
 
 def test_rotated_models_are_different_scenes(model, tmp_path):
     measure(plan(model), tmp_path / "out")
-    solid(0.3).export(model)
+    make_solid(0.3).export(model)
     with pytest.raises(IncompatibleRunsError, match="the scene's content"):
         measure(plan(model), tmp_path / "out", resume=True)
 
@@ -229,7 +229,7 @@ def scene() -> Scene:
 def test_counters_are_sums_over_separately_drawn_tiles(scene, tmp_path, monkeypatch):
     monkeypatch.setattr(Reference, "draws_indexed", True)
     out = tmp_path / "out"
-    (record, _) = lines_of(measure(OF_TILES, out))
+    (record, _) = get_rows(measure(OF_TILES, out))
     assert (record["fit"], record["resolution"], record["status"]) == ("tile", 512, "ok")
     assert record["coverage_error"] == 0
     polygons = read_arrays(read_run(out), record["key"])

@@ -18,7 +18,7 @@ from tests.paths import run_python
 from triangulators.errors import MAX_TRACEBACK
 
 
-def environment_of(name: str) -> tuple[str | None, int]:
+def read_variable(name: str) -> tuple[str | None, int]:
     return os.environ.get(name), os.getpid()
 
 
@@ -64,7 +64,7 @@ def fork_and_return() -> str:
     return "child" if os.fork() == 0 else "parent"
 
 
-def a_function_of_its_own() -> object:
+def return_local_function() -> object:
     return lambda: None
 
 
@@ -108,9 +108,9 @@ def worker():
 
 
 def test_tasks_run_in_one_process_with_its_own_environment(worker):
-    first = worker.call(environment_of, "MOCK_SETTING")
+    first = worker.call(read_variable, "MOCK_SETTING")
     assert first[0] == "17"
-    assert first == worker.call(environment_of, "MOCK_SETTING")
+    assert first == worker.call(read_variable, "MOCK_SETTING")
     assert first[1] != os.getpid()
     assert "MOCK_SETTING" not in os.environ
 
@@ -118,7 +118,7 @@ def test_tasks_run_in_one_process_with_its_own_environment(worker):
 def test_a_crash_is_reported_with_the_last_output(worker):
     with pytest.raises(TaskError, match=r"crashed: SIGSEGV; last output: .*lost the device"):
         worker.call(shout_and_die)
-    assert worker.call(environment_of, "MOCK_SETTING")[0] == "17"
+    assert worker.call(read_variable, "MOCK_SETTING")[0] == "17"
 
 
 @pytest.mark.parametrize(
@@ -161,7 +161,7 @@ def test_a_plugin_that_signals_its_parents_fails_only_its_task(who, number, monk
             killing.call(send_to, who, number, timeout_s=limit_s)
         assert time.monotonic() - start < 10
         for worker in (other, killing):
-            assert worker.call(environment_of, "MOCK_SETTING")[0] is None
+            assert worker.call(read_variable, "MOCK_SETTING")[0] is None
         assert time.monotonic() - start < 60
 
 
@@ -199,7 +199,7 @@ def test_results_of_interrupted_tasks_are_discarded(worker):
 
     with pytest.raises(KeyboardInterrupt):
         worker.call(time.sleep, 5.0, tick=interrupt)
-    assert worker.call(environment_of, "MOCK_SETTING")[0] == "17"
+    assert worker.call(read_variable, "MOCK_SETTING")[0] == "17"
 
 
 @pytest.mark.parametrize("code", [None, 1])
@@ -229,13 +229,13 @@ def test_child_processes_end_with_the_worker(tmp_path, leave, code):
             time.sleep(0.1)
         else:
             pytest.fail("it lives on")
-        assert other.call(environment_of, "MOCK_SETTING")[0] is None
+        assert other.call(read_variable, "MOCK_SETTING")[0] is None
 
 
 def test_results_of_forked_children_are_ignored(worker):
     assert worker.call(fork_and_return) == "parent"
     time.sleep(0.2)
-    assert worker.call(environment_of, "MOCK_SETTING")[0] == "17"
+    assert worker.call(read_variable, "MOCK_SETTING")[0] == "17"
 
 
 def test_output_of_tasks_is_not_printed(worker, capfd):
@@ -245,8 +245,8 @@ def test_output_of_tasks_is_not_printed(worker, capfd):
 
 def test_unpicklable_results_are_failures(worker):
     with pytest.raises(TaskError, match="the result cannot be sent"):
-        worker.call(a_function_of_its_own)
-    assert worker.call(environment_of, "MOCK_SETTING")[0] == "17"
+        worker.call(return_local_function)
+    assert worker.call(read_variable, "MOCK_SETTING")[0] == "17"
 
 
 def test_unpicklable_tasks_are_failures():
@@ -256,7 +256,7 @@ def test_unpicklable_tasks_are_failures():
         assert worker.call(os.getpid) > 0
 
 
-def state_of_the_server() -> tuple[int, int, int, set[str]]:
+def read_server_state() -> tuple[int, int, int, set[str]]:
     server = psutil.Process(os.getppid())
     libraries = {Path(line.path).name for line in server.memory_maps()}
     return server.pid, server.num_threads(), os.getpgid(server.pid), libraries
@@ -265,7 +265,7 @@ def state_of_the_server() -> tuple[int, int, int, set[str]]:
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere workers start from nothing")
 def test_workers_are_forked_from_one_clean_server():
     with Worker("one") as one, Worker("two") as two:
-        first, second = one.call(state_of_the_server), two.call(state_of_the_server)
+        first, second = one.call(read_server_state), two.call(read_server_state)
     assert first[:3] == second[:3]
     server, threads, group, libraries = first
     assert server not in (os.getpid(), os.getppid())
@@ -277,11 +277,11 @@ def test_workers_are_forked_from_one_clean_server():
 
 def test_workers_get_the_current_environment(monkeypatch):
     with Worker("before") as worker:
-        assert worker.call(environment_of, "MOCK_LATER")[0] is None
+        assert worker.call(read_variable, "MOCK_LATER")[0] is None
     monkeypatch.setenv("MOCK_LATER", "yes")
     with Worker("after") as worker:
-        assert worker.call(environment_of, "MOCK_LATER")[0] == "yes"
-        assert worker.call(environment_of, "PYTHONSAFEPATH")[0] == os.environ.get("PYTHONSAFEPATH")
+        assert worker.call(read_variable, "MOCK_LATER")[0] == "yes"
+        assert worker.call(read_variable, "PYTHONSAFEPATH")[0] == os.environ.get("PYTHONSAFEPATH")
 
 
 CTRL_C = """

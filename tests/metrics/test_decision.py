@@ -16,7 +16,7 @@ from harness.metrics.groups import compute_time_ratio
 from harness.report.content import make_content
 from harness.stats.intervals import RUN_SCATTER
 from harness.summary import VERDICTS, list_rows, print_summary
-from tests.harness.test_summary import SAMPLES, printed, record
+from tests.harness.test_summary import SAMPLES, record, show
 from tests.records import make_group, make_record, make_run
 
 DRAWS = {"faster": 0.9, "level": 1.0, "slower": 1.1, "untimed": None}
@@ -58,7 +58,7 @@ def break_even(record, base):
     return break_even_module.compute_break_even(*typed, compute_time_ratio(*typed))
 
 
-def table_of(records):
+def show_table(records):
     output = io.StringIO()
     print_summary(decide_all(make_run(records)), Console(file=output, width=160))
     lines = output.getvalue().splitlines()
@@ -70,7 +70,7 @@ NAMES = ("ear-clipping", "delaunay", "greedy")
 COMBINATIONS = list(itertools.product(DRAWS, TRIANGULATING, COUNTS))
 
 
-def priced(name, factor, seconds, **changes):
+def make_priced(name, factor, seconds, **changes):
     """Return a record with draws of `factor` times the base's, triangulated in `seconds`."""
     fields = make_fields(name, "faster", **changes) | {"triangulate_s": seconds}
     samples = (np.array(fields["time"]["samples_s"]) * factor / DRAWS["faster"]).tolist()
@@ -88,7 +88,7 @@ def priced(name, factor, seconds, **changes):
     ],
 )
 def test_cheapest_triangulator_with_most_of_the_saving_is_recommended(factor, seconds, chosen):
-    records = [base(), priced("delaunay", 0.8, 0.9), priced("greedy", factor, seconds)]
+    records = [base(), make_priced("delaunay", 0.8, 0.9), make_priced("greedy", factor, seconds)]
     decision = decide(records)
     assert (decision.choice.name, decision.best.name) == (chosen, "delaunay")
     sentence = format_advice(decision)
@@ -122,7 +122,7 @@ def test_sentence_table_and_ranking_agree(draws, triangulating, counts):
     records = [first, other, slow]
     decision = decide(records)
     sentence = format_advice(decision)
-    order, rows, lines = table_of(records)
+    order, rows, lines = show_table(records)
     content = make_content(make_run(records))
     cases = {case["row"]["triangulator"]: case for case in content["cases"]}
     # all outputs have the same order and sentence
@@ -310,18 +310,18 @@ def test_default_base_is_the_first_with_most_polygons(polygons, name):
 ROUNDS = 12
 
 
-def triangulated(name, seconds, factor=1.0, scatter=0.0, seed=0):
+def make_timed(name, seconds, factor=1.0, scatter=0.0, seed=0):
     """Return a record with draws of `factor` times 0.1 s and triangulation times of `seconds`."""
     noise = np.random.default_rng(seed).normal(0, scatter, ROUNDS)
     samples = (seconds * (1 + noise - noise.mean())).tolist()
     return record(name, factor, triangulate_s=seconds, triangulate_samples_s=samples)
 
 
-BASE = triangulated("ear-clipping", 0.5)
+BASE = make_timed("ear-clipping", 0.5)
 
 
 def test_break_even_is_extra_time_over_saving_per_draw():
-    even = break_even(triangulated("optimal", 1.49, 0.8), BASE)  # 0.02 s of 0.1 s less
+    even = break_even(make_timed("optimal", 1.49, 0.8), BASE)  # 0.02 s of 0.1 s less
     # The draw times have no scatter: the interval is the scatter between runs.
     saved = 0.1 * (1 - 0.8 * np.exp([RUN_SCATTER * 1.96, -RUN_SCATTER * 1.96]))
     low, high = sorted(0.99 / saved)
@@ -335,8 +335,8 @@ def test_break_even_is_unbounded_if_the_saving_may_be_zero():
 
 
 def test_scatter_of_either_time_widens_the_interval():
-    exact = triangulated("optimal", 1.5, 0.8)
-    rough = triangulated("optimal", 1.5, 0.8, scatter=0.1)
+    exact = make_timed("optimal", 1.5, 0.8)
+    rough = make_timed("optimal", 1.5, 0.8, scatter=0.1)
     even = break_even(rough, BASE)
     assert even.draws == pytest.approx(50)
     student = 2.2009851600916384  # 11 degrees of freedom
@@ -373,7 +373,7 @@ def test_scatter_of_either_time_widens_the_interval():
     ],
 )
 def test_break_even_text_of_each_combination(factor, seconds, written):
-    assert break_even(triangulated("other", seconds, factor), BASE).text == written
+    assert break_even(make_timed("other", seconds, factor), BASE).text == written
 
 
 def test_break_even_without_rounds_has_no_interval():
@@ -385,7 +385,7 @@ def test_break_even_without_rounds_has_no_interval():
 
 
 def test_break_even_interval_starts_at_zero_draws():
-    even = break_even(triangulated("other", 0.51, 0.8, scatter=0.1), BASE)
+    even = break_even(make_timed("other", 0.51, 0.8, scatter=0.1), BASE)
     assert even.low == 0
     assert 0 < even.draws < even.high
     assert even.text.startswith("after 1 draw (0 to ")
@@ -410,12 +410,12 @@ def test_break_even_interval_is_rounded_outwards_and_may_be_unbounded():
 def test_table_has_a_break_even_column():
     records = [
         BASE,
-        triangulated("optimal:half-perimeter", 1.49, 0.8),
-        triangulated("worst:half-perimeter", 1.5, 1.5),
-        triangulated("delaunay", 0.1, 0.9),
-        triangulated("greedy", 0.9, 1.0),
+        make_timed("optimal:half-perimeter", 1.49, 0.8),
+        make_timed("worst:half-perimeter", 1.5, 1.5),
+        make_timed("delaunay", 0.1, 0.9),
+        make_timed("greedy", 0.9, 1.0),
     ]
-    lines = {line.split()[0]: line.rstrip() for line in printed(records).splitlines() if line}
+    lines = {line.split()[0]: line.rstrip() for line in show(records).splitlines() if line}
     assert "break-even" in lines["triangulator"]
     assert lines["optimal:half-perimeter"].endswith("0.800 (0.795-0.805) 50 (48-51)")
     assert lines["delaunay"].endswith("at once")

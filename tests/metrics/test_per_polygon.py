@@ -20,14 +20,14 @@ from harness.results.run_writer import RunFolder
 from tests.records import make_record
 
 
-def columns(cost: list[float], quads: list[float], triangles: list[int] | None = None):
+def make_columns(cost: list[float], quads: list[float], triangles: list[int] | None = None):
     drawn = triangles or [4] * len(cost)
     values = {"predicted_half_perimeter": cost, "quads": quads, "predicted_triangles": drawn}
     return {name: np.asarray(column, np.float64) for name, column in values.items()}
 
 
-BASE = columns([2, 2, 2, 4], [10, 10, 10, 10])
-OTHER = columns([1, 2, 3, 8], [5, 10, 15, 20])
+BASE = make_columns([2, 2, 2, 4], [10, 10, 10, 10])
+OTHER = make_columns([1, 2, 3, 8], [5, 10, 15, 20])
 
 
 def test_rank_correlation_needs_three_pairs():
@@ -46,7 +46,7 @@ def test_rank_correlation_is_independent_of_the_range():
 
 
 def test_ratios_of_polygons_that_both_drew():
-    other = columns([1, 2, 3, 8], [5, 0, 15, 20], [4, 4, 0, 4])
+    other = make_columns([1, 2, 3, 8], [5, 0, 15, 20], [4, 4, 0, 4])
     assert compute_ratios(other, BASE, "quads").tolist() == pytest.approx(
         [0.5, np.nan, np.nan, 2], nan_ok=1
     )
@@ -79,8 +79,8 @@ def test_missing_columns_are_not_compared():
 
 
 def test_polygons_missing_from_the_base_have_no_ratio():
-    base = columns([2, 2], [10, 10], [1, 0])
-    other = columns([1, 2], [5, 10], [1, 4])
+    base = make_columns([2, 2], [10, 10], [1, 0])
+    other = make_columns([1, 2], [5, 10], [1, 4])
     assert compute_ratios(other, base, "quads").tolist() == pytest.approx(
         [0.5, np.nan], nan_ok=True
     )

@@ -26,7 +26,7 @@ def describe(records: list[dict]) -> list[str]:
     return per_view.describe_views(make_group(records))
 
 
-def row_of(record: dict, base: dict) -> dict:
+def make_row(record: dict, base: dict) -> dict:
     group = make_group([base, record])
     return summary.make_row(group.records[1], decision.decide(group))
 
@@ -97,7 +97,7 @@ def test_statistics_are_sums_with_intervals_over_views():
         lanes.mean(),
         *compute_mean_interval(lanes),
     )
-    row = row_of(OTHER, BASE)
+    row = make_row(OTHER, BASE)
     assert row["views"] == 8
     assert row["view_ratio_low"] == over.ratio_low
     assert row["view_mean_high"] == over.mean_high
@@ -125,7 +125,7 @@ def test_few_tiles_have_no_interval(tiles, note):
     line = describe([base, other])[0]
     assert f"({note} too few for intervals): flips:l1 0." in line
     assert line.count("(") == 1
-    row = row_of(other, base)
+    row = make_row(other, base)
     assert row["view_ratio_low"] is row["view_mean_low"] is None
 
 

@@ -38,7 +38,7 @@ def test_software_devices_are_recognised_by_renderer_or_name(device, renderer, d
         assert is_drawn_in_software(Run(Path("run"), facts, []), record) is drawn
 
 
-def runs_of(*labels: str) -> list[Run]:
+def make_runs(*labels: str) -> list[Run]:
     """Return a run for each processor: timed on llvmpipe and a GPU, untimed on the CPU."""
     records = [
         make_record(device=device, time={"timer": timer, "samples_s": [1.0]})
@@ -53,7 +53,7 @@ def mark(case, processor):
 
 
 def test_only_timed_software_devices_are_marked():
-    runs = runs_of("Xeon", "EPYC")
+    runs = make_runs("Xeon", "EPYC")
     mixed = find_mixed_processors(runs)
     assert mixed == {"llvmpipe": ["EPYC", "Xeon"]}
     assert format_processors(mixed) == "llvmpipe on EPYC, Xeon"
@@ -63,14 +63,14 @@ def test_only_timed_software_devices_are_marked():
 
 
 def test_gpu_with_the_name_of_a_software_device_is_not_marked():
-    runs = runs_of("Xeon", "EPYC")
+    runs = make_runs("Xeon", "EPYC")
     facts = {"devices": {"opengl on llvmpipe": {"details": {"renderer": "NVIDIA H100"}}}}
     real = Run(Path("run"), facts, runs[0].records)
     assert mark_processors([*runs, real], mark)[2].records == real.records
 
 
 def test_description_names_the_processor_and_disturbances():
-    (run,) = runs_of("Xeon")
+    (run,) = make_runs("Xeon")
     assert describe_machine(run) == ["processor of llvmpipe: Xeon"]
     assert describe_machine(replace(run, records=run.records[1:])) == []
     assert describe_machine(replace(run, facts={})) == []

@@ -89,7 +89,7 @@ def glow(monkeypatch: pytest.MonkeyPatch) -> Metric:
     return new
 
 
-def printed(records: list[dict[str, Any]]) -> str:
+def show(records: list[dict[str, Any]]) -> str:
     output = io.StringIO()
     print_summary(decide_all(make_run(records)), Console(file=output, width=110))
     return output.getvalue()
@@ -132,7 +132,7 @@ def test_summary_states_the_options_of_each_case(tmp_path):
 
 def test_a_new_metric_is_in_table_csv_report_and_comparison(glow, tmp_path):
     records = [make_fields(name, k, {"quads": 100 + k}) for k, name in enumerate(NAMES[:3])]
-    assert "glow" in printed(records)
+    assert "glow" in show(records)
     write_csv(decide_all(make_run(records)), tmp_path / "summary.csv")
     assert pd.read_csv(tmp_path / "summary.csv")["glow"].tolist() == [100, 101, 102]
     base = read_run(write_run_of(tmp_path / "base", records))
@@ -143,7 +143,7 @@ def test_a_new_metric_is_in_table_csv_report_and_comparison(glow, tmp_path):
 
 def test_undeclared_counter_is_ranked_gated_and_named(tmp_path):
     records = [make_fields(name, k, {"wave_fronts": 100 + k}) for k, name in enumerate(NAMES[:3])]
-    text = printed(records)
+    text = show(records)
     assert "wave fronts" in text
     assert "102" in text
     worse = [
@@ -163,7 +163,7 @@ def test_counters_of_binning_are_printed():
         make_fields(name, k, {"tiles_16": 700 + k, "tiles_32": 300 + k}, time=None)
         for k, name in enumerate(NAMES[:3])
     ]
-    text = printed(rows)
+    text = show(rows)
     assert "tiles of 16 px" in text
     assert "702" in text
 

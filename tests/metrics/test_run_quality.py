@@ -25,7 +25,7 @@ from harness.stats.run_quality import (
 )
 from scripts.studies import machines
 from scripts.studies.machines import ROUNDS, simulate_run
-from tests.measuring.test_run import measure, plan_for
+from tests.measuring.test_run import make_plan, measure
 from tests.records import make_group, make_run, make_time
 
 
@@ -204,7 +204,7 @@ def test_runs_in_different_states_are_not_compared():
 
 
 def test_run_stores_its_reference_draws(block, tmp_path):
-    measure(plan_for(block), tmp_path / "out")
+    measure(make_plan(block), tmp_path / "out")
     facts = json.loads((tmp_path / "out" / "run.json").read_text())
     (entry,) = facts["state"]["draws"]
     assert entry["device"] == "scripted"

@@ -17,7 +17,7 @@ LONG = np.array([(0, 1, 2), (0, 2, 3)])
 """`KITE` cut along the long diagonal."""
 
 
-def glb(document: Any, data: bytes) -> bytes:
+def join_glb(document: Any, data: bytes) -> bytes:
     """Return a .glb file with a JSON document and the bytes of a buffer."""
     text = json.dumps(document).encode()
     text += b" " * (-len(text) % 4)
@@ -27,7 +27,7 @@ def glb(document: Any, data: bytes) -> bytes:
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
-def parts_of(content: bytes) -> tuple[Any, bytes]:
+def split_glb(content: bytes) -> tuple[Any, bytes]:
     """Return the JSON of a .glb file, and the bytes of the buffer."""
     size = struct.unpack_from("<I", content, 12)[0]
     return json.loads(content[20 : 20 + size]), content[28 + size :]
@@ -78,5 +78,5 @@ class Builder:
 
     def write(self, path: Path) -> Path:
         self.json["buffers"] = [{"byteLength": len(self._data)}]
-        path.write_bytes(glb(self.json, self._data))
+        path.write_bytes(join_glb(self.json, self._data))
         return path

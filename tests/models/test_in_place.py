@@ -14,7 +14,7 @@ from harness.models.in_place import retriangulate
 from scenes import SceneError
 from tests.conftest import assert_refused, require_ok
 from tests.models.build import KITE, LONG, Builder
-from tests.models.various import solid
+from tests.models.various import make_solid
 
 
 @pytest.fixture
@@ -22,16 +22,16 @@ def out(tmp_path):
     return tmp_path / "out.glb"
 
 
-def triangles_of(path) -> list[list[list[int]]]:
+def read_triangles(path) -> list[list[list[int]]]:
     """Return the triangles of each part of each mesh, with sorted vertices."""
     parts = [part for group in GltfModel(path).iterate_groups() for part in group]
     return [np.sort(part.mesh.triangles).tolist() for part in parts]
 
 
-def triangles_after(builder: Builder, out: Path) -> list[list[list[int]]]:
+def cut_again(builder: Builder, out: Path) -> list[list[list[int]]]:
     """Return the triangles of a built model after its faces were triangulated again."""
     retriangulate(builder.write(out.with_name("given.glb")), out)
-    return triangles_of(out)
+    return read_triangles(out)
 
 
 CUT_LONG, CUT_SHORT = [[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]
@@ -40,7 +40,7 @@ CUT_LONG, CUT_SHORT = [[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]
 @pytest.mark.parametrize("suffix", [".glb", ".obj"])
 def test_retriangulate_shortens_diagonals_and_changes_nothing_else(tmp_path, suffix):
     source, target = tmp_path / f"plate{suffix}", tmp_path / f"other{suffix}"
-    solid().export(source)
+    make_solid().export(source)
     done = retriangulate(source, target)
     before, after = (trimesh.load_mesh(path) for path in (source, target))
     assert (done.changed, done.unchanged) == (2, {})
@@ -53,7 +53,7 @@ def test_retriangulate_shortens_diagonals_and_changes_nothing_else(tmp_path, suf
 
 
 def test_check_writes_nothing(tmp_path, harness):
-    solid().export(tmp_path / "plate.glb")
+    make_solid().export(tmp_path / "plate.glb")
     output, _ = require_ok(harness("triangulate", "plate.glb", "--check"))
     assert "2 faces would get other diagonals" in output
     lines = [line for line in output.splitlines() if line.startswith("from 24 directions")]
@@ -67,7 +67,7 @@ def test_check_writes_nothing(tmp_path, harness):
 
 
 def test_triangulate_prints_the_changes_of_a_model(tmp_path, harness):
-    solid().export(tmp_path / "plate.glb")
+    make_solid().export(tmp_path / "plate.glb")
     output, _ = require_ok(harness("triangulate", "plate.glb", "-o", "out.glb"))
     assert "in 70 flat faces of two or more (100% of the area)" in output
     assert "out.glb: 2 faces get other diagonals" in output
@@ -86,7 +86,7 @@ def test_triangulate_prints_the_changes_of_a_model(tmp_path, harness):
     ],
 )
 def test_polygon_options_are_refused_for_models(tmp_path, harness, more, reason):
-    solid().export(tmp_path / "plate.glb")
+    make_solid().export(tmp_path / "plate.glb")
     assert_refused(harness("triangulate", "plate.glb", *more), reason)
 
 
@@ -117,7 +117,7 @@ def test_a_face_changes_only_if_attributes_are_affine(tmp_path, out, name, posit
         else:
             builder.first["targets"] = [added]
         done = retriangulate(builder.write(tmp_path / "kite.glb"), out)
-        assert triangles_of(out) == [expected]
+        assert read_triangles(out) == [expected]
         assert bool(done.changed) is (expected is CUT_SHORT)
 
 
@@ -125,7 +125,7 @@ def test_affine_skinning_attributes_keep_a_face_unchanged(out):
     builder = Builder(KITE, LONG)
     weights = np.stack([KITE[:, 0] / 18, 1 - KITE[:, 0] / 18, *2 * [0 * KITE[:, 0]]], axis=1)
     builder.first["attributes"]["WEIGHTS_0"] = builder.accessor(weights.astype("<f4"))
-    assert triangles_after(builder, out) == [CUT_LONG]
+    assert cut_again(builder, out) == [CUT_LONG]
 
 
 @pytest.mark.parametrize(("steps", "expected"), [(2, CUT_SHORT), (40, CUT_LONG)])
@@ -133,14 +133,14 @@ def test_bend_beyond_the_tolerance_keeps_a_face_unchanged(out, steps, expected):
     bent = KITE.copy()
     bent[2, 2] = steps * get_single_precision_tolerance(KITE) / 4
     builder = Builder(bent, LONG)
-    assert triangles_after(builder, out) == [expected]
+    assert cut_again(builder, out) == [expected]
 
 
 def test_a_non_convex_face_is_unchanged(out):
     arrow = KITE.copy()
     arrow[1] = (2, 0.5, 0)
     builder = Builder(arrow, [(1, 2, 3), (0, 1, 3)])
-    assert triangles_after(builder, out) == [[[1, 2, 3], [0, 1, 3]]]
+    assert cut_again(builder, out) == [[[1, 2, 3], [0, 1, 3]]]
 
 
 @pytest.mark.parametrize(
@@ -152,16 +152,16 @@ def test_strips_and_fans_become_lists_of_as_many_triangles(tmp_path, out, mode, 
     builder = Builder(points, indices, mode=mode)
     if indices:
         builder.json["accessors"][1]["count"] = len(indices)
-    before = triangles_of(builder.write(tmp_path / "kite.glb"))
+    before = read_triangles(builder.write(tmp_path / "kite.glb"))
     retriangulate(tmp_path / "kite.glb", out)
-    (after,) = triangles_of(out)
+    (after,) = read_triangles(out)
     assert len(after) == len(before[0])
     assert sorted(triangle for triangle in after if len({*triangle}) == 3) == CUT_SHORT
 
 
 def test_clockwise_triangles_stay_clockwise(out):
     builder = Builder(KITE, LONG[:, ::-1])
-    assert triangles_after(builder, out) == [CUT_SHORT]
+    assert cut_again(builder, out) == [CUT_SHORT]
     model = trimesh.load_mesh(out)
     assert (model.face_normals[:, 2] < 0).all()
 
@@ -172,7 +172,7 @@ def test_shared_indices_are_not_overwritten(out):
     bent[0, 2] = 1
     other = builder.primitive(bent, None)
     other["indices"] = builder.first["indices"]
-    assert triangles_after(builder, out) == [CUT_SHORT, CUT_LONG]
+    assert cut_again(builder, out) == [CUT_SHORT, CUT_LONG]
 
 
 def test_primitives_with_equal_triangles_share_new_indices(tmp_path, out):
@@ -180,7 +180,7 @@ def test_primitives_with_equal_triangles_share_new_indices(tmp_path, out):
     builder.json["meshes"].append({"primitives": [dict(builder.first)]})
     source = builder.write(tmp_path / "kites.glb")
     retriangulate(source, out)
-    assert triangles_of(out) == [CUT_SHORT]
+    assert read_triangles(out) == [CUT_SHORT]
     assert len(out.read_bytes()) == len(source.read_bytes())
 
 
@@ -198,7 +198,7 @@ def test_bytes_with_another_reader_are_not_overwritten(tmp_path, out, kind):
     source = builder.write(tmp_path / "kite.glb")
     span = builder.json["bufferViews"][view]
     retriangulate(source, out)
-    assert triangles_of(out) == [CUT_SHORT]
+    assert read_triangles(out) == [CUT_SHORT]
     for path in (source, out):
         data = path.read_bytes()
         first = 28 + int.from_bytes(data[12:16], "little") + span["byteOffset"]
@@ -209,7 +209,7 @@ def test_an_unknown_extension_keeps_a_primitive_unchanged(tmp_path, out):
     for name, expected in (("KHR_materials_variants", CUT_SHORT), ("CESIUM_outline", CUT_LONG)):
         builder = Builder(KITE, LONG, extensions={name: {}})
         done = retriangulate(builder.write(tmp_path / "kite.glb"), out)
-        assert triangles_of(out) == [expected]
+        assert read_triangles(out) == [expected]
         assert dict(done.unchanged) == ({} if expected is CUT_SHORT else {f"extension {name}": 1})
 
 
@@ -226,7 +226,7 @@ def test_parts_back_to_back_do_not_share_a_diagonal(tmp_path, out):
     builder = Builder(KITE, LONG)
     builder.primitive(KITE.copy(), LONG[:, ::-1])
     done = retriangulate(builder.write(tmp_path / "sheets.glb"), out)
-    assert triangles_of(out) == [CUT_LONG, CUT_LONG]
+    assert read_triangles(out) == [CUT_LONG, CUT_LONG]
     assert done.unchanged == {"a diagonal would also be an edge of other triangles": 2}
 
 
@@ -235,7 +235,7 @@ def test_degenerate_triangles_of_strips_have_no_neighbours(tmp_path, out):
     joining = [(2, 2, 0), (0, 0, 2)]
     builder = Builder(KITE, [LONG[0], *joining, LONG[1]])
     retriangulate(builder.write(tmp_path / "joined.glb"), out)
-    (rows,) = triangles_of(out)
+    (rows,) = read_triangles(out)
     assert rows[1:3] == [sorted(triangle) for triangle in joining]
     assert [rows[0], rows[3]] == CUT_SHORT
 
@@ -261,7 +261,7 @@ def test_thin_triangles_and_nan_positions_are_unchanged(out):
     points = np.vstack([KITE, [middle, (np.nan, 0, 0)]]).astype("<f4")
     thin, nowhere = (2, 1, 4), (3, 2, 5)
     builder.primitive(points, [*LONG, thin, nowhere])
-    assert triangles_after(builder, out) == [[*CUT_SHORT, sorted(thin), sorted(nowhere)]]
+    assert cut_again(builder, out) == [[*CUT_SHORT, sorted(thin), sorted(nowhere)]]
 
 
 def test_new_triangles_are_not_thin():
@@ -279,7 +279,7 @@ def test_new_triangles_are_not_thin():
 def test_faces_beyond_the_work_budget_get_flips(tmp_path, out, monkeypatch):
     """Of the plate's 70 faces, the two large faces have holes."""
     source = tmp_path / "plate.glb"
-    solid().export(source)
+    make_solid().export(source)
     every = retriangulate(source, out)
     assert every.optimal == 70
     # 68 quadrilaterals, and one of the two faces with 68 vertices and two holes
@@ -300,7 +300,7 @@ def test_index_type_grows_with_the_vertex_count(out, count):
     indices = (LONG + count - 4).astype("<u2" if count < 65_536 else "<u4").reshape(-1)
     primitive = builder.primitive(points, None)
     primitive["indices"] = builder.accessor(indices)
-    assert triangles_after(builder, out) == [(np.array(CUT_SHORT) + count - 4).tolist()]
+    assert cut_again(builder, out) == [(np.array(CUT_SHORT) + count - 4).tolist()]
 
 
 def test_sparse_positions_and_indices(out):
@@ -311,7 +311,7 @@ def test_sparse_positions_and_indices(out):
     positions["sparse"] = sparse(builder, rows, values)
     indices = builder.json["accessors"][builder.first["indices"]]
     indices["sparse"] = sparse(builder, np.array([5], "<u2"), np.array([3], "<u2"))
-    assert triangles_after(builder, out) == [CUT_SHORT]
+    assert cut_again(builder, out) == [CUT_SHORT]
 
 
 def sparse(builder: Builder, rows: np.ndarray, values: np.ndarray) -> dict[str, object]:
@@ -354,7 +354,7 @@ def test_invalid_gltf_is_refused(tmp_path, content):
 def test_gltf_with_a_buffer_file(tmp_path):
     source = tmp_path / "a" / "plate.gltf"
     source.parent.mkdir()
-    for name, data in trimesh.exchange.gltf.export_gltf(solid().scene()).items():
+    for name, data in trimesh.exchange.gltf.export_gltf(make_solid().scene()).items():
         (source.parent / name.replace("model", "plate")).write_bytes(data)
     before = (source.parent / "gltf_buffer_0.bin").read_bytes()
     done = retriangulate(source, source.with_name("other.gltf"))

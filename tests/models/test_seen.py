@@ -22,7 +22,7 @@ from harness.triangulating.result import FrameTriangulation
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import Scene, SceneError
 from tests.models.build import KITE, LONG, Builder
-from tests.models.various import solid
+from tests.models.various import make_solid
 
 
 def framed(scene: Scene) -> Frame:
@@ -32,7 +32,7 @@ def framed(scene: Scene) -> Frame:
 @pytest.fixture(scope="module")
 def plate_file(tmp_path_factory) -> str:
     path = tmp_path_factory.mktemp("models") / "plate.glb"
-    solid().export(path)
+    make_solid().export(path)
     return str(path)
 
 
@@ -63,7 +63,7 @@ def perforated() -> trimesh.Trimesh:
     return trimesh.creation.extrude_polygon(shape, 2.0, engine="earcut")
 
 
-@pytest.mark.parametrize("pieces", [perforated, solid])
+@pytest.mark.parametrize("pieces", [perforated, make_solid])
 def test_a_run_draws_the_triangles_that_triangulate_writes(tmp_path, pieces):
     """Also if a face's outline touches itself, so that the face is not a valid polygon."""
     path = tmp_path / "model.glb"

@@ -14,7 +14,7 @@ from harness.models.gltf import GltfModel
 from harness.models.in_place import retriangulate
 from harness.models.seen import read
 from scenes import SceneError
-from tests.models.build import KITE, LONG, Builder, parts_of
+from tests.models.build import KITE, LONG, Builder, split_glb
 
 DATA = "data:application/octet-stream;base64,"
 
@@ -25,7 +25,7 @@ def kite_text(folder: Path, *, shared: bool = False, uri: str = "", **more: Any)
     indices = builder.primitive(KITE, LONG)["indices"]
     if shared:
         builder.json["accessors"].append(dict(builder.json["accessors"][indices]))
-    _, data = parts_of(builder.write(folder / "kite.glb").read_bytes())
+    _, data = split_glb(builder.write(folder / "kite.glb").read_bytes())
     if uri:
         (folder / uri).write_bytes(data)
     about = {"byteLength": len(data), "uri": uri or DATA + base64.b64encode(data).decode()}

@@ -12,7 +12,7 @@ import pytest
 import trimesh
 
 from harness.models.in_place import retriangulate
-from tests.models.build import glb, parts_of
+from tests.models.build import join_glb, split_glb
 from tests.models.various import MODELS
 
 
@@ -53,7 +53,7 @@ def test_lost_bytes_are_detected(tmp_path, name, spoil, message):
     data = bytearray(buffers[0])
     spoil(changed, data)
     other = tmp_path / "other.glb"
-    other.write_bytes(glb(changed, bytes(data)))
+    other.write_bytes(join_glb(changed, bytes(data)))
     assert list_changes(source, other) == [message]
 
 
@@ -90,7 +90,7 @@ def read_gltf(path: Path) -> tuple[dict[str, Any], list[bytes]]:
     """Return the JSON of a glTF file and the bytes of its buffers."""
     data, binary = path.read_bytes(), b""
     if data[:4] == b"glTF":
-        document, binary = parts_of(data)
+        document, binary = split_glb(data)
     else:
         document = json.loads(data)
     buffers = []

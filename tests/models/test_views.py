@@ -15,7 +15,7 @@ from harness.rasterisers.reference import predict
 from harness.triangulating.carrying import make_original_triangulation
 from tests.conftest import require_ok
 from tests.models.build import KITE, LONG, Builder
-from tests.models.various import solid
+from tests.models.various import make_solid
 
 SHORT = np.array([(0, 1, 3), (1, 2, 3)])
 
@@ -120,12 +120,12 @@ def plates(tmp_path_factory):
     """A plate, the plate with shorter diagonals, and the reduction of their length."""
     folder = tmp_path_factory.mktemp("law")
     before, after = folder / "before.glb", folder / "after.glb"
-    solid().export(before)
+    make_solid().export(before)
     done = retriangulate(before, after)
     return before, after, done.before - done.after
 
 
-def expected_and_counted(plates, pixels: int) -> tuple[float, float, float]:
+def compute_savings(plates, pixels: int) -> tuple[float, float, float]:
     """Return the helper lanes saved by E, by Q of each view, and as counted."""
     before, after, shorter = plates
     lanes = []
@@ -146,12 +146,12 @@ def expected_and_counted(plates, pixels: int) -> tuple[float, float, float]:
 
 
 def test_e_predicts_savings_for_slivers_of_some_pixels(plates):
-    by_e, by_q, counted = expected_and_counted(plates, 1024)
+    by_e, by_q, counted = compute_savings(plates, 1024)
     assert by_e == pytest.approx(counted, rel=0.1)
     assert by_q == pytest.approx(counted, rel=0.02)
 
 
 def test_only_q_predicts_savings_of_small_models(plates):
-    by_e, by_q, counted = expected_and_counted(plates, 16)
+    by_e, by_q, counted = compute_savings(plates, 16)
     assert by_e > 3 * counted > 0
     assert by_q == pytest.approx(counted, rel=0.05)

@@ -15,7 +15,7 @@ import shapely
 import trimesh
 from PIL import Image
 
-from tests.models.build import Builder, parts_of
+from tests.models.build import Builder, split_glb
 
 
 class Shape(NamedTuple):
@@ -28,7 +28,7 @@ class Shape(NamedTuple):
     facet: np.ndarray
 
 
-def solid(turn: float = 0.7, size: float = 10.0) -> trimesh.Trimesh:
+def make_solid(turn: float = 0.7, size: float = 10.0) -> trimesh.Trimesh:
     """Return a rotated plate with a round hole and a slot."""
     shape = shapely.Point(0, 0).buffer(size, quad_segs=8)
     shape = shape.difference(shapely.Point(0.2 * size, 0.1 * size).buffer(0.3 * size, quad_segs=8))
@@ -38,7 +38,7 @@ def solid(turn: float = 0.7, size: float = 10.0) -> trimesh.Trimesh:
     return mesh
 
 
-def shape_of(mesh: trimesh.Trimesh, *, hard: bool = True) -> Shape:
+def make_shape(mesh: trimesh.Trimesh, *, hard: bool = True) -> Shape:
     """Return a mesh with an affine map on each face; `hard`: faces share no vertices."""
     number = np.arange(len(mesh.faces)) + len(mesh.facets)
     for face, rows in enumerate(mesh.facets):
@@ -54,12 +54,12 @@ def shape_of(mesh: trimesh.Trimesh, *, hard: bool = True) -> Shape:
     return Shape(points, normals, uv.astype("<f4"), triangles.reshape(-1, 3), rows[:, 0])
 
 
-def moved(shape: Shape, *by: float) -> Shape:
+def move_shape(shape: Shape, *by: float) -> Shape:
     """Return a shape moved apart: if shapes intersected, their order would decide pixels."""
     return shape._replace(points=shape.points + np.float32(by))
 
 
-def picture() -> bytes:
+def make_picture() -> bytes:
     """Return a PNG of slowly changing colours, so that small offsets change little."""
     ramp = np.linspace(0, 255, 64)
     red, green = np.meshgrid(ramp, ramp)
@@ -82,7 +82,7 @@ class Model(Builder):
 
     def textured(self) -> int:
         """Add a material with a texture; return the number."""
-        self.json["images"] = [{"bufferView": self.view(picture()), "mimeType": "image/png"}]
+        self.json["images"] = [{"bufferView": self.view(make_picture()), "mimeType": "image/png"}]
         self.json["textures"] = [{"source": 0}]
         about = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}
         self.json.setdefault("materials", []).append(about)
@@ -111,8 +111,8 @@ def written(make: Callable[[Model], None]) -> Callable[[Path], Path]:
     return write
 
 
-SHAPE = shape_of(solid())
-SOFT = shape_of(solid(), hard=False)
+SHAPE = make_shape(make_solid())
+SOFT = make_shape(make_solid(), hard=False)
 
 
 def textured(model: Model) -> None:
@@ -133,9 +133,9 @@ def several(model: Model) -> None:
     ]
     first = model.add(SHAPE)
     first["material"] = 0
-    second = model.add(moved(SHAPE, 0, 0, 30))
+    second = model.add(move_shape(SHAPE, 0, 0, 30))
     second |= {"material": 1, "indices": first["indices"]}
-    third = model.add(moved(shape_of(solid(2.0, 4.0)), 0, 30, 0))
+    third = model.add(move_shape(make_shape(make_solid(2.0, 4.0)), 0, 30, 0))
     third["material"] = 1
 
 
@@ -169,10 +169,10 @@ def fan(model: Model) -> None:
 
 def small_and_large_indices(model: Model) -> None:
     """Indices of one byte, and of four bytes although two would suffice."""
-    small = shape_of(solid(0.2, 3.0), hard=False)
+    small = make_shape(make_solid(0.2, 3.0), hard=False)
     primitive = model.add(small, "u1")
     del primitive["attributes"]["NORMAL"]
-    model.add(moved(shape_of(solid(1.3, 5.0)), 12, 0, 0), "<u4")
+    model.add(move_shape(make_shape(make_solid(1.3, 5.0)), 12, 0, 0), "<u4")
 
 
 def quantized(model: Model) -> None:
@@ -224,7 +224,7 @@ def with_buffer_file(path: Path) -> Path:
 
 def _as_gltf(path: Path, store: Callable[[str], str]) -> Path:
     binary = written(coloured)(path.with_suffix(".glb"))
-    document, data = parts_of(binary.read_bytes())
+    document, data = split_glb(binary.read_bytes())
     content = data[: document["buffers"][0]["byteLength"]]
     document["buffers"][0]["uri"] = store(base64.b64encode(content).decode())
     path.write_text(json.dumps(document, indent=1))
@@ -233,7 +233,7 @@ def _as_gltf(path: Path, store: Callable[[str], str]) -> Path:
 
 
 def plain(path: Path) -> Path:
-    solid().export(path)
+    make_solid().export(path)
     return path
 
 

@@ -26,7 +26,7 @@ from tests.inline import InlineWorker
 from tests.measuring.test_run import inline
 from tests.paths import ROOT
 from tests.profile.charging import COSTS
-from tests.records import lines_of
+from tests.records import get_rows
 
 NAMES = ("ear-clipping", "delaunay", "optimal:half-perimeter")
 ROUNDS = 12
@@ -55,7 +55,7 @@ def make_result(run: Run) -> dict[str, Any]:
     """Return the result of a measuring page: counters of the run, times in 12 rounds, 6 epochs."""
     rng = np.random.default_rng(0)
     views: dict[tuple[int, float], dict[str, Any]] = {}
-    for typed, record in zip(run.records, lines_of(run), strict=True):
+    for typed, record in zip(run.records, get_rows(run), strict=True):
         view_fields = {name: record[name] for name in ("resolution", "rotation", "fit", "scene")}
         control_times = {
             name: {"repeats": 3, "samples_s": rng.normal(1e-3, 1e-5, ROUNDS).tolist()}

@@ -16,7 +16,7 @@ from tests.chromium import MEASUREMENT_ENDED, REPORT_READY, Chromium
 from tests.conftest import require_ok
 from tests.page.conftest import measure, read_result
 from tests.rasterisers.conftest import random_triangles
-from tests.records import lines_of
+from tests.records import get_rows
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ def test_page_counts_as_expected_and_its_result_is_a_run(undisturbed, harness, s
     assert read_result(file).device.vendor == "google"
     run = str(small_run.path)
     require_ok(harness("import", str(file), "--out", "browser", "--run", run))
-    records = lines_of(read_run(Path("browser")))
+    records = get_rows(read_run(Path("browser")))
     assert len(records) == 6
     assert all(record["coverage_error"] == 0 for record in records)
     assert all(record["time"]["median_s"] > 0 for record in records)

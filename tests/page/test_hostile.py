@@ -10,7 +10,7 @@ from harness.report.page import write_report
 from harness.results.run_folder import read_run
 from tests.chromium import MEASUREMENT_ENDED, Chromium
 from tests.page.conftest import read_result
-from tests.records import lines_of
+from tests.records import get_rows
 
 MARKUP = '</script><img src=x onerror="window.hacked = 1"><b>'
 PLAIN = {"key", "status", "scene_hash", "fit", "timer", "verdict", "created", "order", "hash"}
@@ -42,7 +42,7 @@ def open_safely(browser: Chromium, file: Path) -> None:
 
 def test_report_of_a_run_runs_no_script(browser, small_run, tmp_path):
     (tmp_path / "run.json").write_text(json.dumps(add_markup(small_run.facts)))
-    lines = [json.dumps(add_markup(record)) + "\n" for record in lines_of(small_run)]
+    lines = [json.dumps(add_markup(record)) + "\n" for record in get_rows(small_run)]
     (tmp_path / "cases.jsonl").write_text("".join(lines))
     (tmp_path / "polygons").symlink_to(small_run.path / "polygons")
     open_safely(browser, write_report(read_run(tmp_path)))

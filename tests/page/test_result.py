@@ -18,7 +18,7 @@ from harness.results import drawings
 from harness.results.run_folder import read_run
 from tests.conftest import assert_refused, require_ok
 from tests.page.conftest import ROUNDS, make_result, read_result, write_saved
-from tests.records import lines_of
+from tests.records import get_rows
 from triangulators.polygon_arrays import PolygonArray
 
 
@@ -27,12 +27,12 @@ def test_imported_run_is_a_regular_run(harness, saved, small_run):
         harness("import", str(saved()), "--out", "phone", "--run", str(small_run.path))
     )
     assert "apple-metal-3-safari" in out
-    records = lines_of(read_run(Path("phone")))
+    records = get_rows(read_run(Path("phone")))
     assert {record["rasteriser"] for record in records} == {"webgpu"}
     for record in records:
         (original,) = [
             record_of_run
-            for record_of_run in lines_of(small_run)
+            for record_of_run in get_rows(small_run)
             if all(record_of_run[name] == record[name] for name in ("triangulator", "resolution"))
         ]
         assert record["predicted"] == original["predicted"]
@@ -51,7 +51,7 @@ def test_imported_run_is_a_regular_run(harness, saved, small_run):
 
 def test_import_without_the_run_has_only_totals(harness, saved):
     require_ok(harness("import", str(saved()), "--out", "phone", "--device", "my phone"))
-    assert {record["device"] for record in lines_of(read_run(Path("phone")))} == {"my-phone"}
+    assert {record["device"] for record in get_rows(read_run(Path("phone")))} == {"my-phone"}
     assert not Path("phone/polygons").exists()
     assert harness("report", "phone")[0] == 0
 
@@ -69,7 +69,7 @@ def test_problems_of_the_page_are_reported(harness, saved):
     assert "snaps to 1/16 px" in err
     assert "hidden" in err
     assert "differ from the run's in 3 polygons" in err
-    untimed = [record for record in lines_of(read_run(Path("phone"))) if "time" not in record]
+    untimed = [record for record in get_rows(read_run(Path("phone"))) if "time" not in record]
     assert len(untimed) == 3
 
 
@@ -288,7 +288,7 @@ def test_times_need_two_rounds(imported, rounds):
             for times in view["times"].values():
                 times["samples_s"] = times["samples_s"][:rounds]
 
-    assert {"time" in record for record in lines_of(imported(truncate))} == {rounds == 2}
+    assert {"time" in record for record in get_rows(imported(truncate))} == {rounds == 2}
 
 
 @pytest.mark.parametrize(("share", "reached"), [(0.009, True), (0.011, False)])
@@ -301,7 +301,7 @@ def test_imprecise_time_is_marked(imported, share, reached):
 
     reached_by_case = {
         (record["triangulator"], record["resolution"]): record["time"]["precision_reached"]
-        for record in lines_of(imported(spread_times))
+        for record in get_rows(imported(spread_times))
     }
     assert reached_by_case["delaunay", 128] is reached
     assert reached_by_case["delaunay", 64]
@@ -346,7 +346,7 @@ def test_number_of_differing_polygons_is_verified(imported, small_run):
         change_counts(result)
         first_case(result)["differing"] = 2
 
-    assert lines_of(imported(change_counts, small_run))
+    assert get_rows(imported(change_counts, small_run))
     with pytest.raises(InputError, match="differ from the exact reference is not 2"):
         imported(miscount, small_run)
 
@@ -446,7 +446,7 @@ def test_page_without_drawings_gives_an_empty_run(imported):
             view |= {"cases": {}, "times": None, "epochs": []}
 
     run = imported(nothing)
-    assert lines_of(run) == []
+    assert get_rows(run) == []
     assert run.facts["scene"] == {"name": "city:buildings=20", "hash": "", "polygons": 0}
 
 
@@ -458,7 +458,7 @@ def test_coverage_of_partial_cases_is_not_compared(imported):
         record |= {"polygons": record["polygons"] - 3, "polygons_skipped": 3}
         record.pop("proven", None)
 
-    partial, *complete = (r for r in lines_of(imported(skip_polygons)) if r["resolution"] == 128)
+    partial, *complete = (r for r in get_rows(imported(skip_polygons)) if r["resolution"] == 128)
     assert partial["coverage_error"] is None
     assert {record["coverage_error"] for record in complete} == {0}
     assert "proven" not in partial
@@ -480,13 +480,13 @@ def test_single_drawing_with_the_reference_has_a_time(imported):
         names = ("(empty)", "(reference)", "delaunay")
         view["times"] = {name: view["times"][name] for name in names}
 
-    records = [r for r in lines_of(imported(keep_one)) if r["resolution"] == 128]
+    records = [r for r in get_rows(imported(keep_one)) if r["resolution"] == 128]
     assert [r["triangulator"] for r in records if "time" in r] == ["delaunay"]
 
 
 def test_device_without_a_timer_has_no_times(imported):
     run = imported(lambda result: result.update(timer=None))
-    assert all("time" not in record for record in lines_of(run))
+    assert all("time" not in record for record in get_rows(run))
 
 
 def test_missing_fields_are_no_contradiction(imported, small_run, tmp_path):
@@ -503,7 +503,7 @@ def test_missing_fields_are_no_contradiction(imported, small_run, tmp_path):
     bare = replace(small_run, path=tmp_path / "bare")  # has no frames to verify counters with
     cases = ((remove_field, small_run), (snapped, small_run), (counted_otherwise, bare))
     for change, run in cases:
-        assert lines_of(imported(change, run))
+        assert get_rows(imported(change, run))
 
 
 def test_imported_run_has_frames_and_predictions(imported, small_run):

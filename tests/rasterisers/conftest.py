@@ -32,7 +32,7 @@ DEVICES = [
 
 
 @contextmanager
-def worker_on(rasteriser: str, name: str) -> Iterator[Call]:
+def open_on(rasteriser: str, name: str) -> Iterator[Call]:
     """Run tasks on a device in a separate process.
 
     If the device is missing, check that the error says how to install it, and skip the test.
@@ -49,7 +49,7 @@ def worker_on(rasteriser: str, name: str) -> Iterator[Call]:
 @pytest.fixture(scope="module", params=DEVICES, ids="-".join)
 def on_device(request: pytest.FixtureRequest) -> Iterator[tuple[str, Call]]:
     """Return a rasteriser's name, and a function that runs a task on its device."""
-    with worker_on(*request.param) as call:
+    with open_on(*request.param) as call:
         yield request.param[0], call
 
 
@@ -94,7 +94,7 @@ def _count_covering(name: str, device: Device, *case: Any) -> tuple[np.ndarray, 
     return counted, sum_per_polygon(frame, rows, (fragments > 0).astype(np.int64))
 
 
-def seconds(name: str, device: Device, case: Any) -> float:
+def time_draws(name: str, device: Device, case: Any) -> float:
     """Draw three times, inside the worker, and return the seconds."""
     with tasks._get_rasteriser(name, device).prepare(*case, Options()) as drawing:
         return drawing.sample(3).wall

@@ -13,12 +13,16 @@ from harness.rasterisers.reference import predict
 Image = NDArray[np.uint8]
 
 
-def image(name: str, device: Device, frame: Frame, triangles: Triangles, options: Options) -> Image:
+def draw_image(
+    name: str, device: Device, frame: Frame, triangles: Triangles, options: Options
+) -> Image:
     """Return the picture, top row first, of a drawing on a device open in this process."""
-    return image_of(tasks._get_rasteriser(name, device), frame, triangles, options)
+    return read_image(tasks._get_rasteriser(name, device), frame, triangles, options)
 
 
-def image_of(rasteriser: Rasteriser, frame: Frame, triangles: Triangles, options: Options) -> Image:
+def read_image(
+    rasteriser: Rasteriser, frame: Frame, triangles: Triangles, options: Options
+) -> Image:
     with rasteriser.prepare(frame, triangles, options) as drawing:
         return READERS.get(rasteriser.name, _of_compute)(drawing, frame)
 
@@ -84,7 +88,7 @@ READERS = {
 SIZE = 16
 
 
-def covered(corners) -> np.ndarray:
+def find_covered(corners) -> np.ndarray:
     """Evaluate the edge functions of one triangle at every pixel centre, (SIZE, SIZE) bool."""
     a, b, c = [(int(x), int(y)) for x, y in corners]
     area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
@@ -104,21 +108,21 @@ def covered(corners) -> np.ndarray:
     return np.array([[inside(x, y) for x in range(SIZE)] for y in range(SIZE)])
 
 
-def blocks_touched(mask: np.ndarray, side: int) -> int:
+def count_blocks(mask: np.ndarray, side: int) -> int:
     return int(mask.reshape(SIZE // side, side, SIZE // side, side).any(axis=(1, 3)).sum())
 
 
 def require_exact_counts(corners) -> None:
     """Check all counters of a triangle against an evaluation of every pixel."""
-    mask = covered(corners)
+    mask = find_covered(corners)
     points = np.array(corners, np.int32)
     counts = predict(points, np.array([[0, 1, 2]], np.int32))
     assert counts["fragments"][0] == mask.sum()
-    assert counts["quads"][0] == blocks_touched(mask, 2)
+    assert counts["quads"][0] == count_blocks(mask, 2)
     full = mask.reshape(SIZE // 2, 2, SIZE // 2, 2).all(axis=(1, 3)).sum()
     assert counts["partial_quads"][0] == counts["quads"][0] - full
     assert counts["covering_triangles"][0] == mask.any()
-    assert counts["blocks"][0] == blocks_touched(mask, 4)
+    assert counts["blocks"][0] == count_blocks(mask, 4)
     assert 4 * counts["quads"][0] == counts["fragments"][0] + counts["helper_lanes"][0]
     centres = 256 * np.arange(SIZE) + 128
     within = (points.min(axis=0) <= centres[:, None]) & (centres[:, None] <= points.max(axis=0))

@@ -10,9 +10,9 @@ from harness.rasterisers.reference import SHADED, find_disagreements
 from tests.rasterisers import pictures
 from tests.rasterisers.conftest import (
     loose_triangles,
+    open_on,
     random_triangles,
     require_reference_counts,
-    worker_on,
 )
 
 
@@ -21,8 +21,8 @@ def test_counters_and_pixels_equal_the_reference_for_every_polygon(on_device, re
         for grid in (1, 128):
             case = random_triangles(seed=size + grid, size=size, number=150, grid=grid)
             require_reference_counts(on_device, reference, *case)
-            drawn = on_device[1](pictures.image, *case, Options())
-            expected = pictures.image_of(reference, *case, Options())
+            drawn = on_device[1](pictures.draw_image, *case, Options())
+            expected = pictures.read_image(reference, *case, Options())
             assert np.array_equal(drawn[..., 3] > 0, expected[..., 3] > 0)
 
 
@@ -36,7 +36,7 @@ def test_no_triangles_count_and_draw_nothing(on_device):
     case = (frame, np.empty((0, 3), np.int32), Options())
     _, call = on_device
     assert not any(np.any(values) for values in call(tasks.count, *case).values())
-    assert not call(pictures.image, *case).any()
+    assert not call(pictures.draw_image, *case).any()
 
 
 def test_rasterisers_that_count_quads_count_partial_quads():
@@ -46,7 +46,7 @@ def test_rasterisers_that_count_quads_count_partial_quads():
 
 
 def test_zink_tests_the_bounding_box_as_predicted(reference):
-    with worker_on("bounding-box", "zink") as call:
+    with open_on("bounding-box", "zink") as call:
         for grid in (1, 128):
             case = random_triangles(seed=5, size=300, number=50, grid=grid)
             require_reference_counts(("bounding-box", call), reference, *case)
@@ -58,7 +58,7 @@ SENTENCE = re.compile(r"(\w+) differ in \d+ of \d+ polygons; polygon (\d+): (\d+
 def test_softpipe_counts_consistently_and_differences_are_named(reference):
     """Softpipe rounds edges in floating point, so some pixels on an edge differ."""
     frame, triangles = random_triangles(seed=6, size=128, number=60, grid=128)
-    with worker_on("opengl", "softpipe") as call:
+    with open_on("opengl", "softpipe") as call:
         drawn = call(tasks.count, frame, triangles, Options())
     assert np.array_equal(4 * drawn["quads"], drawn["fragments"] + drawn["helper_lanes"])
     exact = reference.count(frame, triangles, Options())
@@ -72,11 +72,11 @@ def test_softpipe_counts_consistently_and_differences_are_named(reference):
 
 def test_softpipe_counts_the_quads_of_its_own_pictures():
     frame, triangles = random_triangles(seed=7, size=64, number=12, grid=1)
-    with worker_on("opengl", "softpipe") as call:
+    with open_on("opengl", "softpipe") as call:
         for number, triangle in enumerate(triangles):
             case = (frame, triangle[None], Options())
             drawn = call(tasks.count, *case)
-            picture = call(pictures.image, *case)[::-1, :, 3] > 0
+            picture = call(pictures.draw_image, *case)[::-1, :, 3] > 0
             lanes = picture.reshape(32, 2, 32, 2).sum(axis=(1, 3))
             counted = [drawn[name][number] for name in SHADED]
             quads, partial = (lanes > 0).sum(), ((lanes > 0) & (lanes < 4)).sum()

@@ -33,8 +33,8 @@ def test_image_equals_the_reference(llvmpipe, reference):
     frame, triangles = random_triangles(seed=9, size=300, number=60, grid=64)
     for order in ("native", "shuffled", "morton", "walk"):
         options = Options(order=order, seed=2)
-        drawn = pictures.image_of(llvmpipe, frame, triangles, options)
-        assert np.array_equal(drawn, pictures.image_of(reference, frame, triangles, options))
+        drawn = pictures.read_image(llvmpipe, frame, triangles, options)
+        assert np.array_equal(drawn, pictures.read_image(reference, frame, triangles, options))
 
 
 def test_multisampling_counts_more_fragments_and_softens_edges(llvmpipe):
@@ -43,7 +43,7 @@ def test_multisampling_counts_more_fragments_and_softens_edges(llvmpipe):
     four = llvmpipe.count(frame, triangles, Options(samples=4))
     assert four["fragments"][0] > one["fragments"][0]
     assert 4 * four["quads"][0] == four["fragments"][0] + four["helper_lanes"][0]
-    area = pictures.image_of(llvmpipe, frame, triangles, Options(samples=4))[..., 3].sum() / 255
+    area = pictures.read_image(llvmpipe, frame, triangles, Options(samples=4))[..., 3].sum() / 255
     assert area == pytest.approx(four["samples_passed"] / 4, rel=0.01)
 
 
@@ -57,8 +57,8 @@ def test_fragment_work_changes_no_pixel(llvmpipe):
     frame, triangles = random_triangles(seed=10, size=256, number=30, grid=64)
     hard = Options(work=200)
     assert np.array_equal(
-        pictures.image_of(llvmpipe, frame, triangles, Options()),
-        pictures.image_of(llvmpipe, frame, triangles, hard),
+        pictures.read_image(llvmpipe, frame, triangles, Options()),
+        pictures.read_image(llvmpipe, frame, triangles, hard),
     )
     with llvmpipe.prepare(frame, triangles, hard) as drawing:
         drawing.sample(1)
@@ -70,11 +70,11 @@ def test_fragment_work_changes_no_pixel(llvmpipe):
 
 def test_textured_pixels_are_as_bright_as_the_mean_of_the_texture(llvmpipe):
     frame, triangles = loose_triangles([[256, 256], [255 * 256, 256], [256, 255 * 256]], 256)
-    plain = pictures.image_of(llvmpipe, frame, triangles, Options()).astype(float)
+    plain = pictures.read_image(llvmpipe, frame, triangles, Options()).astype(float)
     covered = plain[..., 3] > 0
     for lookups in (1, 4):
         options = Options(texture=lookups)
-        drawn = pictures.image_of(llvmpipe, frame, triangles, options).astype(float)
+        drawn = pictures.read_image(llvmpipe, frame, triangles, options).astype(float)
         assert np.array_equal(drawn[..., 3], plain[..., 3])
         bright = drawn[covered, :3] / plain[covered, :3]
         assert bright.mean() == pytest.approx((128 + 255) / 2 / 255, rel=0.02)
@@ -184,7 +184,7 @@ def test_a_thousand_frames_leak_nothing(opened, reference, name):
         size = int(rng.integers(32, 128)) * 2
         frame, triangles = random_triangles(seed=number, size=size, number=20, grid=1)
         rasteriser.count(frame, triangles, Options())
-        pictures.image_of(rasteriser, frame, triangles, Options())
+        pictures.read_image(rasteriser, frame, triangles, Options())
         with rasteriser.prepare(frame, triangles, Options()) as drawing:
             drawing.sample(2)
     grown = process.memory_info().rss - before

@@ -17,7 +17,7 @@ from harness.rasterisers.pyrender import extrude_polygons
 from harness.rasterisers.reference import Reference
 from harness.triangulating.carrying import make_original_triangulation
 from harness.workers.worker import Worker
-from tests.models.various import solid
+from tests.models.various import make_solid
 from tests.rasterisers import pictures
 from triangulators import triangulate
 
@@ -54,9 +54,9 @@ def test_it_draws_and_times_but_does_not_count(frame, name):
     triangles = joined(frame, "delaunay")
     with Worker(name, device.environment) as worker:
         arguments = ("pyrender", device, frame, triangles, Options())
-        picture = worker.call(pictures.image, *arguments, timeout_s=120)
+        picture = worker.call(pictures.draw_image, *arguments, timeout_s=120)
         other = worker.call(
-            pictures.image, "pyrender", device, frame, joined(frame, "ear-clipping"), Options()
+            pictures.draw_image, "pyrender", device, frame, joined(frame, "ear-clipping"), Options()
         )
         assert worker.call(tasks.count, *arguments) == {}
         assert get("pyrender").counters == ()
@@ -111,7 +111,7 @@ def test_unsupported_options_are_refused(frame):
 
 
 def test_views_of_a_model_are_drawn_in_projection(tmp_path):
-    solid().export(tmp_path / "plate.glb")
+    make_solid().export(tmp_path / "plate.glb")
     frames = {}
     for depth in ("none", "file"):
         scene = read(str(tmp_path / "plate.glb"), views=2, pixels=128, depth=depth)
@@ -123,11 +123,11 @@ def test_views_of_a_model_are_drawn_in_projection(tmp_path):
     )
     with Worker("llvmpipe", device.environment) as worker:
         with pytest.raises(UsageError, match="pyrender always tests depth; add depth=file"):
-            worker.call(pictures.image, "pyrender", device, frames["none"], rows, Options())
-        picture = worker.call(pictures.image, "pyrender", device, frame, rows, Options())
+            worker.call(pictures.draw_image, "pyrender", device, frames["none"], rows, Options())
+        picture = worker.call(pictures.draw_image, "pyrender", device, frame, rows, Options())
         assert worker.call(seconds_of_frames, device, frame, rows, 2, timeout_s=120) > 0
         assert worker.call(seconds_of_frames, device, frame, rows[:0], 2, timeout_s=120) > 0
-    exact = pictures.image_of(Reference(), frame, rows[frame.split_by_draw(rows)[-1]], Options())
+    exact = pictures.read_image(Reference(), frame, rows[frame.split_by_draw(rows)[-1]], Options())
     drawn = exact[..., 3] > 0
     sky = np.rint(np.array(pyrender.SKY) * 255)
     built = abs(picture - sky).max(axis=2) > 2

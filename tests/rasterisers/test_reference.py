@@ -13,7 +13,7 @@ from harness.rasterisers import Options, find_device, get, spans
 from harness.rasterisers.reference import TILES, choose_polygon_colours, count_tiles, predict
 from tests.rasterisers import pictures
 from tests.rasterisers.conftest import loose_triangles, random_triangles
-from tests.rasterisers.pictures import SIZE, covered, require_exact_counts
+from tests.rasterisers.pictures import SIZE, find_covered, require_exact_counts
 from triangulators import criteria
 
 corner = st.tuples(*[st.integers(0, SIZE * 256)] * 2)
@@ -54,9 +54,9 @@ def test_counts_are_per_polygon_and_do_not_depend_on_order(reference):
 
 def test_image_has_one_pixel_a_fragment_and_the_polygons_colour(reference):
     frame, triangles = loose_triangles([[256, 256], [2560, 512], [768, 2048]], SIZE)
-    picture = pictures.image_of(reference, frame, triangles, Options())
+    picture = pictures.read_image(reference, frame, triangles, Options())
     assert picture.shape == (SIZE, SIZE, 4)
-    mask = covered(frame.points)[::-1]
+    mask = find_covered(frame.points)[::-1]
     colour = choose_polygon_colours(np.zeros(1, np.int32)).view(np.uint8)
     assert (picture[mask] == colour).all()
     assert not picture[~mask].any()
@@ -68,7 +68,7 @@ def test_no_triangles_have_zero_counters(reference):
     assert all(
         values.tolist() == [0] for values in reference.count(frame, nothing, Options()).values()
     )
-    assert not pictures.image_of(reference, frame, nothing, Options()).any()
+    assert not pictures.read_image(reference, frame, nothing, Options()).any()
 
 
 def test_every_repeat_is_drawn(reference, monkeypatch):

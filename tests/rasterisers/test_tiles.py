@@ -20,9 +20,9 @@ from tests.rasterisers.conftest import (
     loose_triangles,
     random_triangles,
     require_reference_counts,
-    seconds,
+    time_draws,
 )
-from tests.rasterisers.pictures import covered
+from tests.rasterisers.pictures import find_covered
 
 NATIVE = Options()
 
@@ -41,14 +41,14 @@ def test_counters_and_pictures_equal_the_reference(on_device, tiles, reference):
         require_reference_counts(on_device, reference, *tiles, options)
     # Later triangles hide earlier ones, so that pictures depend on the order, too.
     assert np.array_equal(
-        call(pictures.image, *tiles, NATIVE), pictures.image_of(reference, *tiles, NATIVE)
+        call(pictures.draw_image, *tiles, NATIVE), pictures.read_image(reference, *tiles, NATIVE)
     )
     # Without a scissor the picture has the size of the viewport again, and vice versa.
     unclipped = replace(tiles[0], scissor=None)
-    image = call(pictures.image, unclipped, tiles[1], NATIVE)
-    assert np.array_equal(image, pictures.image_of(reference, unclipped, tiles[1], NATIVE))
+    image = call(pictures.draw_image, unclipped, tiles[1], NATIVE)
+    assert np.array_equal(image, pictures.read_image(reference, unclipped, tiles[1], NATIVE))
     assert np.array_equal(
-        call(pictures.image, *tiles, NATIVE), pictures.image_of(reference, *tiles, NATIVE)
+        call(pictures.draw_image, *tiles, NATIVE), pictures.read_image(reference, *tiles, NATIVE)
     )
 
 
@@ -73,7 +73,7 @@ def test_window_clips_the_picture_of_edge_functions(reference):
     cut = replace(frame, scissor=(4, 6, 8, 6))
     counted = reference.count(cut, triangles, NATIVE)
     for number in range(60):
-        mask = covered(corners[number])
+        mask = find_covered(corners[number])
         assert counted["fragments"][number] == mask[6:12, 4:12].sum()
         blocks = mask[6:12, 4:12].reshape(3, 2, 4, 2).any(axis=(1, 3))
         assert counted["quads"][number] == blocks.sum()
@@ -128,7 +128,7 @@ def test_hidden_tiles_are_drawn(llvmpipe, monkeypatch):
 def test_tiles_without_triangles_are_timed_too(on_device, tiles):
     _, call = on_device
     for rows in (tiles[1], np.empty((0, 3), np.int32)):
-        assert call(seconds, (tiles[0], rows)) > 0
+        assert call(time_draws, (tiles[0], rows)) > 0
 
 
 class UnclippedRasteriser(Pyrender):

@@ -19,7 +19,7 @@ from harness.rasterisers.vertex_batches import (
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load
-from tests.measuring.test_run import MOCK, measure, plan_for
+from tests.measuring.test_run import MOCK, make_plan, measure
 from tests.mock import MockRasteriser
 from triangulators.geometry.order import sort_for_vertex_cache
 
@@ -101,7 +101,7 @@ def test_meshoptimizer_counts_the_same():
 
 def test_records_count_the_order_as_drawn(tmp_path, monkeypatch):
     monkeypatch.setattr(MockRasteriser, "draws_indexed", True)
-    plan = plan_for(
+    plan = make_plan(
         "city:buildings=40",
         triangulators=("delaunay",),
         rasterisers=(MOCK, "binning"),

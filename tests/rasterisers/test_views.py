@@ -18,13 +18,13 @@ from harness.triangulating.carrying import carry_to_views, make_original_triangu
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
 from harness.viewing import Viewing
-from tests.models.various import solid
+from tests.models.various import make_solid
 from tests.rasterisers import pictures
 from tests.rasterisers.conftest import (
+    open_on,
     require_covering_triangles,
     require_reference_counts,
-    seconds,
-    worker_on,
+    time_draws,
 )
 
 NATIVE = Options()
@@ -49,7 +49,7 @@ def triangulate_views(frame: Frame, *names: str) -> list[np.ndarray]:
 def views(tmp_path_factory) -> tuple[Frame, list[np.ndarray]]:
     """Return views of a plate and three triangulations of its faces."""
     path: Path = tmp_path_factory.mktemp("models") / "plate.glb"
-    solid().export(path)
+    make_solid().export(path)
     frame = read_frame(str(path), views=4, pixels=128)
     return frame, triangulate_views(frame, "delaunay", "optimal:edge-length")
 
@@ -63,7 +63,7 @@ def test_counters_of_each_piece_equal_the_reference(on_device, views, reference)
 @pytest.fixture(scope="session", params=["file", "front"])
 def depth_views(request: pytest.FixtureRequest, tmp_path_factory) -> tuple[Frame, list[np.ndarray]]:
     """Return views, with depths, of plates that hide and intersect each other, and of a ball."""
-    parts = [solid(turn) for turn in (0.3, 1.9)]
+    parts = [make_solid(turn) for turn in (0.3, 1.9)]
     parts[1].apply_translation([3, -2, 1])
     ball = trimesh.creation.icosphere(2, radius=5.0)
     path: Path = tmp_path_factory.mktemp("models") / "heap.glb"
@@ -99,8 +99,8 @@ def test_pictures_with_depth_equal_the_reference_except_ties(on_device, depth_vi
         return
     frame, (rows, _) = depth_views
     images = [
-        call(pictures.image, frame, rows, NATIVE),
-        pictures.image_of(reference, frame, rows, NATIVE),
+        call(pictures.draw_image, frame, rows, NATIVE),
+        pictures.read_image(reference, frame, rows, NATIVE),
     ]
     ties = int(reference.count(frame, rows, NATIVE)["depth_ties"].sum())
     assert (images[0] != images[1]).any(axis=2).sum() <= ties
@@ -112,10 +112,10 @@ def test_pictures_with_depth_equal_the_reference_except_ties(on_device, depth_vi
 
 def test_views_are_timed_with_depths_too(on_device, views, depth_views):
     rasteriser, call = on_device
-    assert call(seconds, (views[0], views[1][0])) > 0
+    assert call(time_draws, (views[0], views[1][0])) > 0
     if get(rasteriser).supports_depth:
         for rows in (depth_views[1][0], np.empty((0, 3), np.int32)):
-            assert call(seconds, (depth_views[0], rows)) > 0
+            assert call(time_draws, (depth_views[0], rows)) > 0
 
 
 def make_sheets(depths: list[int]) -> tuple[Frame, np.ndarray]:
@@ -170,7 +170,7 @@ def test_intersecting_planes_hide_half_of_each_other(reference, llvmpipe):
     frame = replace(frame, viewing=replace(frame.viewing, depths=sloping))
     counted = reference.count(frame, rows, NATIVE)
     assert counted["fragments"].tolist() == [196, 98]
-    image = pictures.image_of(reference, frame, rows, NATIVE)
+    image = pictures.read_image(reference, frame, rows, NATIVE)
     assert (image[1:15, 1:8] != image[1:15, 8:15]).any(axis=2).all()
     assert llvmpipe.count(frame, rows, NATIVE)["fragments"].tolist() == [196, 98]
 
@@ -206,7 +206,7 @@ def test_drivers_with_late_depth_test_or_without_helper_lanes_are_refused(llvmpi
 
 
 def test_softpipe_counts_pixels_that_pass_the_depth_test():
-    with worker_on("opengl", "softpipe") as call:
+    with open_on("opengl", "softpipe") as call:
         drawn = call(tasks.count, *make_partly_hidden(), NATIVE)
     assert drawn["fragments"].tolist() == [144, 196 - 144]
     assert drawn["samples_passed"] == 196

@@ -13,14 +13,14 @@ from harness.measuring import tasks
 from harness.rasterisers import Device, Options, devices, find_device, get
 from harness.rasterisers.reference import SHADED, find_disagreements
 from tests.rasterisers import pictures
-from tests.rasterisers.conftest import Call, loose_triangles, random_triangles, worker_on
+from tests.rasterisers.conftest import Call, loose_triangles, open_on, random_triangles
 
 DEVICES = ("llvmpipe", "lavapipe")
 
 
 @pytest.fixture(scope="module", params=DEVICES)
 def on_device(request: pytest.FixtureRequest) -> Iterator[Call]:
-    with worker_on("webgpu", request.param) as call:
+    with open_on("webgpu", request.param) as call:
         yield call
 
 
@@ -31,9 +31,9 @@ def test_options_change_no_count_and_no_picture(on_device, reference):
         drawn = on_device(tasks.count, frame, triangles, options)
         assert set(drawn) == set(SHADED)
         assert find_disagreements(frame, drawn, exact) == []
-        drawn = on_device(pictures.image, frame, triangles, options)
+        drawn = on_device(pictures.draw_image, frame, triangles, options)
         assert np.array_equal(
-            drawn, pictures.image_of(reference, frame, triangles, replace(options, work=0))
+            drawn, pictures.read_image(reference, frame, triangles, replace(options, work=0))
         )
 
 
@@ -101,7 +101,7 @@ def count_on_coarse_grid(name: str, device: Device, *case: Any) -> tuple[int, An
     try:
         step = opened._find_step()
         opened._step = step
-        return step, opened.count(*case), pictures.image_of(opened, *case)
+        return step, opened.count(*case), pictures.read_image(opened, *case)
     finally:
         opened._step = 1
         del opened._count_batch
@@ -113,20 +113,20 @@ def test_coarse_grid_is_detected_and_used(on_device, reference):
     assert step == 16
     coarse = frame.with_points(coarsen(frame.points, 16))
     assert find_disagreements(coarse, counted, reference.count(coarse, triangles, Options())) == []
-    assert np.array_equal(picture, pictures.image_of(reference, coarse, triangles, Options()))
+    assert np.array_equal(picture, pictures.read_image(reference, coarse, triangles, Options()))
     assert on_device(tasks.open_device).details["subpixel_bits"] == 8
 
 
 def test_swiftshader_counters_equal_the_reference_on_its_grid(reference):
     frame, triangles = random_triangles(seed=6, size=250, number=150, grid=1)
     moved = frame.with_points(coarsen(frame.points, 16))
-    with worker_on("webgpu", "swiftshader") as call:
+    with open_on("webgpu", "swiftshader") as call:
         details = call(tasks.open_device).details
         assert (details["step"], details["subpixel_bits"]) == (16, 4)
         counted = call(tasks.count, frame, triangles, Options())
-        picture = call(pictures.image, frame, triangles, Options())
+        picture = call(pictures.draw_image, frame, triangles, Options())
     assert find_disagreements(moved, counted, reference.count(moved, triangles, Options())) == []
-    assert np.array_equal(picture, pictures.image_of(reference, moved, triangles, Options()))
+    assert np.array_equal(picture, pictures.read_image(reference, moved, triangles, Options()))
 
 
 def test_unsupported_options_are_refused(on_device):

@@ -20,7 +20,7 @@ from harness.report.page import write_report
 from harness.results.run_folder import read_run
 from tests.compare.runs import read_back
 from tests.fuzz.targets.runs import make_sample_run
-from tests.records import lines_of
+from tests.records import get_rows
 
 ECHARTS = "1f13280aba3161f77fc801bf5f9c786f55f10432153a0683fc5cc0700b013d5"
 
@@ -185,7 +185,7 @@ def list_fields(value: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, 
 @pytest.mark.parametrize("damage", ["missing", "null"])
 def test_each_field_may_be_damaged(damage):
     run = read_run(make_sample_run())
-    record_of_run, *other_records = lines_of(run)
+    record_of_run, *other_records = get_rows(run)
     assert "least" in record_of_run
     ignored = set()
     for path in list_fields(record_of_run):
@@ -208,7 +208,7 @@ def test_each_field_may_be_damaged(damage):
 def change_run(change):
     """Return a run after a change of its first record and its facts."""
     run = read_run(make_sample_run())
-    record, *other_records = lines_of(run)
+    record, *other_records = get_rows(run)
     facts = copy.deepcopy(run.facts)
     change(record, facts)
     return read_back(facts, [record, *other_records])

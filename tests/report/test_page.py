@@ -8,7 +8,7 @@ import pytest
 
 from harness.results.run_folder import read_arrays, read_run
 from tests.chromium import TIMEOUT_S, Chromium
-from tests.records import lines_of
+from tests.records import get_rows
 from tests.report.conftest import NAMES
 
 POINT = """(() => {
@@ -132,7 +132,7 @@ def test_chart_is_accessible_by_keyboard(page):
 
 def test_heatmaps_equal_the_counters(page, folder):
     run = read_run(folder)
-    for record in lines_of(run):
+    for record in get_rows(run):
         if record["resolution"] != 256 or record["triangulator"] == "fan":
             continue
         counted = page.evaluate(
@@ -178,7 +178,7 @@ def test_cases_are_found_and_sorted(page):
 
 
 def test_every_table_has_a_csv_file(page, folder):
-    records = lines_of(read_run(folder))
+    records = get_rows(read_run(folder))
     cases = {row["key"]: row for row in read_table(page, "cases")}
     assert set(cases) == {record["key"] for record in records}
     for record in records:

@@ -21,7 +21,7 @@ from harness.results.run_folder import (
     read_run,
 )
 from harness.results.run_writer import RunFolder
-from tests.records import lines_of, make_record
+from tests.records import get_rows, make_record
 
 
 def record(letter: str, **more: object) -> dict[str, object]:
@@ -44,8 +44,8 @@ def test_appended_records_are_read_back(tmp_path):
         store.append(stored("b"))
         store.write_arrays(A, {"fragments": np.array([1, 2])})
     run = read_run(tmp_path / "run")
-    assert [entry["key"] for entry in lines_of(run)] == [A, B]
-    assert lines_of(run)[0]["scene"] == "Straße"
+    assert [entry["key"] for entry in get_rows(run)] == [A, B]
+    assert get_rows(run)[0]["scene"] == "Straße"
     assert run.facts["schema_version"] == SCHEMA_VERSION
     assert run.facts["plan"] == {"scene": "city"}
     assert run.problems == []
@@ -149,11 +149,11 @@ def test_incomplete_last_line_is_ignored_and_removed_on_resume(tmp_path):
         store.append(stored("a"))
     with (tmp_path / "cases.jsonl").open("a") as file:
         file.write('{"key": "b", "stat')
-    assert [entry["key"] for entry in lines_of(read_run(tmp_path))] == [A]
+    assert [entry["key"] for entry in get_rows(read_run(tmp_path))] == [A]
     with RunFolder.resume(tmp_path) as store:
         store.append(stored("c"))
     run = read_run(tmp_path)
-    assert [entry["key"] for entry in lines_of(run)] == [A, C]
+    assert [entry["key"] for entry in get_rows(run)] == [A, C]
     assert run.problems == []
 
 
@@ -161,7 +161,7 @@ def test_corrupt_line_is_reported_and_other_lines_are_read(tmp_path):
     lines = [json.dumps(record("a")), "\x00garbage", "[1]", "[" * 200_000, json.dumps(record("b"))]
     (tmp_path / "cases.jsonl").write_text("\n".join(lines) + "\n")
     run = read_run(tmp_path)
-    assert [entry["key"] for entry in lines_of(run)] == [A, B]
+    assert [entry["key"] for entry in get_rows(run)] == [A, B]
     assert len(run.problems) == 3
     assert "line 2" in run.problems[0]
 
@@ -170,13 +170,13 @@ def test_later_record_of_a_case_is_used(tmp_path):
     with RunFolder.create(tmp_path) as store:
         for letter, status in (("a", "failed"), ("b", "ok"), ("a", "ok")):
             store.append(stored(letter, status=status))
-    records = lines_of(read_run(tmp_path))
+    records = get_rows(read_run(tmp_path))
     assert [(r["key"], r["status"]) for r in records] == [(B, "ok"), (A, "ok")]
 
 
 def test_a_single_file_of_records_is_a_run(tmp_path):
     (tmp_path / "cases.jsonl").write_text(json.dumps(record("a")) + "\n")
-    assert [r["key"] for r in lines_of(read_run(tmp_path / "cases.jsonl"))] == [A]
+    assert [r["key"] for r in get_rows(read_run(tmp_path / "cases.jsonl"))] == [A]
 
 
 def test_a_folder_that_holds_a_run_is_not_overwritten(tmp_path):
@@ -215,7 +215,7 @@ def test_a_full_disk_loses_nothing_written(tmp_path, monkeypatch):
             store.append(stored("b", reason="x" * 100))
     store.append(stored("c"))
     run = read_run(tmp_path)
-    assert [r["key"] for r in lines_of(run)] == [A, C]
+    assert [r["key"] for r in get_rows(run)] == [A, C]
     assert run.problems == []
 
 
@@ -238,7 +238,7 @@ def test_invalid_keys_are_refused(tmp_path, key):
     for name in ("cases.jsonl", "counted.jsonl"):
         (tmp_path / name).write_text("\n".join(lines) + "\n")
     run = read_run(tmp_path)
-    assert [r["key"] for r in lines_of(run)] == [A]
+    assert [r["key"] for r in get_rows(run)] == [A]
     assert "line 2: key: is " in run.problems[0]
     assert list(read_counted(tmp_path)) == [A]
 
@@ -252,7 +252,7 @@ def test_missing_median_is_computed_from_the_samples(tmp_path):
     times = {"samples_s": [3.0, 1.0, 2.0, 9.0]}, {"samples_s": [1.0], "median_s": 7.0}
     lines = [json.dumps(record(name, time=time)) for name, time in zip("ab", times, strict=True)]
     (tmp_path / "cases.jsonl").write_text("\n".join(lines) + "\n")
-    assert [r["time"]["median_s"] for r in lines_of(read_run(tmp_path))] == [2.5, 7.0]
+    assert [r["time"]["median_s"] for r in get_rows(read_run(tmp_path))] == [2.5, 7.0]
 
 
 def test_run_is_locked_by_the_writing_process(tmp_path):
@@ -263,7 +263,7 @@ def test_run_is_locked_by_the_writing_process(tmp_path):
             RunFolder.resume(tmp_path)
     with RunFolder.resume(tmp_path) as store:
         store.append(stored("b"))
-    assert [r["key"] for r in lines_of(read_run(tmp_path))] == [A, B]
+    assert [r["key"] for r in get_rows(read_run(tmp_path))] == [A, B]
 
 
 @pytest.mark.parametrize(
@@ -276,7 +276,7 @@ def test_unknown_options_invalidate_a_record(tmp_path, options, is_valid):
     line = json.dumps(record("a", options=options)) + "\n"
     (tmp_path / "run" / "cases.jsonl").write_text(line)
     run = read_run(tmp_path / "run")
-    assert len(lines_of(run)) == is_valid
+    assert len(get_rows(run)) == is_valid
     assert len(run.problems) == 1 - is_valid
 
 

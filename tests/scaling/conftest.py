@@ -75,21 +75,21 @@ def two_workers() -> Iterator[DaskExecutor]:
     executor.close()
 
 
-def rows(folder: Path, *columns: str) -> list[pa.Table]:
+def read_all(folder: Path, *columns: str) -> list[pa.Table]:
     """Return the tables of all parts in a folder, by id."""
-    read = [parquet.read_table(file, columns=list(columns) or None) for file in parts_in(folder)]
+    read = [parquet.read_table(file, columns=list(columns) or None) for file in find_parts(folder)]
     return sorted(read, key=lambda table: table["id"].to_pylist() or [-1])
 
 
-def parts_in(folder: Path) -> list[Path]:
+def find_parts(folder: Path) -> list[Path]:
     return sorted(folder.glob("*.parquet"))
 
 
-def contents(folder: Path) -> dict[str, bytes]:
+def read_parts(folder: Path) -> dict[str, bytes]:
     """Return the content of each part."""
-    return {file.name: file.read_bytes() for file in parts_in(folder)}
+    return {file.name: file.read_bytes() for file in find_parts(folder)}
 
 
-def ids(folder: Path) -> list[int]:
+def read_ids(folder: Path) -> list[int]:
     """Return the ids of all footprints in a folder, with repetitions."""
-    return sorted(number for table in rows(folder, "id") for number in table["id"].to_pylist())
+    return sorted(number for table in read_all(folder, "id") for number in table["id"].to_pylist())

@@ -24,13 +24,13 @@ COUNTED = ("quads", "helper_lanes", "partial_quads")
 WORK = Census(NAMES, units_per_pixel=0.25, cell=100.0)
 
 
-def census(pattern, out):
+def count_all(pattern, out):
     dataset = Dataset(str(pattern), out, WORK)
     summary = dataset.complete(Executor(), Reporter(quiet=True))
     return summary, Counted.read(out / f"{key}.npz" for key in dataset.keys_done)
 
 
-def on_the_grid(xy):
+def snap(xy):
     return np.rint((xy + 4000.0) * 4 * SUBPIXEL) / SUBPIXEL
 
 
@@ -41,14 +41,14 @@ def count_footprints(footprints, name):
     """
     rows = []
     for footprint in footprints:
-        rounded = shapely.transform(footprint, on_the_grid)
+        rounded = shapely.transform(footprint, snap)
         counts = predict(to_grid([rounded]).coords, triangulate(rounded, name))
         rows.append([counts[measure].sum() for measure in COUNTED])
     return np.array(rows)
 
 
 def test_counters_equal_those_of_footprints_on_the_map(parts, tmp_path, footprints):
-    summary, counted = census(parts, tmp_path / "out")
+    summary, counted = count_all(parts, tmp_path / "out")
     sums = counted.sum_groups()
     assert sums.count("polygons") == summary.polygons == EVERY
     table = make_gain_rows(sums, NAMES).set_index(["triangulator", "measure"])
@@ -72,16 +72,16 @@ def test_counters_equal_those_of_footprints_on_the_map(parts, tmp_path, footprin
 
 
 def test_every_triangulation_covers_the_same_fragments(parts, tmp_path):
-    sums = census(parts, tmp_path / "out")[1].sum_groups()
+    sums = count_all(parts, tmp_path / "out")[1].sum_groups()
     fragments, triangles = sums.total("fragments"), sums.total("triangles")
     assert (fragments == fragments[0]).all()
     assert (triangles == triangles[1]).all()
 
 
 def test_parts_and_cells_sum_to_the_total(parts, tmp_path):
-    _, total = census(parts, tmp_path / "both")
-    _, first = census(parts / "0.parquet", tmp_path / "first")
-    _, second = census(parts / "1.parquet", tmp_path / "second")
+    _, total = count_all(parts, tmp_path / "both")
+    _, first = count_all(parts / "0.parquet", tmp_path / "first")
+    _, second = count_all(parts / "1.parquet", tmp_path / "second")
     for group, sums in second.groups.items():
         first.add(group, sums)
     for name, values in total.sum_groups()._asdict().items():

@@ -22,7 +22,15 @@ from harness.triangulating.isolated import triangulate_many
 from scenes.files import read_chunks
 from scenes.slices import cut_file, parse_comparisons
 from tests.conftest import require_ok
-from tests.scaling.conftest import EVERY, PER_FILE, contents, ids, parts_in, rows, write_parquet
+from tests.scaling.conftest import (
+    EVERY,
+    PER_FILE,
+    find_parts,
+    read_all,
+    read_ids,
+    read_parts,
+    write_parquet,
+)
 
 WORK = Triangulating("optimal:half-perimeter")
 
@@ -33,11 +41,11 @@ def complete(pattern, out, work=WORK):
 
 def test_each_footprint_is_triangulated_once(parts, tmp_path, footprints):
     summary = complete(parts, tmp_path / "out")
-    assert ids(tmp_path / "out") == list(range(EVERY))
+    assert read_ids(tmp_path / "out") == list(range(EVERY))
     assert summary.polygons == summary.proven == EVERY
     expected = triangulate_many(footprints, WORK.triangulator)
     assert summary.triangles == len(expected.triangles)
-    tables = pa.concat_tables(rows(tmp_path / "out"))
+    tables = pa.concat_tables(read_all(tmp_path / "out"))
     areas = shapely.area(shapely.from_wkb(tables["geometry"].to_numpy()))
     assert areas == pytest.approx(shapely.area(footprints))
     counts = shapely.get_num_geometries(shapely.from_wkb(tables["geometry"].to_numpy()))
@@ -46,27 +54,27 @@ def test_each_footprint_is_triangulated_once(parts, tmp_path, footprints):
 
 def test_all_parts_have_one_schema_and_the_sources_types(parts, tmp_path):
     complete(parts, tmp_path / "out")
-    schemas = [table.schema for table in rows(tmp_path / "out")]
+    schemas = [table.schema for table in read_all(tmp_path / "out")]
     assert all(schema.equals(schemas[0]) for schema in schemas)
     assert schemas[0].field("storeys").type == pa.int16()
     assert pa.types.is_struct(schemas[0].field("bbox").type)
-    storeys = pa.concat_tables(rows(tmp_path / "out"))["storeys"].to_pylist()
+    storeys = pa.concat_tables(read_all(tmp_path / "out"))["storeys"].to_pylist()
     assert storeys == [None if n % 7 == 3 else n % 5 for n in range(EVERY)]
 
 
 def test_rerun_completes_only_missing_parts(parts, tmp_path):
     out = tmp_path / "out"
     complete(parts, out)
-    before = contents(out)
+    before = read_parts(out)
     manifest = json.loads((out / MANIFEST).read_text())
-    first, second, third, *_ = parts_in(out)
+    first, second, third, *_ = find_parts(out)
     first.unlink()
     second.write_bytes(second.read_bytes()[:-50])
     (out / MANIFEST).unlink()
     stamp = third.stat().st_mtime_ns
     summary = complete(parts, out)
     assert (summary.fresh, summary.parts_done) == (2, 6)
-    assert contents(out) == before
+    assert read_parts(out) == before
     assert third.stat().st_mtime_ns == stamp
     manifest_after = json.loads((out / MANIFEST).read_text())
     for content in (manifest, manifest_after):
@@ -79,9 +87,9 @@ def test_keys_depend_on_content_and_not_on_the_path(parts, tmp_path, footprints)
     complete(parts, tmp_path / "out")
     moved = parts.rename(tmp_path / "elsewhere")
     complete(moved, tmp_path / "moved")
-    assert contents(tmp_path / "moved") == contents(tmp_path / "out")
+    assert read_parts(tmp_path / "moved") == read_parts(tmp_path / "out")
     complete(moved, tmp_path / "other", Triangulating("refined:half-perimeter"))
-    assert not set(contents(tmp_path / "other")) & set(contents(tmp_path / "out"))
+    assert not set(read_parts(tmp_path / "other")) & set(read_parts(tmp_path / "out"))
 
 
 def test_repeated_file_is_processed_twice(parts, tmp_path):
@@ -92,7 +100,7 @@ def test_repeated_file_is_processed_twice(parts, tmp_path):
     os.utime(target, (stamp, stamp))
     summary = complete(f"{parts}/**/*.parquet", tmp_path / "out")
     assert summary.parts_done == 9
-    assert len(parts_in(tmp_path / "out")) == 9
+    assert len(find_parts(tmp_path / "out")) == 9
 
 
 def test_results_of_other_options_code_or_input_are_not_mixed(parts, tmp_path, footprints):
@@ -116,7 +124,7 @@ def test_invalid_files_are_reported_and_the_exit_code_is_5(harness, parts, tmp_p
     write_parquet(parts / "3-plain.parquet", footprints[:10], 0, geo=None)
     code, _, error = harness("triangulate", f"{parts}/*.parquet", "-o", "out")
     assert code == 5
-    assert ids(tmp_path / "out") == list(range(EVERY))
+    assert read_ids(tmp_path / "out") == list(range(EVERY))
     lines = [line for line in error.splitlines() if line.startswith("warning: set aside")]
     assert len(lines) == 2
     assert "2-torn.parquet is truncated" in lines[0]
@@ -147,10 +155,10 @@ def test_rerun_after_a_full_disk_completes_the_part(parts, tmp_path, monkeypatch
     assert which == dataset.parts[2].label
     assert "No space left on device" in why
     assert summary.parts_done == 5
-    assert len(ids(out)) == EVERY - 40
-    assert sorted(file.name for file in out.iterdir()) == sorted([MANIFEST, *contents(out)])
+    assert len(read_ids(out)) == EVERY - 40
+    assert sorted(file.name for file in out.iterdir()) == sorted([MANIFEST, *read_parts(out)])
     assert complete(parts, out).fresh == 1
-    assert ids(out) == list(range(EVERY))
+    assert read_ids(out) == list(range(EVERY))
 
 
 def test_dropped_features_are_counted_by_reason(tmp_path, footprints, finely):
@@ -175,8 +183,8 @@ def test_condition_prunes_and_filters_rows(harness, parts, tmp_path, footprints)
     assert "skipped 240 rows unread" in error
     condition = "id < 50 AND storeys IS NULL"
     require_ok(harness("triangulate", f"{parts}/*.parquet", "-o", "few", "--where", condition))
-    assert ids(tmp_path / "few") == [n for n in range(50) if n % 7 == 3]
-    assert {len(table) for table in rows(tmp_path / "few")} == {0, 1, 6}
+    assert read_ids(tmp_path / "few") == [n for n in range(50) if n % 7 == 3]
+    assert {len(table) for table in read_all(tmp_path / "few")} == {0, 1, 6}
 
 
 def test_a_file_without_a_feature_is_an_empty_part(tmp_path):
@@ -212,7 +220,7 @@ def test_ctrl_c_keeps_completed_parts_and_names_the_remedy(harness, parts, tmp_p
     assert len(json.loads((tmp_path / "out" / MANIFEST).read_text())["parts"]) == 3
     _, error = require_ok(harness("triangulate", f"{parts}/*.parquet", "-o", "out"))
     assert "3 of 6 parts exist already" in error
-    assert ids(tmp_path / "out") == list(range(EVERY))
+    assert read_ids(tmp_path / "out") == list(range(EVERY))
 
 
 def test_usage_errors_are_one_line(harness, parts):

@@ -24,7 +24,7 @@ from harness.scaling.executors import (
 from harness.scaling.triangulated import Triangulating
 from tests.paths import run_python
 from tests.scaling import tasks
-from tests.scaling.conftest import EVERY, contents, ids, write_parquet
+from tests.scaling.conftest import EVERY, read_ids, read_parts, write_parquet
 from tests.scaling.crashing import FAR, CrashingOnFar
 
 NAMES = [f"t{number}" for number in range(12)]
@@ -83,7 +83,7 @@ def test_files_of_workers_equal_those_of_one_process(two_workers, parts, tmp_pat
     spread = Dataset(pattern, tmp_path / "spread", WORK)
     summary = spread.complete(two_workers, quiet())
     assert summary.parts_done == summary.fresh == 6
-    assert contents(tmp_path / "spread") == contents(tmp_path / "alone")
+    assert read_parts(tmp_path / "spread") == read_parts(tmp_path / "alone")
 
 
 def test_crashing_footprint_fails_its_part(two_workers, parts, footprints, tmp_path):
@@ -95,7 +95,7 @@ def test_crashing_footprint_fails_its_part(two_workers, parts, footprints, tmp_p
     ((which, why),) = summary.set_aside.items()
     assert which.endswith("0.parquet, rows 40 to 79")
     assert "crashed: SIGSEGV" in why
-    assert ids(tmp_path / "out") == [n for n in range(EVERY) if not 40 <= n < 80]
+    assert read_ids(tmp_path / "out") == [n for n in range(EVERY) if not 40 <= n < 80]
 
 
 def test_a_worker_with_other_code_refuses_the_work(two_workers, parts, tmp_path, monkeypatch):

@@ -14,8 +14,8 @@ from harness.results.run_folder import read_arrays, read_facts, read_run
 from harness.results.run_writer import RunFolder
 from harness.scaling.merging import merge_runs, set_host
 from tests.conftest import assert_refused, make_geojson, require_ok
-from tests.measuring.test_run import measure, plan_for
-from tests.records import lines_of, make_record
+from tests.measuring.test_run import make_plan, measure
+from tests.records import get_rows, make_record
 
 TRIANGULATORS = ("ear-clipping", "delaunay", "optimal:overdraw")
 
@@ -31,8 +31,10 @@ def runs(tmp_path_factory):
         "coordinates": [[square], [[[x + 20, y] for x, y in square]]],
     }
     scene.write_text(make_geojson([geometry], crs=None))
-    plan_of_two_views = plan_for(scene, triangulators=TRIANGULATORS, views=(View(64), View(128)))
-    other = plan_for(scene, triangulators=("optimal:half-perimeter", "delaunay"), views=(View(64),))
+    plan_of_two_views = make_plan(scene, triangulators=TRIANGULATORS, views=(View(64), View(128)))
+    other = make_plan(
+        scene, triangulators=("optimal:half-perimeter", "delaunay"), views=(View(64),)
+    )
     plans = {"first": plan_of_two_views, "second": other, "third": plan_of_two_views}
     for name, plan in plans.items():
         measure(plan, folder / name)
@@ -45,7 +47,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 def with_records(run, change):
-    return replace(run, records=[make_record(**change(fields)) for fields in lines_of(run)])
+    return replace(run, records=[make_record(**change(fields)) for fields in get_rows(run)])
 
 
 def hosted(runs, *names):
@@ -59,15 +61,15 @@ def test_result_is_independent_of_the_order(runs, tmp_path):
         results.append(contents(tmp_path / str(number)))
     assert all(content == results[0] for content in results)
     merged = read_run(tmp_path / "0")
-    assert len(lines_of(merged)) == 6 + 2 + 6
-    assert {record["device"] for record in lines_of(merged)} == {
+    assert len(get_rows(merged)) == 6 + 2 + 6
+    assert {record["device"] for record in get_rows(merged)} == {
         "scripted@first",
         "scripted@second",
         "scripted@third",
     }
-    assert {record["host"] for record in lines_of(merged)} == set(runs)
-    assert len({record["key"] for record in lines_of(merged)}) == len(lines_of(merged))
-    for record in lines_of(merged):
+    assert {record["host"] for record in get_rows(merged)} == set(runs)
+    assert len({record["key"] for record in get_rows(merged)}) == len(get_rows(merged))
+    for record in get_rows(merged):
         columns = read_arrays(merged, record["key"])
         assert columns["fragments"].sum() == record["counters"]["fragments"]
     assert set(merged.facts["devices"]) == {
@@ -79,7 +81,7 @@ def test_merge_of_a_run_with_itself_is_the_run(runs, tmp_path):
     run = read_run(runs["first"])
     merge_runs([run, run], tmp_path / "out")
     merged = read_run(tmp_path / "out")
-    assert sorted(map(json.dumps, lines_of(merged))) == sorted(map(json.dumps, lines_of(run)))
+    assert sorted(map(json.dumps, get_rows(merged))) == sorted(map(json.dumps, get_rows(run)))
 
 
 def test_different_records_of_a_case_are_refused(runs, tmp_path):
@@ -109,7 +111,7 @@ def test_measured_record_replaces_a_failed_record(runs, tmp_path):
 
     for number, order in enumerate(permutations([first, with_records(first, failed)])):
         merge_runs(order, tmp_path / str(number))
-        assert {r["status"] for r in lines_of(read_run(tmp_path / str(number)))} == {"ok"}
+        assert {r["status"] for r in get_rows(read_run(tmp_path / str(number)))} == {"ok"}
 
 
 def test_choice_between_failures_is_independent_of_names(runs, tmp_path):
@@ -126,7 +128,7 @@ def test_choice_between_failures_is_independent_of_names(runs, tmp_path):
     pair = failed("hung", backwards=True), failed("killed", backwards=False)
     for number, order in enumerate(permutations(pair)):
         merge_runs(order, tmp_path / str(number))
-        assert {r["reason"] for r in lines_of(read_run(tmp_path / str(number)))} == {"hung"}
+        assert {r["reason"] for r in get_rows(read_run(tmp_path / str(number)))} == {"hung"}
 
 
 @pytest.mark.parametrize("wrong", [["quads"], ["triangles"], ["fragments", "quads"]])
@@ -221,7 +223,7 @@ def test_interrupted_merge_leaves_no_folder_and_can_be_repeated(
     remainder.mkdir(parents=True)
     (remainder / "cases.jsonl").write_text("half")
     assert harness(*command)[0] == 0
-    assert len(lines_of(read_run(Path("merged")))) == 8
+    assert len(get_rows(read_run(Path("merged")))) == 8
     assert not remainder.parent.exists()
     assert_refused(harness(*command), "merged: already exists")
 
@@ -229,7 +231,7 @@ def test_interrupted_merge_leaves_no_folder_and_can_be_repeated(
 def test_run_without_records_is_merged(runs, tmp_path):
     first = read_run(runs["first"])
     merge_runs([first, replace(first, records=[])], tmp_path / "out")
-    assert lines_of(read_run(tmp_path / "out")) == lines_of(first)
+    assert get_rows(read_run(tmp_path / "out")) == get_rows(first)
     with pytest.raises(InputError, match="no records to merge"):
         merge_runs([replace(first, records=[])] * 2, tmp_path / "none")
 
@@ -270,7 +272,7 @@ def test_counters_of_different_devices_may_differ(runs, tmp_path):
 
     changed = with_records(read_run(runs["third"]), elsewhere)
     merge_runs([*hosted(runs, "first"), set_host(changed, "third")], tmp_path / "out")
-    devices = {record["device"] for record in lines_of(read_run(tmp_path / "out"))}
+    devices = {record["device"] for record in get_rows(read_run(tmp_path / "out"))}
     assert devices == {"scripted@first", "other@third"}
 
 

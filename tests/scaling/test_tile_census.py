@@ -39,7 +39,7 @@ NAMES = ("ear-clipping", "flips:l1")
 EXACT = ("fragments", "quads", "helper_lanes", "partial_quads", "bbox_tests", "triangles")
 
 
-def census(text: str, out: Path, names: tuple[str, ...] = NAMES) -> tuple[Counted, Summary]:
+def count_all(text: str, out: Path, names: tuple[str, ...] = NAMES) -> tuple[Counted, Summary]:
     """Run a census; return the counts of the parts and the summary."""
     name, selection = parse_tile_selection(text)
     dataset = Dataset(name, out, TileCensus(names, selection))
@@ -72,7 +72,7 @@ def sum_scene(text: str, names: tuple[str, ...] = NAMES) -> dict[tuple[str, str]
 def test_sums_equal_those_of_the_scene(zoom, pixels, tmp_path, monkeypatch):
     monkeypatch.setattr("scenes.slices.MAX_TILES", 2)
     monkeypatch.setattr("harness.scaling.census.CHUNK_ROWS", 300)
-    counted, summary = census(f"{FILE}:zoom={zoom},pixels={pixels}", tmp_path)
+    counted, summary = count_all(f"{FILE}:zoom={zoom},pixels={pixels}", tmp_path)
     expected = sum_scene(f"helsinki-tiles:zoom={zoom},tiles=999,pixels={pixels}")
     assert summary.parts == {12: 1, 13: 1, 14: 2}[zoom]
     assert set(counted.groups) == {(zoom, "area"), (zoom, "building")}
@@ -87,7 +87,7 @@ def test_sums_equal_those_of_the_scene(zoom, pixels, tmp_path, monkeypatch):
 
 
 def test_lost_polygons_tiles_and_vertices_are_counted(tmp_path):
-    counted, summary = census(f"{FILE}:zoom=14", tmp_path)
+    counted, summary = count_all(f"{FILE}:zoom=14", tmp_path)
     groups, total = counted.groups, counted.sum_groups()
     scene = load("helsinki-tiles:zoom=14,tiles=999")
     layers = [which.split()[1] for which, _ in scene.dropped]
@@ -101,7 +101,7 @@ def test_lost_polygons_tiles_and_vertices_are_counted(tmp_path):
     assert sum(count for (kind, _), count in summary.counts.items() if kind == "dropped") == 5
 
 
-def same(a: Any, b: Any) -> bool:
+def is_equal(a: Any, b: Any) -> bool:
     return set(a) == set(b) and all(
         np.array_equal(*pair) for group in a for pair in zip(a[group], b[group], strict=True)
     )
@@ -115,18 +115,18 @@ def test_archive_formats_have_equal_counts(tmp_path):
         TilePosition(2, 1, 1): court + box,
     }
     groups = {
-        kind: census(path, tmp_path / f"out-{kind}")[0].groups
+        kind: count_all(path, tmp_path / f"out-{kind}")[0].groups
         for kind, path in three_archives(tmp_path, tiles, Compression.NONE).items()
     }
     assert set(groups["pmtiles"]) == {(2, "land"), (2, "water"), (3, "land"), (3, "water")}
-    assert same(groups["pmtiles"], groups["mbtiles"])
-    assert same(groups["pmtiles"], groups["folder"])
-    water = census(f"{tmp_path}/a.mbtiles:zoom=3-9,layers=water", tmp_path / "some")[0].groups
+    assert is_equal(groups["pmtiles"], groups["mbtiles"])
+    assert is_equal(groups["pmtiles"], groups["folder"])
+    water = count_all(f"{tmp_path}/a.mbtiles:zoom=3-9,layers=water", tmp_path / "some")[0].groups
     assert set(water) == {(3, "water")}
     assert water[3, "water"].count("polygons") == 2
 
 
-def written(path: Path, tiles: dict[int, bytes]) -> str:
+def write_tiles(path: Path, tiles: dict[int, bytes]) -> str:
     """Write a PMTiles archive of tiles by number."""
     with write(str(path)) as writer:
         for number, data in tiles.items():
@@ -138,12 +138,14 @@ def written(path: Path, tiles: dict[int, bytes]) -> str:
 
 def test_repeated_tiles_are_multiplied(tmp_path, monkeypatch):
     first = compute_first_number(8)
-    single = census(written(tmp_path / "1.pmtiles", {first: encoded([COURT])}), tmp_path / "once")
-    path = written(tmp_path / "9.pmtiles", {first + k: encoded([COURT]) for k in range(9)})
+    single = count_all(
+        write_tiles(tmp_path / "1.pmtiles", {first: encoded([COURT])}), tmp_path / "once"
+    )
+    path = write_tiles(tmp_path / "9.pmtiles", {first + k: encoded([COURT]) for k in range(9)})
     read = []
     real = PMTiles.read
     monkeypatch.setattr(PMTiles, "read", lambda self, name: read.append(name) or real(self, name))
-    often = census(path, tmp_path / "often")
+    often = count_all(path, tmp_path / "often")
     assert len(read) == 1
     one, nine = (counts.groups[8, "land"] for counts, _ in (single, often))
     assert [nine.count(name) for name in ("polygons", "tiles")] == [9, 9]
@@ -155,7 +157,7 @@ def test_repeated_tiles_are_multiplied(tmp_path, monkeypatch):
 def test_slices_partition_the_tiles(tmp_path):
     first = compute_first_number(9)
     tiles = {first + 3 * k: bytes([k % 251, k // 251]) * 2 for k in range(10_000)}
-    path = written(tmp_path / "a.pmtiles", tiles)
+    path = write_tiles(tmp_path / "a.pmtiles", tiles)
     slices = cut_tiles(path, None)
     assert len(slices.rows) == -(-len(tiles) // MAX_TILES)
     assert sum(slices.sizes) == len(tiles)
@@ -169,7 +171,7 @@ def test_large_tiles_are_separate_slices(tmp_path, monkeypatch):
     monkeypatch.setattr("scenes.slices.MAX_BYTES", 100)
     sizes = (40, 40, 40, 300, 10, 90, 1)
     tiles = {compute_first_number(4) + k: bytes([k]) * size for k, size in enumerate(sizes)}
-    assert cut_tiles(written(tmp_path / "a.pmtiles", tiles), None).sizes == [2, 1, 1, 2, 1]
+    assert cut_tiles(write_tiles(tmp_path / "a.pmtiles", tiles), None).sizes == [2, 1, 1, 2, 1]
 
 
 def test_entries_next_to_leaves_are_in_order(tmp_path):
@@ -204,11 +206,11 @@ def test_repeated_entry_is_skipped(tmp_path):
 
 def test_damaged_tile_is_reported_and_others_counted(tmp_path):
     tiles = {TilePosition(5, k, 7): encoded([COURT]) for k in range(4)}
-    file = written(tmp_path / "good.pmtiles", {zxy_to_tileid(*k): v for k, v in tiles.items()})
-    good = census(file, tmp_path / "good")[0].groups
+    file = write_tiles(tmp_path / "good.pmtiles", {zxy_to_tileid(*k): v for k, v in tiles.items()})
+    good = count_all(file, tmp_path / "good")[0].groups
     tiles[TilePosition(5, 2, 7)] = tiles[TilePosition(5, 2, 7)][:-3]
     for kind, path in three_archives(tmp_path, tiles, Compression.NONE).items():
-        counts, summary = census(path, tmp_path / f"bad-{kind}")
+        counts, summary = count_all(path, tmp_path / f"bad-{kind}")
         ((name, why),) = counts.damaged
         assert name == "5/2/7"
         assert why.startswith("cannot be read: not a vector tile")
@@ -220,21 +222,21 @@ def test_damaged_tile_is_reported_and_others_counted(tmp_path):
 
 def test_lost_polygons_are_counted_and_rounding_reported(tmp_path):
     tile = encoded([shapely.box(0, 0, 1, 1), COURT])
-    path = written(tmp_path / "a.pmtiles", {0: tile})
-    counts, summary = census(f"{path}:pixels=8", tmp_path / "small")
+    path = write_tiles(tmp_path / "a.pmtiles", {0: tile})
+    counts, summary = count_all(f"{path}:pixels=8", tmp_path / "small")
     assert [counts.sum_groups().count(name) for name in ("polygons", "dropped")] == [1, 1]
     assert summary.counts["dropped", "thinner than the grid of 1/256 px"] == 1
     lines: list[str] = []
     reporter = Reporter(quiet=True)
     reporter.say_once = lines.append
-    path = written(tmp_path / "5000.pmtiles", {0: encoded([COURT], extents=5000)})
+    path = write_tiles(tmp_path / "5000.pmtiles", {0: encoded([COURT], extents=5000)})
     name, selection = parse_tile_selection(path)
     dataset = Dataset(name, tmp_path / "5000", TileCensus(NAMES, selection))
     dataset.complete(Executor(), reporter)
     assert "1/5000 of 512 px" in lines[0]
 
 
-def table_of(folder: Path) -> list[dict[str, str]]:
+def read_table(folder: Path) -> list[dict[str, str]]:
     with (folder / "census.csv").open() as file:
         return list(csv.DictReader(file))
 
@@ -247,7 +249,7 @@ def test_the_command_has_a_line_for_each_zoom_and_layer(harness, tmp_path):
         [zoom, layer] for zoom in ("12", "13") for layer in ("area", "building")
     ]
     assert "warning: dropped" in error
-    rows = [row for row in table_of(tmp_path / "out") if row["measure"] == "helper_lanes"]
+    rows = [row for row in read_table(tmp_path / "out") if row["measure"] == "helper_lanes"]
     assert len(rows) == 4 * len(NAMES)
     for line, row in zip(lines, rows[1::2], strict=True):
         counts = [row[name] for name in ("tiles", "polygons", "dropped")]
@@ -291,7 +293,7 @@ def test_command_after_a_kill_completes_the_rest(harness, tmp_path):
     assert len(list((tmp_path / "out" / "parts").glob("*.npz"))) == 1
     assert harness(*arguments)[0] == 0
     assert harness(*arguments[:3], "whole", *arguments[4:])[0] == 0
-    assert table_of(tmp_path / "out") == table_of(tmp_path / "whole")
+    assert read_table(tmp_path / "out") == read_table(tmp_path / "whole")
     assert len(list((tmp_path / "out" / "parts").glob("*.npz"))) == 2
 
 
@@ -335,5 +337,5 @@ def test_which_files_are_map_tiles(tmp_path):
         assert parse_tile_selection(str(tmp_path / name)) is None, name
     with pytest.raises(SceneError, match="has no parameter 'tiles'"):
         parse_tile_selection("a.pmtiles:tiles=4")
-    counts, _ = census(str(tmp_path / "packed"), tmp_path / "out")
+    counts, _ = count_all(str(tmp_path / "packed"), tmp_path / "out")
     assert list(counts.groups) == [(None, "land")]

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scenes import SceneError, load
 from scenes.generated.stress import FAMILIES
 from tests.scenes.conftest import assert_valid_polygons
-from tests.triangulators.cases import shared
+from tests.triangulators.cases import read_shared
 
 BUILT_IN = ("city", "glyphs", "cad", "paper", "stress", "meshes")
 
@@ -195,7 +195,7 @@ def test_vertex_counts_and_courtyards_follow_the_quantiles(city):
 
 
 def test_distribution_of_vertices_agrees_with_helsinki(city):
-    real = [polygon for _, polygon in shared("helsinki.json")]
+    real = [polygon for _, polygon in read_shared("helsinki.json")]
     n, expected = vertex_counts(city.polygons), vertex_counts(real)
     for percent in (25, 50, 75, 90, 95):
         assert np.percentile(n, percent) == pytest.approx(

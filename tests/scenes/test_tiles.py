@@ -58,7 +58,7 @@ line with a repeated point."""
 Ring = tuple[tuple[int, int], ...]
 
 
-def tile_of(name: str) -> bytes:
+def read_tile(name: str) -> bytes:
     """Return a tile, written by GDAL or by one of two versions of Mapbox's program."""
     if name == "helsinki":
         tiles = PMTiles(FILE)
@@ -72,7 +72,7 @@ def decode(tile: bytes) -> list[Layer]:
 
 @pytest.fixture(params=["helsinki", "12-3188-1888", "14-9384-9577"])
 def tile(request: pytest.FixtureRequest) -> bytes:
-    return tile_of(request.param)
+    return read_tile(request.param)
 
 
 def rings(polygons: Any) -> list[list[Ring]]:
@@ -148,7 +148,7 @@ def encoded(polygons: list[Any], layer: str = "land", **more: Any) -> bytes:
     return mapbox_vector_tile.encode(content, default_options={"y_coord_down": True, **more})
 
 
-def saved(path: Path, polygons: list[Any], **more: Any) -> str:
+def save(path: Path, polygons: list[Any], **more: Any) -> str:
     path.write_bytes(encoded(polygons, **more))
     return str(path)
 
@@ -159,7 +159,7 @@ COURT = shapely.Polygon(
 
 
 def test_a_tile_is_in_pixels_with_y_up(tmp_path):
-    scene = load(saved(tmp_path / "one.mvt", [COURT]) + ":pixels=256")
+    scene = load(save(tmp_path / "one.mvt", [COURT]) + ":pixels=256")
     assert scene.units == "px"
     assert scene.polygons[0].bounds == (0, 128, 256, 256)
     assert scene.polygons[0].interiors[0].bounds == (0.5, 254.5, 1.5, 255.5)
@@ -208,7 +208,7 @@ def test_polygons_stay_in_their_tile_when_others_vanish(tmp_path):
 
 
 def test_other_extents_are_rounded_with_a_note(tmp_path):
-    path = saved(tmp_path / "one.mvt", [COURT], extents=5000)
+    path = save(tmp_path / "one.mvt", [COURT], extents=5000)
     assert any("1/5000 of 512 px" in note for note in load(path + ":pixels=512").notes)
     assert not any("rounded" in note for note in load(path + ":pixels=1250").notes)
 
@@ -325,7 +325,7 @@ def test_directory_that_contains_itself_is_refused(tmp_path):
 
 
 @contextmanager
-def changing(path: Path | str) -> Iterator[sqlite3.Connection]:
+def open_db(path: Path | str) -> Iterator[sqlite3.Connection]:
     """Yield a database, created if missing, and commit at the end."""
     with closing(sqlite3.connect(path)) as database:
         yield database
@@ -343,7 +343,7 @@ def three_archives(
         header = {"tile_type": TileType.MVT, "tile_compression": compression}
         writer.finalize(header, {"attribution": "(c) us"})
     mbtiles = folder / "a.mbtiles"
-    with changing(mbtiles) as database:
+    with open_db(mbtiles) as database:
         database.execute("CREATE TABLE metadata (name TEXT, value TEXT)")
         database.execute("CREATE TABLE tiles (zoom_level, tile_column, tile_row, tile_data)")
         metadata = [("format", "pbf"), ("attribution", "(c) us")]
@@ -462,7 +462,7 @@ def test_runs_and_leaves_of_pmtiles(tmp_path):
 def test_formats_and_compressions_of_mbtiles(tmp_path, kind, pack):
     tile = pack(encoded([shapely.box(0, 0, 100, 100)]))
     path = three_archives(tmp_path, {TilePosition(3, 4, 2): tile}, Compression.NONE)["mbtiles"]
-    with changing(Path(path)) as database:
+    with open_db(Path(path)) as database:
         database.execute("UPDATE metadata SET value = ? WHERE name = 'format'", (kind,))
     scene = load(f"{path}:tiles=9")
     assert len(scene.polygons) == 1
@@ -509,7 +509,7 @@ def test_unreadable_archives_are_reported_in_one_line(text, message, tmp_path):
         writer.write_tile(0, b"png")
         writer.finalize({"tile_type": TileType.PNG, "tile_compression": Compression.NONE}, {})
     for name in ("png", "no"):
-        with changing(tmp_path / f"{name}.mbtiles") as database:
+        with open_db(tmp_path / f"{name}.mbtiles") as database:
             database.execute(f"CREATE TABLE {'metadata' if name == 'png' else 'x'} (name, value)")
             if name == "png":
                 database.execute("INSERT INTO metadata VALUES ('format', 'png')")
@@ -617,7 +617,7 @@ def test_write_ahead_log_of_a_database_is_read(tmp_path):
 
 def test_null_tile_is_damaged(tmp_path):
     path = two_tiles(tmp_path, bytes, Compression.NONE)["mbtiles"]
-    with changing(path) as database:
+    with open_db(path) as database:
         database.execute("UPDATE tiles SET tile_data = NULL WHERE tile_row = 5")
     scene = load(f"{path}:zoom=3")
     assert scene.tiling.names == ("3/4/3",)
@@ -651,7 +651,7 @@ def test_archive_without_tile_options_is_read_as_a_map():
 def test_endless_view_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(archives, "QUERY_TIMEOUT_S", 0.2)
     path = tmp_path / "endless.mbtiles"
-    with changing(path) as database:
+    with open_db(path) as database:
         database.execute("CREATE TABLE metadata (name TEXT, value TEXT)")
         database.execute(
             "CREATE VIEW tiles AS WITH RECURSIVE n(k) AS (SELECT 0 UNION ALL SELECT k + 1 FROM n) "
@@ -673,7 +673,7 @@ def test_endless_view_can_be_interrupted(tmp_path, monkeypatch):
 
 def test_duplicate_tile_counts_once(tmp_path):
     path = two_tiles(tmp_path, bytes, Compression.NONE)["mbtiles"]
-    with changing(path) as database:
+    with open_db(path) as database:
         for _ in range(2):
             database.execute("INSERT INTO tiles SELECT * FROM tiles WHERE tile_row = 4 LIMIT 1")
     scene = load(f"{path}:zoom=3")
@@ -708,7 +708,7 @@ def test_archive_without_tiles_is_reported_in_one_line(tmp_path):
         with pytest.raises(SceneError, match=r"a\.pmtiles holds no tile: give an archive with"):
             call()
     mbtiles = two_tiles(tmp_path, bytes, Compression.NONE)["mbtiles"]
-    with changing(mbtiles) as database:
+    with open_db(mbtiles) as database:
         database.execute("DELETE FROM tiles")
     with pytest.raises(SceneError, match=r"a\.mbtiles holds no tile: give an archive with tiles"):
         cut_tiles(mbtiles, None)

@@ -33,17 +33,17 @@ from harness.study.correlations import (
 from scenes import load
 from tests.conftest import run_command
 from tests.records import make_record
-from tests.study.test_regret import records_of
+from tests.study.test_regret import make_cases
 from triangulators import triangulate
 
 RANDOM = np.random.default_rng(3)
 
 
-def table_of(records: list[dict]) -> pd.DataFrame:
+def make_table(records: list[dict]) -> pd.DataFrame:
     return make_measure_table([make_record(**fields) for fields in records])
 
 
-def within(columns: list[tuple[np.ndarray, np.ndarray]], polygons: str = "") -> Estimate:
+def rank_views(columns: list[tuple[np.ndarray, np.ndarray]], polygons: str = "") -> Estimate:
     """Return the estimate of (predicted, measured) of each view of the `polygons`."""
     rows = [
         (polygons[view] if polygons else str(view), view, *pair)
@@ -76,7 +76,7 @@ def test_pooling_makes_a_useless_criterion_look_good():
 def test_a_constant_criterion_has_no_correlation():
     x, y = np.ones(9), np.arange(9.0) + 1
     assert np.isnan(compute_spearman(x, y))
-    estimate = within([(x, y)] * 4)
+    estimate = rank_views([(x, y)] * 4)
     assert estimate.polygons == 0
     assert np.isnan(estimate.value)
 
@@ -94,11 +94,11 @@ def test_median_interval_covers_the_median():
 def test_a_polygon_in_several_views_counts_once():
     """Two views of four polygons are four polygons, too few for an interval."""
     views = polygons(4, 0.1)
-    estimate = within([*views, *views], "abcdabcd")
+    estimate = rank_views([*views, *views], "abcdabcd")
     assert estimate.polygons == 4
     assert np.isnan(estimate.low)
     assert estimate.verdict == "too few"
-    assert not np.isnan(within([*views, *views]).low)
+    assert not np.isnan(rank_views([*views, *views]).low)
 
 
 def test_paired_difference_has_a_narrower_interval():
@@ -264,10 +264,10 @@ def test_tables_and_plots_contain_the_correlations(tmp_path, monkeypatch):
 def test_failed_cases_and_t_junctions_are_skipped():
     good = judged()
     bad = [{**r, **why} for r in good for why in ({"status": "failed"}, {"conforming": False})]
-    table = table_of(good)
+    table = make_table(good)
     assert len(table) > 3
-    pd.testing.assert_frame_equal(table_of([*good, *bad]), table)
-    assert table_of(bad).empty
+    pd.testing.assert_frame_equal(make_table([*good, *bad]), table)
+    assert make_table(bad).empty
 
 
 def test_measures_of_some_rows_are_correlated():
@@ -280,15 +280,15 @@ def test_measures_of_some_rows_are_correlated():
 
 def test_minimum_number_of_triangulations_is_ranked():
     x = np.arange(1.0, MIN_TRIANGULATIONS + 1)
-    estimate = within([(x, x**2)] * 6)
+    estimate = rank_views([(x, x**2)] * 6)
     assert (estimate.value, estimate.polygons) == (pytest.approx(1), 6)
-    assert within([(x[1:], x[1:] ** 2)] * 6).polygons == 0
+    assert rank_views([(x[1:], x[1:] ** 2)] * 6).polygons == 0
 
 
 def test_equal_triangulations_are_one_row():
     twice = [{**r, "triangulator": f"{r['triangulator']} {k}"} for r in judged() for k in range(2)]
-    assert len(table_of(twice)) == len(table_of(judged()))
-    backwards = table_of(twice[::-1])["triangulator"]  # the first of the run stands for both
+    assert len(make_table(twice)) == len(make_table(judged()))
+    backwards = make_table(twice[::-1])["triangulator"]  # the first of the run stands for both
     assert backwards.tolist() == [r["triangulator"] for r in twice[::-2]]
     table = ranked()
     assert correlate_by_resolution(table.query("resolution == 64")).empty
@@ -299,12 +299,12 @@ def test_exact_counts_are_of_one_sample_per_pixel():
     good = judged()
     drawn = [{**r, "rasteriser": "opengl", "counters": {"quads": 7}} for r in good]
     four = {"options": {"work": 0, "samples": 4}, "counters": {"quads": 8}}
-    exact = table_of([*drawn, *({**r, **four} for r in good), *good])["exact_quads"]
+    exact = make_table([*drawn, *({**r, **four} for r in good), *good])["exact_quads"]
     assert exact.tolist() == 3 * [r["counters"]["quads"] for r in good]
 
 
 def judged() -> list[dict]:
-    good = records_of("p")
+    good = make_cases("p")
     for length, entry in enumerate(good):
         entry["predicted"] |= dict.fromkeys(IDENTIFYING, float(length))
     return good

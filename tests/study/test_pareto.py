@@ -24,8 +24,8 @@ from harness.study.pareto import (
 from harness.triangulating.recipes import parse_all
 from scenes import load
 from tests.conftest import assert_refused, require_ok
-from tests.measuring.test_run import measure, plan_for
-from tests.records import lines_of
+from tests.measuring.test_run import make_plan, measure
+from tests.records import get_rows
 from triangulators import full_name
 
 pytestmark = pytest.mark.usefixtures("in_process")
@@ -114,7 +114,7 @@ def test_rows_have_the_records_ratios_and_the_study_resumes(study, harness):
     folder, table, _, _ = study(CITY, "--polygons", "1")
     run = read_run(folder)
     assert run.problems == []
-    records = {(r["scene"], r["triangulator"], r["rasteriser"]): r for r in lines_of(run)}
+    records = {(r["scene"], r["triangulator"], r["rasteriser"]): r for r in get_rows(run)}
     rows = table[table["polygon"] == "all"].set_index(["triangulator", "rasteriser"])
     record = records[CITY, "delaunay", "reference"]
     row = rows.loc[("delaunay", "reference")]
@@ -133,7 +133,7 @@ def test_rows_have_the_records_ratios_and_the_study_resumes(study, harness):
     timed = rows.xs("tests.mock:MockRasteriser", level="rasteriser")
     assert (timed.loc[list(SWEEP), "time_ratio"] == 1).all()
     assert (timed.loc[list(SWEEP), "verdict"] == "not significant").all()
-    assert set(run.facts["plan"]["triangulators"]) == {r["triangulator"] for r in lines_of(run)}
+    assert set(run.facts["plan"]["triangulators"]) == {r["triangulator"] for r in get_rows(run)}
     cases = (folder / "cases.jsonl").read_text()
     (folder / "pareto.csv").unlink()
     resume_command = (
@@ -206,10 +206,10 @@ def test_equivalent_weights_are_one_case(harness, block):
     run = ("run", "--scene", str(block), "--triangulators", names, *BRIEF)
     assert harness(*run, "--out", "results")[0] == 0
     stored = read_run(Path("results"))
-    keys = {record["triangulator"]: record["key"] for record in lines_of(stored)}
+    keys = {record["triangulator"]: record["key"] for record in get_rows(stored)}
     assert list(keys) == ["optimal:mixed=1/0.5/0", "worst:mixed=1/0.5/0", "optimal:mixed"]
     assert harness("run", "--resume", "results", "--quiet")[0] == 0
-    assert len(lines_of(read_run(Path("results")))) == 3
+    assert len(get_rows(read_run(Path("results")))) == 3
     assert harness("compare", "results", "results", "--gate", "counters")[0] == 0
     mesh = ("triangulate", str(block), "-o", "block.obj", "--quiet")
     assert harness(*mesh, "--criterion", "mixed=1/0.5/0")[0] == 0
@@ -229,7 +229,7 @@ def test_equivalent_weights_are_one_case(harness, block):
 
 def test_points_of_the_front_are_cases_by_number(block, tmp_path):
     names = ("pareto", "pareto#0", "pareto#01", "pareto#1", "pareto#99")
-    records = lines_of(measure(plan_for(block, triangulators=names), tmp_path / "out"))
+    records = get_rows(measure(make_plan(block, triangulators=names), tmp_path / "out"))
     status = {record["triangulator"]: record["status"] for record in records}
     # An L of six vertices and a square have a front each; the courtyard has a hole.
     assert set(status) == {"pareto#0", "pareto#1", "pareto#99"}
@@ -243,10 +243,10 @@ def test_parts_have_triangulators_of_their_own(block, tmp_path):
     def split(label, scene):
         return [ScenePart(f"{label}#0", scene, parse_all(["delaunay"])), ScenePart(label, scene)]
 
-    plan: Plan = plan_for(block, triangulators=("ear-clipping",))
+    plan: Plan = make_plan(block, triangulators=("ear-clipping",))
     outcome = measure(plan, tmp_path / "out", split=split)
     label = block.name
-    assert {(r["scene"], r["triangulator"]) for r in lines_of(outcome)} == {
+    assert {(r["scene"], r["triangulator"]) for r in get_rows(outcome)} == {
         (f"{label}#0", "delaunay"),
         (label, "ear-clipping"),
     }

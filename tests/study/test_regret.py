@@ -30,11 +30,11 @@ H = (11.0, 10.0, 12.0, 13.0, 20.0)
 A = (4.0, 5.0, 3.0, 6.0, 9.0)
 
 
-def regret_table(records: list[dict]) -> pd.DataFrame:
+def make_table(records: list[dict]) -> pd.DataFrame:
     return regret.make_regret_table([make_record(**fields) for fields in records])
 
 
-def records_of(polygon: str, scale: float = 1.0, seconds=None, work: int = 0) -> list[dict]:
+def make_cases(polygon: str, scale: float = 1.0, seconds=None, work: int = 0) -> list[dict]:
     """Return the records of one polygon; `seconds` are the (5, rounds) draw times."""
     records = []
     for number, name in enumerate(NAMES):
@@ -62,7 +62,7 @@ def records_of(polygon: str, scale: float = 1.0, seconds=None, work: int = 0) ->
     return records
 
 
-def row_of(table, **conditions):
+def get_row(table, **conditions):
     for name, value in conditions.items():
         table = table[table[name] == value]
     assert len(table) == 1
@@ -70,12 +70,12 @@ def row_of(table, **conditions):
 
 
 def test_regret_is_the_extra_cost_of_the_selected_triangulation():
-    table = regret_table(records_of("a"))
-    by_h = row_of(table, kind="criterion", name="half-perimeter", measure="quads")
+    table = make_table(make_cases("a"))
+    by_h = get_row(table, kind="criterion", name="half-perimeter", measure="quads")
     assert (by_h["triangulator"], by_h["best"]) == ("optimal:half-perimeter", NAMES[0])
     assert by_h["regret"] == pytest.approx(0.03)
     assert by_h["least_known"]
-    by_a = row_of(table, kind="criterion", name="overdraw", measure="quads")
+    by_a = get_row(table, kind="criterion", name="overdraw", measure="quads")
     assert by_a["triangulator"] == "random#0"
     assert by_a["regret"] == pytest.approx(0.10)
     # A criterion that is equal for all triangulations selects none.
@@ -85,16 +85,16 @@ def test_regret_is_the_extra_cost_of_the_selected_triangulation():
 
 
 def test_minimum_is_unknown_without_a_proof():
-    records = records_of("a")
+    records = make_cases("a")
     records[0]["proven"] = 0
-    assert not regret_table(records)["least_known"].any()
+    assert not make_table(records)["least_known"].any()
 
 
 def test_families_count_once_per_polygon():
     table = summarise_regret(
-        regret_table(records_of("a") + records_of("b", 2.0) + records_of("c", 3.0))
+        make_table(make_cases("a") + make_cases("b", 2.0) + make_cases("c", 3.0))
     )
-    random = row_of(table, name="random", measure="quads")
+    random = get_row(table, name="random", measure="quads")
     assert random["polygons"] == 3
     assert random["mean"] == pytest.approx(0.15)
     assert np.isnan(random["ci_low"]), "three equal values have no interval"
@@ -102,9 +102,9 @@ def test_families_count_once_per_polygon():
 
 
 def test_counters_are_independent_of_the_work():
-    records = records_of("a") + records_of("a", work=8)
-    table = regret_table(records)
-    assert len(table[table["measure"] == "quads"]) == len(regret_table(records_of("a")))
+    records = make_cases("a") + make_cases("a", work=8)
+    table = make_table(records)
+    assert len(table[table["measure"] == "quads"]) == len(make_table(make_cases("a")))
 
 
 def test_equal_times_show_no_regret():
@@ -113,8 +113,8 @@ def test_equal_times_show_no_regret():
     records = []
     for polygon in range(60):
         noise = rng.lognormal(0.0, 0.05, (len(NAMES), 24))
-        records += records_of(f"polygon {polygon}", seconds=noise)
-    table = regret_table(records)
+        records += make_cases(f"polygon {polygon}", seconds=noise)
+    table = make_table(records)
     timed = table[(table["measure"] == "time_work_0") & (table["kind"] == "criterion")]
     assert abs(timed["regret_low"].mean()) < 0.006
     assert timed["regret_high"].mean() > 0.01
@@ -131,9 +131,9 @@ def test_a_slower_choice_is_found():
     for polygon in range(30):
         noise = rng.lognormal(0.0, 0.02, (len(NAMES), 24))
         noise[1] *= 1.05  # what half-perimeter chooses
-        records += records_of(f"polygon {polygon}", seconds=noise)
-    table = summarise_regret(regret_table(records))
-    row = row_of(table, name="half-perimeter", measure="time_work_0")
+        records += make_cases(f"polygon {polygon}", seconds=noise)
+    table = summarise_regret(make_table(records))
+    row = get_row(table, name="half-perimeter", measure="time_work_0")
     assert row["ci_low"] < 0.05 < row["ci_high"]
     assert 0.04 < row["mean"] < 0.06
 
@@ -144,10 +144,10 @@ def test_rounds_of_one_epoch_do_not_confirm_each_other():
     ends = []
     for polygon in range(40):
         epoch = np.repeat(rng.lognormal(0.0, 0.02, (len(NAMES), 6)), 4, axis=1)
-        records = records_of(f"polygon {polygon}", seconds=epoch)
+        records = make_cases(f"polygon {polygon}", seconds=epoch)
         for record in records:
             record["time"]["epochs"] = [4] * 6
-        timed = regret_table(records).query("measure == 'time_work_0' and kind == 'criterion'")
+        timed = make_table(records).query("measure == 'time_work_0' and kind == 'criterion'")
         ends.append(timed[["regret_low", "regret_high"]].mean())
     low, high = np.mean(ends, axis=0)
     # Rounds of one epoch would have confirmed its fastest: both ends would be 1 %.
@@ -155,11 +155,11 @@ def test_rounds_of_one_epoch_do_not_confirm_each_other():
 
 
 def test_minimum_is_known_only_for_one_sample_per_pixel():
-    records = records_of("a")
-    assert regret_table(records).query("measure == 'quads'")["least_known"].all()
+    records = make_cases("a")
+    assert make_table(records).query("measure == 'quads'")["least_known"].all()
     for record in records:
         record["options"] = {"work": 0, "samples": 4}
-    assert not regret_table(records)["least_known"].any()
+    assert not make_table(records)["least_known"].any()
 
 
 @pytest.mark.parametrize(
@@ -173,8 +173,8 @@ def test_minimum_is_known_only_for_one_sample_per_pixel():
     ],
 )
 def test_missing_interval_is_explained(values, text):
-    records = [r for k in range(len(values)) for r in records_of(f"p{k}")]
-    table = regret_table(records).query("measure == 'quads' and name == 'overdraw'").copy()
+    records = [r for k in range(len(values)) for r in make_cases(f"p{k}")]
+    table = make_table(records).query("measure == 'quads' and name == 'overdraw'").copy()
     table = table.assign(**dict.fromkeys(("regret", "regret_low", "regret_high"), values))
     assert format_regret(summarise_regret(table).iloc[0]) == text
 
@@ -194,38 +194,38 @@ def test_quads_or_the_main_counter_and_all_times_are_printed(names, expected):
 
 def test_minimum_of_times_is_never_known():
     seconds = np.ones((len(NAMES), 24))
-    table = regret_table(records_of("one", seconds=seconds))
+    table = make_table(make_cases("one", seconds=seconds))
     assert not table[table["measure"] == "time_work_0"]["least_known"].any()
     assert table[table["measure"] == "quads"]["least_known"].all()
 
 
 def test_counter_missing_from_one_drawing_has_no_regret():
-    records = records_of("one")
+    records = make_cases("one")
     del records[2]["counters"]["quads"]
     del records[2]["counters"]["fragments"]
-    assert regret_table(records_of("one"))["measure"].unique().tolist()
-    assert regret_table(records).empty
+    assert make_table(make_cases("one"))["measure"].unique().tolist()
+    assert make_table(records).empty
 
 
 def test_regret_skips_failed_empty_and_t_junction_cases():
-    records = records_of("a")
+    records = make_cases("a")
     for change in ({"status": "failed"}, {"polygons": 0}, {"conforming": False}):
         bad = {**records[3], "triangulator": "random#7", **change}
-        assert regret_table([*records, bad]).equals(regret_table(records))
+        assert make_table([*records, bad]).equals(make_table(records))
 
 
-def counting(quads):
-    records = records_of("a")
+def count_quads(quads):
+    records = make_cases("a")
     for record, count in zip(records, quads, strict=True):
         record["counters"] = {"quads": count}
-    return regret_table(records)
+    return make_table(records)
 
 
 def test_regret_is_undefined_for_a_minimum_of_zero():
-    table = counting((0, 0, 3, 4, 5))
+    table = count_quads((0, 0, 3, 4, 5))
     assert set(table["triangulator"]) == set(NAMES[:2])
     assert (table["regret"] == 0).all()
-    assert row_of(counting((1, 2, 3, 4, 5)), name="half-perimeter")["regret"] == 1.0
+    assert get_row(count_quads((1, 2, 3, 4, 5)), name="half-perimeter")["regret"] == 1.0
 
 
 def test_times_are_relative_to_the_reference_of_their_rounds():
@@ -233,50 +233,50 @@ def test_times_are_relative_to_the_reference_of_their_rounds():
     reference = np.array([9.0, 1.0, 1.0] * 4)
     costs = np.ones((len(NAMES), 12))
     costs[1] = [1.0, 2.0, 3.0] * 4
-    records = records_of("a", seconds=costs * reference)
+    records = make_cases("a", seconds=costs * reference)
     for record in records:
         record["time"] |= {"reference_s": reference.tolist(), "epochs": [3] * 4}
-    row = row_of(regret_table(records), name="half-perimeter", measure="time_work_0")
+    row = get_row(make_table(records), name="half-perimeter", measure="time_work_0")
     assert (row["regret_low"], row["regret"], row["regret_high"]) == pytest.approx((1, 1, 1))
 
 
 def test_rounds_missing_from_one_drawing_are_ignored():
     seconds = np.random.default_rng(8).lognormal(0.0, 0.05, (len(NAMES), 24))
-    records, longer = (records_of("a", seconds=seconds) for _ in range(2))
+    records, longer = (make_cases("a", seconds=seconds) for _ in range(2))
     longer[0]["time"] = {
         "samples_s": [*seconds[0].tolist(), 7.0],
         "reference_s": [1.0] * 25,
     }
-    assert regret_table(longer).equals(regret_table(records))
+    assert make_table(longer).equals(make_table(records))
     records[1]["time"] = None
-    assert "time_work_0" not in set(regret_table(records)["measure"])
+    assert "time_work_0" not in set(make_table(records)["measure"])
     for rounds, timed in ((2, True), (1, False)):
-        table = regret_table(records_of("a", seconds=seconds[:, :rounds]))
+        table = make_table(make_cases("a", seconds=seconds[:, :rounds]))
         assert ("time_work_0" in set(table["measure"])) is timed
 
 
 def test_summary_has_median_95th_percentile_and_maximum():
-    (row,) = regret_table(records_of("a")).query("name == 'overdraw'").to_dict("records")
+    (row,) = make_table(make_cases("a")).query("name == 'overdraw'").to_dict("records")
     table = pd.DataFrame([{**row, "polygon": str(k), "regret": k / 100} for k in range(101)])
     summary = summarise_regret(table).iloc[0]
     assert (summary["median"], summary["p95"], summary["worst"]) == pytest.approx((0.5, 0.95, 1.0))
 
 
-def in_two_views(polygons: int = 1) -> pd.DataFrame:
+def sum_two_views(polygons: int = 1) -> pd.DataFrame:
     """Return the summary of two counters in two views."""
     records = []
     for size in (128, 64):
         for number in range(polygons):
-            for record in records_of(f"polygon {number}"):
+            for record in make_cases(f"polygon {number}"):
                 lanes = 3 * record["counters"]["quads"]
                 counters = {**record["counters"], "helper_lanes": lanes}
                 records.append({**record, "resolution": size, "counters": counters})
-    return summarise_regret(regret_table(records))
+    return summarise_regret(make_table(records))
 
 
 def test_printed_regrets_are_of_criteria_in_order():
     console = Console(file=io.StringIO(), width=200)
-    print_regret(in_two_views(), console)
+    print_regret(sum_two_views(), console)
     text = console.file.getvalue()
     assert text.index(" 64 px") < text.index("128 px")
     assert text.index(get_label("helper_lanes")) < text.index(
@@ -288,13 +288,13 @@ def test_printed_regrets_are_of_criteria_in_order():
 
 
 def test_written_tables_have_the_documented_columns(tmp_path):
-    write_regret([make_record(**fields) for fields in records_of("a")], tmp_path)
+    write_regret([make_record(**fields) for fields in make_cases("a")], tmp_path)
     for name, columns in (("regret.csv", SUMMARY), ("regret_by_polygon.csv", COLUMNS)):
         assert tuple(pd.read_csv(tmp_path / name)) == columns
 
 
 def test_paper_table_has_criteria_by_rank_correlation_in_markdown_and_latex(tmp_path):
-    regrets = in_two_views()
+    regrets = sum_two_views()
     fields = dict(regrets.loc[0, ["rasteriser", "device"]], statistic="spearman_within")
     values = {"overdraw": 0.5, "half-perimeter": 0.75, "exact-quads": 1.0, "aspect-ratio": np.nan}
     ranks = pd.DataFrame(
@@ -317,9 +317,9 @@ def test_paper_table_has_criteria_by_rank_correlation_in_markdown_and_latex(tmp_
 
 
 def test_regret_needs_two_triangulations():
-    records = records_of("p")[:2]
-    assert set(regret_table(records)["polygon"]) == {"p"}
-    assert regret_table(records[:1]).empty
+    records = make_cases("p")[:2]
+    assert set(make_table(records)["polygon"]) == {"p"}
+    assert make_table(records[:1]).empty
 
 
 def test_interval_uses_the_outer_ends():

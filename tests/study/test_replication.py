@@ -38,7 +38,7 @@ def correlations(**values: float) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def compared(**values: float) -> pd.DataFrame:
+def compare(**values: float) -> pd.DataFrame:
     """Return criteria_compared.csv of the same criteria: differences +-0.01."""
     rows = [
         {
@@ -65,7 +65,7 @@ def gains(triangulator: str, base: str, ratio: float, lanes: float = 0.9) -> pd.
     return pd.DataFrame([row, {**row, "resolution": 256, "time_ratio": 2.0}])
 
 
-def verdicts(evidence: Evidence) -> dict[str, bool | None]:
+def get_verdicts(evidence: Evidence) -> dict[str, bool | None]:
     return {
         claim.sentence: None if figure is None else figure.holds
         for claim, figure in evaluate_claims(evidence)
@@ -77,26 +77,26 @@ USUAL |= {"edge_length": 0.93, "shape": 0.75}
 
 
 def test_claims_without_evidence_have_no_finding():
-    assert set(verdicts(Evidence()).values()) == {None}
+    assert set(get_verdicts(Evidence()).values()) == {None}
 
 
 def test_each_claim_can_hold_and_fail():
     exact = _with_exact_a(correlations(**USUAL))
     good = evidence(
-        exact, compared(**USUAL), lost=0.002, choice=0.9, walked=0.95, turned=(0.92, 0.99)
+        exact, compare(**USUAL), lost=0.002, choice=0.9, walked=0.95, turned=(0.92, 0.99)
     )
-    assert set(verdicts(good).values()) == {True}
+    assert set(get_verdicts(good).values()) == {True}
     poor = {"overdraw": 0.86, "half_perimeter": 0.86, "expected_quads": 0.86}
     poor |= {"edge_length": 0.5, "shape": 0.75}
     bad = evidence(
         correlations(**poor),
-        compared(**poor),
+        compare(**poor),
         lost=0.02,
         choice=1.0,
         walked=0.995,
         turned=(0.96, 0.90),
     )
-    assert set(verdicts(bad).values()) == {False}
+    assert set(get_verdicts(bad).values()) == {False}
 
 
 def evidence(
@@ -207,10 +207,10 @@ def test_comparisons_use_paired_differences():
     """Overlapping intervals do not exclude a difference within each polygon, or the reverse."""
     wide = correlations(**USUAL)
     wide = wide.assign(ci_low=wide["value"] - 0.2, ci_high=wide["value"] + 0.2)
-    page = format_page([("city", Evidence(correlations=wide, compared=compared(**USUAL)))], "here")
+    page = format_page([("city", Evidence(correlations=wide, compared=compare(**USUAL)))], "here")
     assert "A 0.860 (0.660 to 1.060), difference 0.120 (0.110 to 0.130) | holds" in page
-    close = compared(**{**USUAL, "half_perimeter": 0.865})
-    judged = verdicts(Evidence(correlations=correlations(**USUAL), compared=close))
+    close = compare(**{**USUAL, "half_perimeter": 0.865})
+    judged = get_verdicts(Evidence(correlations=correlations(**USUAL), compared=close))
     assert [v for sentence, v in judged.items() if "polygon by polygon" in sentence] == [False] * 2
 
 
@@ -219,7 +219,7 @@ def test_too_few_polygons_decide_no_claim():
     unknown = {"ci_low": float("nan"), "ci_high": float("nan"), "polygons": 1}
     evidence = Evidence(
         correlations=table.assign(**unknown),
-        compared=compared(**USUAL).assign(**unknown),
+        compared=compare(**USUAL).assign(**unknown),
         regret=regret(0.002).assign(**unknown),
         turned=gains("optimal:half-perimeter@0", "ear-clipping@0", 0.9).assign(**unknown),
     )
@@ -272,7 +272,7 @@ def test_study_with_failed_parts_is_inconclusive(harness, monkeypatch):
     )
     exact = _with_exact_a(correlations(**USUAL))
     tables = evidence(
-        exact, compared(**USUAL), lost=0.002, choice=0.9, walked=0.95, turned=(0.92, 0.99)
+        exact, compare(**USUAL), lost=0.002, choice=0.9, walked=0.95, turned=(0.92, 0.99)
     )
     monkeypatch.setattr("harness.study.replication.read_evidence", lambda folder: tables)
     code, out, err = harness("study", "all", "city", "--out", "out")

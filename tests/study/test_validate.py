@@ -19,7 +19,7 @@ from scenes import load
 from scripts.repeated_runs import compare_repeated
 from tests.conftest import assert_refused, require_ok, run_command, shorten_runs
 from tests.measuring.test_run import interrupt_after_one
-from tests.records import lines_of, make_record
+from tests.records import get_rows, make_record
 
 
 def test_polygons_are_simple_and_of_all_sizes():
@@ -160,8 +160,8 @@ def test_a_is_exact_for_box_tests_and_h_is_not(study):
 def test_study_has_a_record_per_triangulation_and_plots(study):
     stored = read_run(study)
     assert stored.problems == []
-    assert {record["status"] for record in lines_of(stored)} <= {"ok", "skipped"}
-    assert len({record["scene"] for record in lines_of(stored)}) == 6
+    assert {record["status"] for record in get_rows(stored)} <= {"ok", "skipped"}
+    assert len({record["scene"] for record in get_rows(stored)}) == 6
     plots = {path.name for path in (study / "plots").iterdir()}
     assert "predicted-vs-measured-reference-cpu.svg" in plots
     assert (study / "criteria.md").read_text().count("| half-perimeter |") == 4

@@ -18,9 +18,9 @@ from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load
 from tests.conftest import require_ok
 from tests.harness.test_cli import MOCK
-from tests.measuring.test_run import inline, nothing_at_once, plan_for, quiet
+from tests.measuring.test_run import inline, make_plan, quiet, skip_batch
 from tests.mock import Clock
-from tests.records import lines_of
+from tests.records import get_rows
 from triangulators import PolygonArray, vertices
 
 pytestmark = pytest.mark.usefixtures("no_plots", "in_process")
@@ -59,7 +59,7 @@ def computed(monkeypatch) -> list[str]:
         return single(recipe, polygon)
 
     monkeypatch.setattr(Recipe, "triangulate_with_gap", counted)
-    monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
+    monkeypatch.setattr(Recipe, "attempt", skip_batch)
     monkeypatch.setattr(triangulate, "warm_up", lambda _: None)
     return calls
 
@@ -120,7 +120,7 @@ def test_quickly_computed_triangulations_are_not_stored(
         return single(recipe, polygon)
 
     monkeypatch.setattr(Recipe, "triangulate_with_gap", timed)
-    monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
+    monkeypatch.setattr(Recipe, "attempt", skip_batch)
     triangulate_named("ear-clipping", small, 0, None, database)
     with ModelDatabase(database) as model:
         assert model.count_entries().get("ear-clipping", (0,))[0] == count
@@ -160,7 +160,7 @@ def test_another_version_computes_again(database, monkeypatch):
 
 @pytest.mark.usefixtures("cache_everything")
 def test_another_processor_reads_the_entries_and_reports_their_times(database, monkeypatch):
-    monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
+    monkeypatch.setattr(Recipe, "attempt", skip_batch)
     first = triangulate_named("delaunay", POLYGONS[:2], 0, None, database)
     assert triangulate_named("delaunay", POLYGONS[:2], 0, None, database).notes == []
     monkeypatch.setattr(database_module, "describe_processor", lambda: {"name": "another"})
@@ -218,11 +218,11 @@ def test_entries_are_written_at_once(database):
 
 @pytest.mark.usefixtures("cache_everything")
 def test_a_run_reports_the_number_of_cached_polygons(block, database, tmp_path, monkeypatch):
-    monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
-    plan = plan_for(block)
+    monkeypatch.setattr(Recipe, "attempt", skip_batch)
+    plan = make_plan(block)
     options = RunOptions(database=database)
     runs = [
-        lines_of(run(plan, tmp_path / str(n), quiet(), options, open_worker=inline))
+        get_rows(run(plan, tmp_path / str(n), quiet(), options, open_worker=inline))
         for n in range(2)
     ]
     assert [record["polygons_cached"] for record in runs[0]] == [0] * len(runs[0])
@@ -233,7 +233,7 @@ def test_a_run_reports_the_number_of_cached_polygons(block, database, tmp_path, 
             assert record["triangulate_s"] == pytest.approx(np.median(rounds), rel=1e-5)
         for name in ("key", "triangles", "predicted", "counters", "conforming", "coverage_error"):
             assert first[name] == second[name]
-    plain = lines_of(run(plan, tmp_path / "plain", quiet(), open_worker=inline))
+    plain = get_rows(run(plan, tmp_path / "plain", quiet(), open_worker=inline))
     assert [record["polygons_cached"] for record in plain] == [0] * len(plain)
 
 
@@ -250,7 +250,7 @@ SPIRAL = ("run", "--scene", "stress:family=spiral,vertices=400", *MOCK)
 def cached_of(folder: str) -> int:
     from harness.results.run_folder import read_run
 
-    (record,) = lines_of(read_run(Path(folder)))
+    (record,) = get_rows(read_run(Path(folder)))
     return record["polygons_cached"]
 
 

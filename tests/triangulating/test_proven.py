@@ -19,7 +19,7 @@ from harness.triangulating.result import FrameTriangulation
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load
 from tests.inline import InlineWorker
-from tests.measuring.test_run import nothing_at_once
+from tests.measuring.test_run import skip_batch
 from tests.mock import Clock
 from triangulators.certificate import proof
 from triangulators.methods import optimal
@@ -65,7 +65,7 @@ def test_search_results_are_not_proven(polygons, no_proof):
 
 def test_cached_optima_are_proven(polygons, tmp_path, monkeypatch):
     monkeypatch.setattr(database_module, "MIN_CACHED_S", 0.0)
-    monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
+    monkeypatch.setattr(Recipe, "attempt", skip_batch)
     database = tmp_path / "kept.sqlite"
     first = triangulate_named("optimal:half-perimeter", polygons, database)
     second = triangulate_named("optimal:half-perimeter", polygons, database)
@@ -75,7 +75,7 @@ def test_cached_optima_are_proven(polygons, tmp_path, monkeypatch):
 
 def test_unproven_results_are_cached_with_their_gaps(polygons, tmp_path, monkeypatch, no_proof):
     monkeypatch.setattr(database_module, "MIN_CACHED_S", 0.0)
-    monkeypatch.setattr(Recipe, "attempt", nothing_at_once)
+    monkeypatch.setattr(Recipe, "attempt", skip_batch)
     database = tmp_path / "kept.sqlite"
     first = triangulate_named("optimal:half-perimeter", polygons, database)
     second = triangulate_named("optimal:half-perimeter", polygons, database)

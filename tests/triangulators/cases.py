@@ -23,17 +23,17 @@ def paper_polygon() -> shapely.Polygon:
 
 
 @cache
-def shared_rings(name: str) -> list[tuple[str, list[np.ndarray]]]:
+def read_rings(name: str) -> list[tuple[str, list[np.ndarray]]]:
     """Return the rings of a file of third-party data; skip the test if the file is missing."""
     entries = json.loads(find_shared_data(name).read_text())
     return [(e["name"], [np.array(r, dtype=float) for r in e["rings"]]) for e in entries]
 
 
 @cache
-def shared(name: str) -> list[tuple[str, shapely.Polygon]]:
+def read_shared(name: str) -> list[tuple[str, shapely.Polygon]]:
     """Return the polygons of a file of third-party data that shapely can represent."""
     shared_polygons = []
-    for label, rings in shared_rings(name):
+    for label, rings in read_rings(name):
         rings = [ring for ring in rings if len(ring) >= 3]
         if rings:
             shared_polygons.append((label, shapely.Polygon(rings[0], rings[1:])))
@@ -49,12 +49,12 @@ def random_simple(rng: np.random.Generator, n: int, size: int = 20) -> shapely.P
         points = rng.integers(0, size, (n, 2))
         if len(np.unique(points, axis=0)) < n:
             continue
-        polygon = uncrossed(points)
+        polygon = uncross_points(points)
         if polygon.is_valid and polygon.area > 0:
             return polygon
 
 
-def uncrossed(points: np.ndarray) -> shapely.Polygon:
+def uncross_points(points: np.ndarray) -> shapely.Polygon:
     """Return a polygon through all points (n, 2), usually without self-intersections."""
     distances = np.hypot(*(points[:, None] - points).transpose(2, 0, 1)).tolist()
     order = list(range(len(points)))
@@ -79,20 +79,20 @@ def _uncross(distances: list[list[float]], order: list[int]) -> bool:
 
 def star(n: int, seed: int = 0, spread: float = 0.15) -> shapely.Polygon:
     """Return a noisy star on the 1/256 px grid, about 800 px wide."""
-    return snapped(around(n, 1 + np.random.default_rng(seed).uniform(-spread, spread, n)))
+    return snapped(place_around(n, 1 + np.random.default_rng(seed).uniform(-spread, spread, n)))
 
 
 def convex(n: int) -> shapely.Polygon:
-    return shapely.Polygon(around(n, np.ones(n)))
+    return shapely.Polygon(place_around(n, np.ones(n)))
 
 
 def smooth(n: int) -> shapely.Polygon:
     """Return a smooth outline with bays."""
     angle = np.arange(n) * 2 * np.pi / n
-    return shapely.Polygon(around(n, 1 + 0.2 * np.sin(5 * angle) + 0.1 * np.cos(13 * angle)))
+    return shapely.Polygon(place_around(n, 1 + 0.2 * np.sin(5 * angle) + 0.1 * np.cos(13 * angle)))
 
 
-def around(n: int, radius: np.ndarray) -> np.ndarray:
+def place_around(n: int, radius: np.ndarray) -> np.ndarray:
     """Return n points at equal angles about (512, 512); `radius` is in units of 400 px."""
     angle = np.arange(n) * 2 * np.pi / n
     return np.column_stack((radius * np.cos(angle), radius * np.sin(angle))) * 400 + 512
@@ -170,11 +170,11 @@ def brute_cost(name: str, a, b, c) -> float:
     if name == "complexity":
         return 24.0
     if name.startswith("expected-"):
-        return union_of_copies((a, b, c), {"expected-quads": 2, "expected-blocks": 4}[name])
+        return mean_blocks((a, b, c), {"expected-quads": 2, "expected-blocks": 4}[name])
     raise AssertionError(name)
 
 
-def union_of_copies(triangle, size: int) -> float:
+def mean_blocks(triangle, size: int) -> float:
     """Return the mean number of size x size blocks with a covered centre, by a union in GEOS."""
     shape = shapely.Polygon(triangle)
     moves = range(size)
@@ -228,7 +228,7 @@ def _simple(draw: st.DrawFn, vertices: int, size: int) -> shapely.Polygon:
     vertices = min(vertices, size * size // 3)
     point = st.tuples(*[st.integers(0, size)] * 2)
     points = draw(st.lists(point, min_size=vertices, max_size=vertices, unique=True))
-    polygon = uncrossed(np.array(points))
+    polygon = uncross_points(np.array(points))
     assume(polygon.is_valid and polygon.area > 0)
     return polygon
 

@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from tests.endurance.brute_force import SmallPolygon
-from tests.triangulators.cases import glyphs, shared, with_hole, with_holes
+from tests.triangulators.cases import glyphs, read_shared, with_hole, with_holes
 from tests.triangulators.test_skeleton import annulus
 from triangulators import certify, criteria, triangulate, vertices
 from triangulators.calling import triangulate_with_gap
@@ -81,7 +81,7 @@ def test_larger_optima_are_certified():
 
 def test_exclusion_leaves_few_ways_to_cut(monkeypatch):
     """Real polygons with three holes and more need no linear program."""
-    outlines = [boundary(p) for _, p in shared("helsinki.json") if p.is_valid]
+    outlines = [boundary(p) for _, p in read_shared("helsinki.json") if p.is_valid]
     outlines = [o for o in outlines if o.holes > 2 and o.has_plain_rings]
     assert len(outlines) > 4
 

@@ -12,12 +12,12 @@ from harness.rasterisers.reference import predict as rasterised
 from scenes import load
 from tests.triangulators.cases import (
     brute_cost,
+    mean_blocks,
     paper_polygon,
     random_simple,
     smooth,
     star,
     twice_area,
-    union_of_copies,
 )
 from tests.triangulators.test_optimal import PLAIN
 from triangulators import (
@@ -69,7 +69,7 @@ def test_expected_blocks_are_exact_except_slivers_with_gaps(triangle):
     area = abs(twice_area(*triangle)) / 2
     assume(area > 0.25)
     blocks = predict(np.array(triangle), ONE)["expected_blocks"]
-    exact = union_of_copies(triangle, 4)
+    exact = mean_blocks(triangle, 4)
     # Gaps cannot make the number of blocks larger than the number of covered centres.
     assert exact * (1 - 1e-9) - 1e-9 <= blocks <= area + 1e-9
     sides = [np.subtract(triangle[k - 1], triangle[k]) for k in range(3)]
@@ -182,7 +182,7 @@ def test_rejects_weights_whose_sums_overflow():
 UNITS = 256
 
 
-def counted(polygon: shapely.Polygon, triangles: np.ndarray) -> int:
+def count_quads(polygon: shapely.Polygon, triangles: np.ndarray) -> int:
     """Return the quads that the reference rasteriser counts for a polygon in px."""
     points = np.rint(vertices(polygon) * UNITS).astype(np.int32)
     return int(rasterised(points, np.ascontiguousarray(triangles, np.int32))["quads"].sum())
@@ -212,10 +212,10 @@ def test_optimum_of_exact_quads_is_minimum_over_all_triangulations():
         if not polygon.is_valid or polygon.area == 0:
             continue
         listed = enumerate_triangulations(polygon)
-        counts = [counted(polygon, triangles) for triangles in listed]
-        assert counted(polygon, triangulate(polygon, "optimal:exact-quads")) == min(counts)
-        assert counted(polygon, triangulate(polygon, "worst:exact-quads")) == max(counts)
-        better += counted(polygon, triangulate(polygon, "optimal:expected-quads")) > min(counts)
+        counts = [count_quads(polygon, triangles) for triangles in listed]
+        assert count_quads(polygon, triangulate(polygon, "optimal:exact-quads")) == min(counts)
+        assert count_quads(polygon, triangulate(polygon, "worst:exact-quads")) == max(counts)
+        better += count_quads(polygon, triangulate(polygon, "optimal:expected-quads")) > min(counts)
         checked += 1
     assert better > 30, "what is expected is not always what is counted"
 
@@ -227,18 +227,18 @@ def test_no_triangulator_has_fewer_exact_quads(resolution):
     peers = [name for name in names(available_only=True) if name not in ("exhaustive", "listed")]
     assert sum(bool(polygon.interiors) for polygon in frame.polygons) >= 3
     for polygon in frame.polygons:
-        optimal_quads = counted(polygon, triangulate(polygon, "optimal:exact-quads"))
+        optimal_quads = count_quads(polygon, triangulate(polygon, "optimal:exact-quads"))
         for name in [*peers, "optimal:half-perimeter", "optimal:expected-quads"]:
             try:
                 triangles = triangulate(polygon, name)
             except SkippedError:
                 continue
             if len(triangles) == len(vertices(polygon)) + 2 * len(polygon.interiors) - 2:
-                assert counted(polygon, triangles) >= optimal_quads, name
+                assert count_quads(polygon, triangles) >= optimal_quads, name
         if not polygon.interiors:
             for seed in range(10):
                 triangles = triangulate(polygon, "random", seed=seed)
-                assert counted(polygon, triangles) >= optimal_quads
+                assert count_quads(polygon, triangles) >= optimal_quads
 
 
 def test_exact_quads_with_holes_are_proven():
@@ -249,7 +249,7 @@ def test_exact_quads_with_holes_are_proven():
         triangles = triangulate(polygon, "optimal:exact-quads")
         certificate = certify(polygon, triangles, "exact-quads")
         assert certificate.proven
-        assert certificate.cost == counted(polygon, triangles)
+        assert certificate.cost == count_quads(polygon, triangles)
 
 
 def test_too_many_vertices_are_skipped_with_the_reason():

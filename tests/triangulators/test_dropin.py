@@ -6,7 +6,7 @@ import pytest
 import shapely
 
 from tests.ports.polygons import earcut_rings
-from tests.triangulators.cases import random_simple, shared_rings, star, with_hole
+from tests.triangulators.cases import random_simple, read_rings, star, with_hole
 from triangulators import dropin, flip, triangulate, triangulate_many, vertices
 from triangulators.criteria import predict
 from triangulators.geometry.earcut import far_offsets
@@ -65,7 +65,7 @@ def test_float32():
 
 @pytest.mark.parametrize("method", METHODS)
 def test_hostile_input_gives_valid_or_earcut_triangles(method):
-    for name, rings in shared_rings("earcut_fixtures.json"):
+    for name, rings in read_rings("earcut_fixtures.json"):
         points = np.concatenate([ring.reshape(-1, 2) for ring in rings])
         ends = np.cumsum([len(ring) for ring in rings]).astype(np.uint32)
         # With holes the optimum is proven, which takes seconds for many vertices: not here.

@@ -25,7 +25,7 @@ A = np.array([0.0, 1.0, 0.0])
 E = np.array([0.0, 0.0, 1.0])
 
 
-def by_triangles(ring, criterion, sign=1.0):
+def solve_all(ring, criterion, sign=1.0):
     """The recurrence with a cost for each triangle, in float64."""
     cost = make_cost(criteria.find(criterion), 1.0, 1, sign)
     best = solve_visible_pairs(
@@ -34,7 +34,7 @@ def by_triangles(ring, criterion, sign=1.0):
     return criteria.find(criterion).total(ring.points, best)
 
 
-def by_ring(ring, box):
+def solve_dense(ring, box):
     """The dense dynamic program, without visibility."""
     triangles = np.empty((len(ring) - 2, 3), dtype=np.int32)
     assert solve_ring(ring, box, triangles) < np.inf
@@ -47,8 +47,8 @@ def test_dense_and_sparse_programs_have_equal_cost(n):
     for polygon in (snapped(vertices(convex(n))), snapped(vertices(smooth(n))), convex(n)):
         ring = make_cycle(boundary(polygon), "test")
         for name, box in (("overdraw", A), ("half-perimeter", H)):
-            cost = criteria.find(name).total(ring.points, by_ring(ring.points, box))
-            assert cost == pytest.approx(by_triangles(ring, name), rel=1e-12)
+            cost = criteria.find(name).total(ring.points, solve_dense(ring.points, box))
+            assert cost == pytest.approx(solve_all(ring, name), rel=1e-12)
 
 
 @pytest.mark.parametrize(("criterion", "box"), [("half-perimeter", H), ("edge-length", E)])
@@ -58,7 +58,7 @@ def test_edge_costs_equal_triangle_costs(criterion, box, sign):
     twice = shapely.Polygon([(3, 3.5), *[(4, 4)] * 2, (3, 3), (3, 2), *[(3, 1)] * 2, (2, 0)])
     for polygon in (star(40, spread=0.4), star(90), convex(33), smooth(64), twice):
         ring = make_cycle(boundary(polygon), "test")
-        expected = by_triangles(ring, criterion, sign)
+        expected = solve_all(ring, criterion, sign)
         cost = make_cost(criteria.find(criterion), 1.0, 1, sign)
         assert cost["box"].tolist() == (sign * box).tolist()
         edge_optimum = solve_visible_pairs(ring.points, ring.start, ring.target, cost)
@@ -109,7 +109,7 @@ def test_optimum_on_frames_equals_triangle_recurrence_exactly():
         assert grid_unit(ring.points) > 0.0
         for name in ("half-perimeter", "overdraw"):
             triangles = triangulate(polygon, f"optimal:{name}")
-            expected = by_triangles(ring, name)
+            expected = solve_all(ring, name)
             assert criteria.find(name).total(outline.points, triangles) == expected
             compared += 1
     assert compared > 100
@@ -125,13 +125,13 @@ def test_dense_program_is_exact_for_box_and_edge_mixtures():
     for _ in range(60):
         polygon = random_simple(random, 9, 30)
         ring = (outline := boundary(polygon)).points[outline.edges[:, 0]]
-        dense_cost = mixture.total(ring, by_ring(ring, np.array([0.0, 1.0, 30.0])))
+        dense_cost = mixture.total(ring, solve_dense(ring, np.array([0.0, 1.0, 30.0])))
         for name in ("exhaustive", "optimal"):
             optimal_cost = mixture.total(
                 vertices(polygon), triangulate(polygon, name, criterion=mixture)
             )
             assert dense_cost == pytest.approx(optimal_cost, rel=1e-12), (name, polygon.wkt)
-        single = mixture.total(ring, by_ring(ring, np.array([0.0, 1.0, 15.0])))
+        single = mixture.total(ring, solve_dense(ring, np.array([0.0, 1.0, 15.0])))
         differ += dense_cost < single * (1 - 1e-9)
     assert differ > 5
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 
 from scenes import load
-from tests.triangulators.cases import glyphs, hard_polygons, shared
+from tests.triangulators.cases import glyphs, hard_polygons, read_shared
 from triangulators import InvalidPolygonError, SkippedError, criteria, names, triangulate, vertices
 from triangulators.polygon import boundary
 from triangulators.registry import BUILTIN, Entry, find
@@ -108,7 +108,9 @@ def test_registered_triangulator_is_included(monkeypatch, wrong):
 @pytest.mark.parametrize("name", ["earcut_fixtures.json", "poly2tri_testbed.json"])
 def test_hostile_fixtures(name):
     done = [
-        check(polygon, label) for label, polygon in shared(name) if len(vertices(polygon)) < 4000
+        check(polygon, label)
+        for label, polygon in read_shared(name)
+        if len(vertices(polygon)) < 4000
     ]
     assert sum(count > 0 for count in done) >= 19
 
@@ -127,7 +129,7 @@ def test_scenes(scene):
 
 
 def test_real_buildings():
-    done = [check(polygon, label) for label, polygon in shared("helsinki.json")[::4]]
+    done = [check(polygon, label) for label, polygon in read_shared("helsinki.json")[::4]]
     assert sum(done) > 8 * 240
 
 

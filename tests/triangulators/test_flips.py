@@ -52,7 +52,7 @@ def test_result_has_no_gaining_flip(name, by, criterion):
         triangles = triangulate(polygon, name, criterion=by)
         assert name == "flips" or verify(polygon, triangles).conforming
         if resolved.normalise is None:  # else two triangles have other weights than the polygon
-            assert flips_that_gain(polygon, triangles, resolved) == 0
+            assert count_gains(polygon, triangles, resolved) == 0
 
 
 def test_beauty_increases_and_is_invariant_to_motion():
@@ -140,19 +140,17 @@ def test_integer_coordinates_reach_exact_delaunay(size):
         for (a, b), c in across.items():
             d = across.get((b, a))
             if d is not None:
-                assert in_circle(points, a, b, c, d) <= 0 or not strictly_convex(
-                    points[[a, d, b, c]]
-                )
+                assert is_in_circle(points, a, b, c, d) <= 0 or not is_convex(points[[a, d, b, c]])
 
 
-def in_circle(points, a, b, c, d):
+def is_in_circle(points, a, b, c, d):
     a, b, c, d = ([Fraction(float(value)) for value in points[row]] for row in (a, b, c, d))
     (p, q), (r, s), (t, u) = [(x - d[0], y - d[1]) for x, y in (a, b, c)]
     one, two, three = p * p + q * q, r * r + s * s, t * t + u * u
     return one * (r * u - s * t) + two * (t * q - u * p) + three * (p * s - q * r)
 
 
-def strictly_convex(corners):
+def is_convex(corners):
     return all(exact_sign(*corners[[k - 2, k - 1, k]].ravel()) > 0 for k in range(4))
 
 
@@ -168,15 +166,15 @@ def test_clockwise_triangles_are_flipped():
 def test_extreme_and_nan_coordinates_terminate_and_stay_valid():
     polygon = star(40, spread=0.4)
     points, start = vertices(polygon), triangulate(polygon, "ear-clipping")
-    border = boundary_of(start)
+    border = get_boundary(start)
     for factor in (1e-320, 1e-155, 1e-100, 1e70, 1e150, 1e308, np.nan):
         for by in WAYS[:3]:
             with np.errstate(over="ignore", invalid="ignore"):
                 flipped = flip(points * factor, start, by)
-            assert boundary_of(flipped) == border
+            assert get_boundary(flipped) == border
 
 
-def boundary_of(triangles):
+def get_boundary(triangles):
     sides = {(t[k], t[k - 2]) for t in triangles.tolist() for k in range(3)}
     return {(a, b) for a, b in sides if (b, a) not in sides}
 
@@ -231,7 +229,7 @@ def test_dropin_imports_only_flip_modules():
     assert done.returncode == 0, done.stderr
 
 
-def flips_that_gain(polygon, triangles, criterion):
+def count_gains(polygon, triangles, criterion):
     """Count the pairs of triangles whose flip would decrease a criterion."""
     points, gaining = vertices(polygon), 0
     across = {}

@@ -11,7 +11,14 @@ from hypothesis import strategies as st
 
 from harness.frame import View, make_frame
 from scenes import load
-from tests.triangulators.cases import convex, hard_polygons, random_simple, shared, star, with_hole
+from tests.triangulators.cases import (
+    convex,
+    hard_polygons,
+    random_simple,
+    read_shared,
+    star,
+    with_hole,
+)
 from triangulators import UnknownNameError, criteria, triangulate_many, vertices
 from triangulators.gpu import engine
 from triangulators.gpu.rings import KINDS, MAX_VERTICES, ON_CPU, Rings, prepare_rings
@@ -75,7 +82,7 @@ def test_small_rings_of_every_size(name, device_counts):
 )
 def test_scenes_in_pixels_and_real_buildings(source, name, device_counts):
     if source == "helsinki.json":
-        real = [polygon for _, polygon in shared(source)][:300]
+        real = [polygon for _, polygon in read_shared(source)][:300]
         polygons = [shapely.transform(p, lambda xy: np.round(xy * 4) / 4) for p in real]
     else:
         polygons = make_frame(load(source).polygons, View(512)).polygons

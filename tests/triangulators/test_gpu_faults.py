@@ -31,7 +31,7 @@ def _fresh():
     engine.close_all()
 
 
-def found_with_one_line(expected, caplog, *words):
+def expect_one_warning(expected, caplog, *words):
     """Triangulate on a broken device; assert equal results and one warning with these words."""
     batch = triangulate_many(POLYGONS, device="llvmpipe")
     assert batch.failed == {}
@@ -45,7 +45,7 @@ def found_with_one_line(expected, caplog, *words):
     return line
 
 
-def fails_after(monkeypatch, owner, name, calls, error):
+def fail_after(monkeypatch, owner, name, calls, error):
     """Make a method raise after some calls; return the list of its calls."""
     method, recorded = getattr(owner, name), []
 
@@ -69,21 +69,21 @@ def fails_after(monkeypatch, owner, name, calls, error):
     ],
 )
 def test_driver_fails_to_open(monkeypatch, expected, caplog, error):
-    fails_after(monkeypatch, engine, "open_context", 0, error)
-    found_with_one_line(expected, caplog, str(error).split("\n")[0] or "MemoryError")
+    fail_after(monkeypatch, engine, "open_context", 0, error)
+    expect_one_warning(expected, caplog, str(error).split("\n")[0] or "MemoryError")
 
 
 @pytest.mark.parametrize("calls", [0, 1, 3])
 def test_shader_fails_to_compile(monkeypatch, expected, caplog, calls):
     error = Exception("GLSL Compiler failed\n\ncompute_shader\n0:1(1): syntax error")
-    fails_after(monkeypatch, Compute, "program", calls, error)
-    found_with_one_line(expected, caplog, "GLSL Compiler failed compute_shader 0:1(1): syntax")
+    fail_after(monkeypatch, Compute, "program", calls, error)
+    expect_one_warning(expected, caplog, "GLSL Compiler failed compute_shader 0:1(1): syntax")
 
 
 @pytest.mark.parametrize("calls", range(4))
 def test_dispatch_fails_early_or_late(monkeypatch, expected, caplog, calls):
-    recorded = fails_after(monkeypatch, Compute, "run", calls, RuntimeError("device lost"))
-    found_with_one_line(expected, caplog, "device lost")
+    recorded = fail_after(monkeypatch, Compute, "run", calls, RuntimeError("device lost"))
+    expect_one_warning(expected, caplog, "device lost")
     assert len(recorded) == calls + 1
 
 
@@ -97,8 +97,8 @@ def test_results_before_failure_are_retained(monkeypatch, expected, caplog):
 
     monkeypatch.setattr(engine, "attempt", kept)
     monkeypatch.setattr(engine, "chunk_bounds", lambda offsets: [0, 2, 4, len(offsets) - 1])
-    fails_after(monkeypatch, Storage, "read_into", 1, RuntimeError("gone"))
-    found_with_one_line(expected, caplog, "gone")
+    fail_after(monkeypatch, Storage, "read_into", 1, RuntimeError("gone"))
+    expect_one_warning(expected, caplog, "gone")
     assert done == [True] * 2 + [False] * (len(POLYGONS) - 2)
 
 
@@ -126,7 +126,7 @@ def test_opengl_errors_are_detected(monkeypatch, expected, caplog, error, after)
         return compute
 
     monkeypatch.setattr(engine, "open_context", opened)
-    found_with_one_line(expected, caplog, error)
+    expect_one_warning(expected, caplog, error)
 
 
 def test_buffer_allocation_fails(monkeypatch, expected, caplog):
@@ -138,7 +138,7 @@ def test_buffer_allocation_fails(monkeypatch, expected, caplog):
         reserve(self, count)
 
     monkeypatch.setattr(Storage, "reserve", refused)
-    found_with_one_line(expected, caplog, "GL_OUT_OF_MEMORY")
+    expect_one_warning(expected, caplog, "GL_OUT_OF_MEMORY")
 
 
 def zeros(array):
@@ -170,7 +170,7 @@ def test_corrupted_results_are_rejected(monkeypatch, expected, caplog, spoil):
         spoil(array)
 
     monkeypatch.setattr(Storage, "read_into", spoiled)
-    found_with_one_line(expected, caplog, "results are wrong")
+    expect_one_warning(expected, caplog, "results are wrong")
 
 
 @pytest.mark.parametrize(("factor", "is_accepted"), [(1 + 1e-10, True), (1 + 1e-8, False)])
@@ -193,11 +193,11 @@ def test_reported_quads_are_compared_with_the_cpu(monkeypatch, caplog, factor, i
 
 def test_failed_device_is_reopened_on_next_call(monkeypatch, expected, caplog):
     with monkeypatch.context() as patch:
-        fails_after(patch, engine.Engine, "solve", 0, RuntimeError("lost"))
-        found_with_one_line(expected, caplog, "lost")
+        fail_after(patch, engine.Engine, "solve", 0, RuntimeError("lost"))
+        expect_one_warning(expected, caplog, "lost")
         triangulate_many(POLYGONS, device="llvmpipe")
         assert len(caplog.records) == 1  # said once
-    recorded = fails_after(monkeypatch, engine, "open_context", 1, AssertionError)
+    recorded = fail_after(monkeypatch, engine, "open_context", 1, AssertionError)
     batch = triangulate_many(POLYGONS, device="llvmpipe")
     assert np.array_equal(batch.triangles, expected.triangles)
     assert len(recorded) == 1

@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from tests.endurance.brute_force import SmallPolygon
-from tests.triangulators.cases import shared, touching_polygons, with_hole
+from tests.triangulators.cases import read_shared, touching_polygons, with_hole
 from triangulators import certify, criteria, triangulate, vertices
 from triangulators.criteria import CRITERIA, find, predict
 from triangulators.criteria.cost import make_cost, total_cost
@@ -77,7 +77,7 @@ def test_local_search_continues_after_gain(monkeypatch):
 
 
 def test_optimum_is_never_worse_than_libraries_on_helsinki():
-    holed = [polygon for _, polygon in shared("helsinki.json") if polygon.interiors]
+    holed = [polygon for _, polygon in read_shared("helsinki.json") if polygon.interiors]
     valid = [polygon for polygon in holed if polygon.is_valid]
     assert len(valid) > 80
     for polygon in valid:

@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from tests.ports.polygons import earcut_rings
-from tests.triangulators.cases import convex, random_simple, shared, star, with_hole
+from tests.triangulators.cases import convex, random_simple, read_shared, star, with_hole
 from triangulators import PolygonArray, UnknownNameError, triangulate, triangulate_many, vertices
 from triangulators import many as batch
 from triangulators.criteria import find
@@ -88,7 +88,7 @@ def test_threads_and_unknown_names():
 
 
 def test_real_buildings():
-    polygons = [polygon for _, polygon in shared("helsinki.json")]
+    polygons = [polygon for _, polygon in read_shared("helsinki.json")]
     result = triangulate_many(polygons)
     bad = {index for index, polygon in enumerate(polygons) if not polygon.is_valid}
     assert set(result.failed) == bad

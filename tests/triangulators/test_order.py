@@ -28,13 +28,13 @@ BATCH = 120
 """Number of indices in a batch of the simulated GPU, which shades a vertex once per batch."""
 
 
-def invocations(triangles: np.ndarray) -> int:
+def count_shaded(triangles: np.ndarray) -> int:
     """Return the number of shaded vertices if each is shaded once in every batch of indices."""
     indices = triangles.ravel()
     return sum(len(np.unique(indices[i : i + BATCH])) for i in range(0, len(indices), BATCH))
 
 
-def turned(triangles: np.ndarray) -> list[tuple[int, ...]]:
+def normalise(triangles: np.ndarray) -> list[tuple[int, ...]]:
     """Return the triangles, rotated to begin with their lowest vertex, sorted."""
     rows = triangles.tolist()
     return sorted(min((a, b, c), (b, c, a), (c, a, b)) for a, b, c in rows)
@@ -45,7 +45,7 @@ def turned(triangles: np.ndarray) -> list[tuple[int, ...]]:
 def test_walk_permutes_triangles(rows):
     triangles = np.array(rows, np.int32).reshape(-1, 3)
     ordered = walk(triangles, 10)
-    assert turned(ordered) == turned(triangles)
+    assert normalise(ordered) == normalise(triangles)
 
 
 @settings(deadline=None, max_examples=40)
@@ -61,7 +61,7 @@ def test_walk_visits_neighbours_consecutively(polygon):
         assert number == 0 or {a, b} <= met
         edges |= edges_of_triangle
         met |= {a, b, c}
-    assert turned(ordered) == turned(triangles)
+    assert normalise(ordered) == normalise(triangles)
 
 
 @pytest.mark.parametrize("name", ["optimal:overdraw", "optimal:half-perimeter", "optimal:shape"])
@@ -153,8 +153,8 @@ def test_walk_shades_few_vertices_again():
         shuffled = rng.permutation(triangulate(polygon, "delaunay"))
         batches = -(-3 * len(shuffled) // BATCH)
         # At most two vertices of each of log2(m) waiting edges, at the start of each batch.
-        assert invocations(walk(shuffled, n)) <= n + batches * 2 * np.log2(len(shuffled))
-        assert invocations(shuffled) > 1.5 * invocations(walk(shuffled, n))
+        assert count_shaded(walk(shuffled, n)) <= n + batches * 2 * np.log2(len(shuffled))
+        assert count_shaded(shuffled) > 1.5 * count_shaded(walk(shuffled, n))
 
 
 def test_batches_are_in_walk_order():
@@ -162,10 +162,10 @@ def test_batches_are_in_walk_order():
     polygons = [star(150, seed, spread=0.4) for seed in range(3)] + [with_hole(rng, 14, 6)]
     for polygon, triangles in zip(polygons, triangulate_many(polygons), strict=True):
         n = len(vertices(polygon))
-        assert invocations(triangles) <= n + 10 * 2 * np.log2(len(triangles))
+        assert count_shaded(triangles) <= n + 10 * 2 * np.log2(len(triangles))
 
 
-def shaded(triangles, size):
+def count_misses(triangles, size):
     """Return the number of misses of a first-in first-out cache of `size` vertices."""
     cache, missed = deque(maxlen=size), 0
     for vertex in np.asarray(triangles).ravel().tolist():
@@ -197,17 +197,17 @@ def test_vertex_cache_order_permutes_triangles(number, count, cache_size, seed):
 def test_a_shuffled_grid_shades_few_vertices_twice(side):
     triangles, count = grid(side)
     shuffled = np.random.default_rng(1).permutation(triangles)
-    misses = shaded(sort_for_vertex_cache(shuffled, count), CACHE_SIZE) / len(triangles)
+    misses = count_misses(sort_for_vertex_cache(shuffled, count), CACHE_SIZE) / len(triangles)
     # A large grid has half as many vertices as triangles: no order is below 0.5.
     assert 0.5 <= misses < 0.8
-    assert shaded(shuffled, CACHE_SIZE) / len(triangles) > 2.5
+    assert count_misses(shuffled, CACHE_SIZE) / len(triangles) > 2.5
 
 
 def test_a_fan_shades_each_vertex_once():
     triangles = np.array([[0, k, k + 1] for k in range(1, 30)], np.int32)
     shuffled = np.random.default_rng(2).permutation(triangles)
     # Around the centre all triangles are given at once; the centre itself must stay in the cache.
-    assert shaded(sort_for_vertex_cache(shuffled, 31, 64), 64) == 31
+    assert count_misses(sort_for_vertex_cache(shuffled, 31, 64), 64) == 31
 
 
 def test_triangulations_of_buildings_shade_each_vertex_hardly_more_than_once():
@@ -215,4 +215,4 @@ def test_triangulations_of_buildings_shade_each_vertex_hardly_more_than_once():
         triangles = triangulate(polygon, "delaunay")
         count = len(vertices(polygon))
         ordered = sort_for_vertex_cache(np.random.default_rng(3).permutation(triangles), count)
-        assert shaded(ordered, CACHE_SIZE) <= 1.25 * count
+        assert count_misses(ordered, CACHE_SIZE) <= 1.25 * count

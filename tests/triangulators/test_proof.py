@@ -9,7 +9,7 @@ import shapely
 from shapely import affinity
 
 from tests.triangulators.cases import with_holes
-from tests.triangulators.test_skeleton import annulus, posed
+from tests.triangulators.test_skeleton import annulus, pose
 from triangulators import criteria
 from triangulators.certificate import proof
 from triangulators.certificate.candidates import _list_triangles, _sample_holes, find_candidates
@@ -28,7 +28,7 @@ from triangulators.polygon import boundary
 SQUARE = shapely.Polygon([(0, 0), (9, 0), (9, 9), (0, 9)], [[(2, 2), (2, 4), (5, 3)]])
 
 
-def noted(monkeypatch, place, name: str) -> list:
+def record_calls(monkeypatch, place, name: str) -> list:
     """Return a list that records (arguments, result) of each call of a function."""
     real, calls = getattr(place, name), []
 
@@ -47,11 +47,11 @@ def ring(monkeypatch, seed: int):
         return np.empty(0, np.int32), np.ones(len(candidates.triangles), np.bool_)
 
     monkeypatch.setattr(proof, "exclude_edges", none)
-    outline, cost = posed(annulus(12, seed))
+    outline, cost = pose(annulus(12, seed))
     return outline, find_best_initial(outline, cost), cost
 
 
-def rooms(outline, start) -> int:
+def count_triples(outline, start) -> int:
     """Return the number of mutually visible triples: the smallest sufficient limit."""
     c = find_candidates(outline, start, 10**6)
     first = np.searchsorted(c.edges[:, 0], np.arange(len(c.points) + 1))
@@ -60,8 +60,8 @@ def rooms(outline, start) -> int:
 
 def test_linear_program_is_solved_with_time_limit_or_if_small(monkeypatch):
     problem = ring(monkeypatch, 0)
-    rows = rooms(*problem[:2])
-    tried = noted(monkeypatch, proof, "Program")
+    rows = count_triples(*problem[:2])
+    tried = record_calls(monkeypatch, proof, "Program")
 
     def numbers(seconds: float, most: int) -> list[int]:
         tried.clear()
@@ -82,7 +82,7 @@ def test_linear_program_is_solved_with_time_limit_or_if_small(monkeypatch):
 )
 def test_too_many_triples_return_none(monkeypatch, seconds, name):
     problem = ring(monkeypatch, 0)
-    rows = rooms(*problem[:2])
+    rows = count_triples(*problem[:2])
     for most, is_there in ((rows, True), (rows - 1, False)):
         monkeypatch.setattr(proof, name, most)
         assert (prove(*problem, seconds) is not None) == is_there

@@ -7,7 +7,14 @@ import pytest
 import shapely
 from shapely import affinity
 
-from tests.triangulators.cases import glyphs, shared, smooth, star, touching_polygons, with_holes
+from tests.triangulators.cases import (
+    glyphs,
+    read_shared,
+    smooth,
+    star,
+    touching_polygons,
+    with_holes,
+)
 from triangulators import criteria
 from triangulators.certificate import linear_program, proof
 from triangulators.certificate.candidates import find_candidates
@@ -25,15 +32,15 @@ from triangulators.initial import find_best_initial
 from triangulators.polygon import boundary, boundary_area
 
 
-def posed(polygon, name="half-perimeter"):
+def pose(polygon, name="half-perimeter"):
     outline = boundary(polygon)
     criterion = criteria.find(name)
     return outline, make_cost(criterion, boundary_area(outline), outline.expected_triangles)
 
 
-def proven(polygon, name="half-perimeter"):
+def solve(polygon, name="half-perimeter"):
     """Return the cost of the proven optimum, and the proof."""
-    outline, cost = posed(polygon, name)
+    outline, cost = pose(polygon, name)
     solution = prove(outline, find_best_initial(outline, cost), cost)
     solution = prove(outline, solution.triangles, cost)  # evidence for the triangulation found
     certificate = make_certificate(outline, solution.triangles, cost, solution.make_evidence())
@@ -59,10 +66,10 @@ def holed() -> list[shapely.Polygon]:
 
 @pytest.mark.parametrize("name", ["half-perimeter", "overdraw", "expected-quads"])
 def test_dynamic_and_linear_programs_have_equal_optimum(monkeypatch, name):
-    by_table = [proven(polygon, name) for polygon in holed()]
+    by_table = [solve(polygon, name) for polygon in holed()]
     monkeypatch.setattr(proof, "solve_skeleton", lambda *_: None)
     for polygon, (cost, _) in zip(holed(), by_table, strict=True):
-        assert proven(polygon, name)[0] == pytest.approx(cost, rel=1e-12), polygon.wkt
+        assert solve(polygon, name)[0] == pytest.approx(cost, rel=1e-12), polygon.wkt
 
 
 def test_connected_skeleton_is_solved_by_dynamic_program(monkeypatch):
@@ -71,7 +78,7 @@ def test_connected_skeleton_is_solved_by_dynamic_program(monkeypatch):
         proof, "solve_skeleton", lambda *of: results.append(real(*of)) or results[-1]
     )
     for polygon in holed():
-        proven(polygon)
+        solve(polygon)
     assert len(results) >= len(holed())
     assert all(result is not None for result in results)
 
@@ -88,7 +95,7 @@ def test_no_triangulation_gives_none(monkeypatch, sign):
 
     monkeypatch.setattr(proof, "solve_skeleton", noted)
     for polygon in holed()[:8]:
-        proven(polygon, "half-perimeter")
+        solve(polygon, "half-perimeter")
     assert len(calls) >= 8
     for candidates, alive, cost, units in calls:
         assert real(candidates, alive, cost, units) is not None
@@ -111,7 +118,7 @@ def test_potentials_are_feasible_for_remaining_triangles(monkeypatch):
 
     monkeypatch.setattr(proof, "solve_skeleton", noted)
     for polygon in [*holed(), *touching_polygons(5, 40)]:
-        proven(polygon)
+        solve(polygon)
     proved = 0
     for c, remaining, cost, units, (triangles, potentials) in calls:
         left = c.side != 0
@@ -132,7 +139,7 @@ def test_extended_potentials_are_feasible_for_all_triangles(name):
     """Potentials of remaining edges do not change, and the extended ones are feasible."""
     excluded = 0
     for polygon in [*holed(), annulus(9, 1)]:
-        _, solution = proven(polygon, name)
+        _, solution = solve(polygon, name)
         evidence = solution.make_evidence()
         left = np.isin(np.arange(len(evidence.edges)), solution.excluded, invert=True)
         assert (evidence.potentials[left] == solution.potentials[left]).all()
@@ -143,12 +150,10 @@ def test_extended_potentials_are_feasible_for_all_triangles(name):
 
 def test_overflowing_potentials_give_trivial_bound(monkeypatch):
     polygon = holed()[0]
-    outline, _ = posed(polygon)
-    cost, solution = proven(polygon)
+    outline, _ = pose(polygon)
+    cost, solution = solve(polygon)
     monkeypatch.setattr(proof, "extend_potentials", lambda *_: None)
-    weak = make_certificate(
-        outline, solution.triangles, posed(polygon)[1], solution.make_evidence()
-    )
+    weak = make_certificate(outline, solution.triangles, pose(polygon)[1], solution.make_evidence())
     assert (weak.cost, weak.lower_bound, weak.proven) == (cost, 0.0, False)
 
 
@@ -157,7 +162,7 @@ def test_exclusion_is_scale_invariant():
     exclusions = []
     for size in (1.0, 2.0**-20):
         polygon = affinity.scale(holed()[0], size, size, origin=(0, 0))
-        outline, cost = posed(polygon)
+        outline, cost = pose(polygon)
         start = find_best_initial(outline, cost)
         units = find_units(outline, start, cost)
         c = find_candidates(outline, start, proof.MAX_TRIPLES)
@@ -169,7 +174,7 @@ def test_exclusion_is_scale_invariant():
 
 
 def test_extension_preserves_lift():
-    outline, cost = posed(annulus(14, 3), "overdraw")
+    outline, cost = pose(annulus(14, 3), "overdraw")
     start = find_best_initial(outline, cost)
     units = find_units(outline, start, cost)
     c = find_candidates(outline, start, proof.MAX_TRIPLES)
@@ -192,7 +197,7 @@ def test_connected_skeletons_need_no_program(monkeypatch):
     needed = 0
     for polygon in holed():
         try:
-            proven(polygon)
+            solve(polygon)
         except AttributeError:
             needed += 1
     assert needed <= 2
@@ -223,11 +228,11 @@ def sieve(seed: int) -> shapely.Polygon:
 
 def sites_in_many_boxes():
     yield from (star(700, spread=0.5), smooth(900), comb(150), sieve(0), sieve(1))
-    yield from (polygon for _, polygon in shared("helsinki.json")[::60])
+    yield from (polygon for _, polygon in read_shared("helsinki.json")[::60])
 
 
 def edges_of_both(polygon):
-    outline, cost = posed(polygon)
+    outline, cost = pose(polygon)
     start = find_best_initial(outline, cost)
     seen = set(map(tuple, find_visible_sites(outline.points, start, find_twins(start)).tolist()))
     sides = set(map(tuple, np.sort(outline.edges, axis=1).tolist()))
@@ -258,7 +263,7 @@ def test_search_and_checker_agree_for_touching_rings():
 
 def test_checker_threads_agree(monkeypatch):
     polygon = star(300)
-    outline, cost = posed(polygon)
+    outline, cost = pose(polygon)
     start = find_best_initial(outline, cost)
     evidence = proof.prove(outline, start, cost).make_evidence()
     bound = checker.compute_lower_bound(outline, start, cost, evidence)

@@ -7,7 +7,7 @@ import pytest
 from harness.frame import View, make_frame
 from scenes import load
 from tests.paths import ROOT
-from tests.triangulators.cases import shared_rings
+from tests.triangulators.cases import read_rings
 from triangulators import flip, triangulate_many, vertices
 from triangulators.geometry.flips import flip_as_earcut
 from triangulators.geometry.half_edges import link
@@ -18,7 +18,7 @@ NAMES = (
 )
 
 
-def measures(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def measure(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return quality, 4 sqrt(3) S over the sum of squared sides, and perimeter of each triangle.
 
     Quality is 1 for an equilateral triangle and 0 for a degenerate one.
@@ -57,14 +57,14 @@ def test_slivers_of_scenes(scene):
     many = {}
     for name in NAMES:
         batch = triangulate_many(polygons, name)
-        many[name] = [measures(vertices(p), t) for p, t in zip(polygons, batch, strict=True)]
+        many[name] = [measure(vertices(p), t) for p, t in zip(polygons, batch, strict=True)]
     in_flips(rows_of({"glyphs": "letters"}.get(scene, scene), many))
 
 
 def test_slivers_of_earcuts_fixtures():
     """Index arrays of earcut, also for invalid polygons."""
     many: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
-    for _, rings in shared_rings("earcut_fixtures.json"):
+    for _, rings in read_rings("earcut_fixtures.json"):
         points = np.concatenate(rings)
         ends = np.cumsum([len(ring) for ring in rings]).astype(np.uint32)
         raw = mapbox_earcut.triangulate_float64(points, ends).astype(np.int32)
@@ -75,7 +75,7 @@ def test_slivers_of_earcuts_fixtures():
             by_name[name] = flip(points, raw, name.partition(":")[2])
         for name, triangles in by_name.items():
             if len(triangles):
-                many.setdefault(name, []).append(measures(points, triangles))
+                many.setdefault(name, []).append(measure(points, triangles))
     in_flips(rows_of("earcut's fixtures", many))
 
 
@@ -94,4 +94,4 @@ def test_flips_by_beauty_end_in_delaunay(scene):
 
 def beauty(points: np.ndarray, triangles: np.ndarray) -> float:
     (ux, uy), (vx, vy) = ((points[triangles[:, k]] - points[triangles[:, 0]]).T for k in (1, 2))
-    return float((np.abs(ux * vy - uy * vx) / 2.0 / measures(points, triangles)[1]).sum())
+    return float((np.abs(ux * vy - uy * vx) / 2.0 / measure(points, triangles)[1]).sum())

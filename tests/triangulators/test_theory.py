@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.triangulators.cases import hard_polygons, union_of_copies
+from tests.triangulators.cases import hard_polygons, mean_blocks
 from triangulators import triangulate, vertices
 from triangulators.criteria import predict
 from triangulators.criteria.features import edge_length, expected_quads, half_perimeter
@@ -51,7 +51,7 @@ def test_expected_quads_are_the_mean_over_the_grid_and_h_their_first_order():
     for _ in range(30):
         corners = rng.uniform(0, 60, (3, 2))
         quads = expected_quads(*corners.ravel())
-        assert abs(quads - union_of_copies(corners, 2)) < 1e-6 * quads
+        assert abs(quads - mean_blocks(corners, 2)) < 1e-6 * quads
         ux, uy, vx, vy = (corners[1] - corners[0]).tolist() + (corners[2] - corners[0]).tolist()
         area = abs(ux * vy - uy * vx) / 2
         h = half_perimeter(*corners.ravel())

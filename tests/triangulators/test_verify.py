@@ -71,7 +71,7 @@ def test_expected_triangles_of_touching_rings():
         assert len(triangles.geoms) == boundary(polygon).expected_triangles
 
 
-def damaged(triangles: np.ndarray) -> list[np.ndarray]:
+def damage(triangles: np.ndarray) -> list[np.ndarray]:
     """The triangles, and five damaged versions."""
     turned, beyond, twice = triangles.copy(), triangles.copy(), triangles.copy()
     turned[-1] = turned[-1, ::-1]
@@ -87,7 +87,7 @@ def test_find_unconfirmed_agrees_with_verify():
     cases = [
         (polygon, part)
         for polygon in polygons
-        for part in damaged(triangulate(polygon, "ear-clipping"))
+        for part in damage(triangulate(polygon, "ear-clipping"))
     ]
     arrays = PolygonArray.from_shapely([polygon for polygon, _ in cases])
     unconfirmed = find_unconfirmed(arrays, {k: part for k, (_, part) in enumerate(cases)})
