@@ -249,4 +249,5 @@ def select_valid_facts(facts: dict[str, Any], problems: list[str]) -> RunFacts:
             continue
         if part is not None:
             usable[name] = part
+    usable["devices"] = {k: device for k, device in usable["devices"].items() if device is not None}
     return cast(RunFacts, usable)

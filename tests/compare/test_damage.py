@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from harness.compare.comparison import compare_runs
@@ -40,6 +40,7 @@ def test_any_value_in_any_field_is_reported_or_compared(field, value):
 
 @settings(deadline=None, max_examples=60)
 @given(facts=st.dictionaries(st.sampled_from(FACTS), JSON))
+@example(facts={"devices": {"opengl on llvmpipe": None}})
 def test_any_facts_are_read(facts):
     comparison = compare_runs(*(read_back(facts, make_all(1)) for _ in range(2)))
     assert comparison.verdict == "good"

@@ -51,8 +51,8 @@ from triangulators.polygon import boundary, boundary_area
 from triangulators.verify import verify
 
 SQUARE = shapely.Polygon([(0, 0), (9, 0), (9, 9), (0, 9)], [[(2, 2), (2, 4), (5, 3)]])
-WHOLE = ("half-perimeter", "overdraw")
-ROUNDED = ("edge-length", "expected-quads", "shape")
+INTEGER_CRITERIA = ("half-perimeter", "overdraw")
+REAL_CRITERIA = ("edge-length", "expected-quads", "shape")
 
 
 @numba.njit
@@ -62,7 +62,8 @@ def scrambled(ax, ay, bx, by, cx, cy):
     return (abs(43758.5453 * np.sin(12.9898 * x + 78.233 * y)) % 1.0) ** 3
 
 
-HALVES = (  # found by chance: three of 1,880 rings for which half triangles would do better
+# Three of 1,880 random rings for which the linear program has a fractional optimum.
+FRACTIONAL_RINGS = (
     "POLYGON ((1 -100, -43 -90, -50 -87, -57 -82, -99 10, -99 14, -59 81, -45 89, -8 100, -7 100,"
     " 43 90, 100 -9, 79 -62, 58 -82, 48 -88, 1 -100), (-5 -30, -24 -18, -29 7, -18 24, 13 27,"
     " 28 -11, 26 -14, 14 -27, 5 -30, -5 -30))",
@@ -86,7 +87,7 @@ def solve(polygon, name="half-perimeter"):
     return best, certify(polygon, best, name)
 
 
-@pytest.mark.parametrize("name", [*WHOLE, *ROUNDED, in_debt])
+@pytest.mark.parametrize("name", [*INTEGER_CRITERIA, *REAL_CRITERIA, in_debt])
 def test_proven_optimum_is_minimum_over_all_triangulations(name):
     rng = np.random.default_rng(len(name) if isinstance(name, str) else 5)
     criterion = criteria.find(name)
@@ -103,12 +104,12 @@ def test_proven_optimum_is_minimum_over_all_triangulations(name):
         assert certificate.proven, polygon.wkt
         assert certificate.cost == pytest.approx(minimum, rel=1e-12), polygon.wkt
         assert certificate.lower_bound <= minimum + 1e-12 * abs(minimum)
-        if name in WHOLE:
+        if name in INTEGER_CRITERIA:
             assert certificate.gap == 0.0
         assert certificate.gap < 1e-8
 
 
-@pytest.mark.parametrize("wkt", HALVES)
+@pytest.mark.parametrize("wkt", FRACTIONAL_RINGS)
 def test_fractional_program_gives_bound_without_proof(wkt):
     polygon = shapely.from_wkt(wkt)
     _, certificate = solve(polygon, scrambled)
@@ -123,7 +124,7 @@ def test_dynamic_and_linear_programs_agree_without_holes():
     rng = np.random.default_rng(8)
     for number in range(40):
         polygon = random_simple(rng, int(rng.integers(5, 40)), 60)
-        name = (*WHOLE, *ROUNDED)[number % 5]
+        name = (*INTEGER_CRITERIA, *REAL_CRITERIA)[number % 5]
         outline = boundary(polygon)
         cost = make_cost(criteria.find(name), boundary_area(outline), outline.expected_triangles)
         proof = prove(outline, find_best_initial(outline, cost), cost)

@@ -16,13 +16,21 @@ from triangulators.polygon import boundary
 from triangulators.registry import BUILTIN, Entry, find
 from triangulators.verify import verify_boundary
 
-LISTING = {"exhaustive": 9, "listed": 9, "pareto": 14}
+MAX_LISTED_VERTICES = {"exhaustive": 9, "listed": 9, "pareto": 14}
 """Maximum number of vertices for triangulators that list all triangulations or a Pareto front."""
 
-NOT_ALWAYS = ("fan", "strip")
+SKIPPING = ("fan", "strip")
 """Triangulators that skip some polygons without holes."""
 
-AS_THEY_COME = ("ear-clipping", "delaunay", "sweep", "manifold", "listed", "earcut-refine", "flips")
+NONCONFORMING = (
+    "ear-clipping",
+    "delaunay",
+    "sweep",
+    "manifold",
+    "listed",
+    "earcut-refine",
+    "flips",
+)
 """Triangulators of libraries, whose unchanged results may have T-junctions."""
 
 CODES = [*range(33, 127), *range(0xA1, 0x180), *range(0x391, 0x3CA), *range(0x400, 0x460)]
@@ -30,25 +38,27 @@ LETTERS = "".join(letter for letter in map(chr, CODES) if letter.isprintable())
 
 
 @cache
-def usable(_registered: tuple[str, ...]) -> list[str]:
+def list_usable(_registered: tuple[str, ...]) -> list[str]:
     return [name for name in names(available_only=True) if find(name).builtin]
 
 
 def names_for(polygon) -> list[str]:
     """Return the triangulators to try, with two criteria for each that accepts a criterion."""
     count = len(vertices(polygon))
-    candidates = [n for n in usable(tuple(BUILTIN)) if count <= LISTING.get(n, count)]
-    steered = [f"{n}:{c}" for n in candidates for c in STEERED if find(n).criteria]
+    candidates = [
+        n for n in list_usable(tuple(BUILTIN)) if count <= MAX_LISTED_VERTICES.get(n, count)
+    ]
+    steered = [f"{n}:{c}" for n in candidates for c in CRITERIA if find(n).criteria]
     return [n for n in candidates if not find(n).criteria] + steered
 
 
-STEERED = ("overdraw", "half-perimeter")
+CRITERIA = ("overdraw", "half-perimeter")
 
 
 def check(polygon, label):
     """Run every triangulator on one polygon; return the number of triangulations."""
     if not polygon.is_valid or polygon.is_empty:
-        for name in usable(tuple(BUILTIN)):
+        for name in list_usable(tuple(BUILTIN)):
             with pytest.raises(InvalidPolygonError):
                 triangulate(polygon, name)
         return 0
@@ -61,19 +71,19 @@ def check(polygon, label):
             triangles = triangulate(polygon, name)
         except SkippedError:
             holed = polygon.interiors and not entry.handles_holes
-            assert name in NOT_ALWAYS or holed or len(points) > 1500, (label, name)
+            assert name in SKIPPING or holed or len(points) > 1500, (label, name)
             continue
         result = verify_boundary(outline, triangles)
         assert result.ok, (label, name, result.problems)
         assert abs(result.area_error) <= 1e-9 * polygon.area, (label, name)
         if not result.conforming:
-            assert name.partition(":")[0] in AS_THEY_COME, (label, name, result)
+            assert name.partition(":")[0] in NONCONFORMING, (label, name, result)
             assert result.t_junctions
             triangles = triangulate(polygon, name, repair=True)
             assert verify_boundary(outline, triangles).conforming, (label, name)
         results[name] = triangles
     if not polygon.interiors and len(points) <= 2000:
-        for criterion in STEERED:
+        for criterion in CRITERIA:
             cost = criteria.find(criterion)
             optimal_cost = cost.total(points, results[f"optimal:{criterion}"])
             for name, triangles in results.items():

@@ -19,11 +19,11 @@ from triangulators import UnknownNameError, criteria, flip, triangulate, triangu
 from triangulators.criteria import CRITERIA, predict
 from triangulators.verify import verify
 
-WAYS = ("l1", "euclidean", "delaunay", "overdraw", "beauty", "mixed")
+FLIP_TESTS = ("l1", "euclidean", "delaunay", "overdraw", "beauty", "mixed")
 
 
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
-@given(hard_polygons(), st.sampled_from(WAYS))
+@given(hard_polygons(), st.sampled_from(FLIP_TESTS))
 def test_flips_preserve_validity(polygon, by):
     points = vertices(polygon)
     start = triangulate(polygon, "ear-clipping", repair=True)
@@ -158,7 +158,7 @@ def test_clockwise_triangles_are_flipped():
     polygon = star(60, spread=0.4)
     points, start = vertices(polygon), triangulate(polygon, "ear-clipping")
     mirrored = points * (1.0, -1.0)
-    for by in WAYS[:3]:
+    for by in FLIP_TESTS[:3]:
         assert np.array_equal(flip(mirrored, start, by), flip(points, start, by))
         assert not np.array_equal(flip(points, start, by), start)
 
@@ -168,7 +168,7 @@ def test_extreme_and_nan_coordinates_terminate_and_stay_valid():
     points, start = vertices(polygon), triangulate(polygon, "ear-clipping")
     border = get_boundary(start)
     for factor in (1e-320, 1e-155, 1e-100, 1e70, 1e150, 1e308, np.nan):
-        for by in WAYS[:3]:
+        for by in FLIP_TESTS[:3]:
             with np.errstate(over="ignore", invalid="ignore"):
                 flipped = flip(points * factor, start, by)
             assert get_boundary(flipped) == border

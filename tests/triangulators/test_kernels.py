@@ -51,11 +51,11 @@ def sources(tmp_path, monkeypatch) -> Path:
     return package
 
 
-TOLD = """
+TRACED = """
 from numba.core import event
 from triangulators.outer import outer as kernel
 
-class Told(event.Listener):
+class Tracer(event.Listener):
     def on_start(self, event):
         print(event.data["dispatcher"].py_func.__name__, flush=True)
         time.sleep(1)
@@ -64,7 +64,7 @@ class Told(event.Listener):
         pass
 
 import time
-event.register("numba:compile", Told())
+event.register("numba:compile", Tracer())
 kernel(1)
 """
 
@@ -76,7 +76,7 @@ def test_two_processes_compile_kernel_once(sources, tmp_path):
         "PYTHONPATH": str(sources.parent),
     }
     start = partial(subprocess.Popen, env=environment, cwd=sources.parent, stdout=subprocess.PIPE)
-    both = [start([sys.executable, "-c", TOLD]) for _ in range(2)]
+    both = [start([sys.executable, "-c", TRACED]) for _ in range(2)]
     printed = [line for process in both for line in process.communicate()[0].decode().split()]
     assert [process.returncode for process in both] == [0, 0]
     assert sorted(printed) == ["inner", "outer"]
