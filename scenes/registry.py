@@ -108,7 +108,7 @@ ENTRIES = {
         Entry(
             "cad",
             "scenes.generated.cad:build",
-            "sheet metal parts: slots, bolt holes, gears, letters",
+            "generated sheet metal parts with slots, bolt holes, gears, letters",
             extra="plots",
             package="matplotlib",
             size=(89, 19973, 379),
@@ -123,7 +123,7 @@ ENTRIES = {
         Entry(
             "stress",
             "scenes.generated.stress:build",
-            "combs, spirals, needles, fractals, random",
+            "polygons hard to triangulate: combs, spirals, needles, fractals, random",
             size=(11, 2187, 65),
         ),
         Entry(

@@ -127,17 +127,17 @@ BUILTIN = {
     for entry in (
         _make_method_entry(
             "fan",
-            "a fan from a vertex that sees the whole polygon",
+            "all triangles at one vertex, which sees the whole polygon",
             "simple:triangulate_fan",
             holes=False,
         ),
         _make_method_entry(
             "strip",
-            "a zigzag of diagonals, if one is inside the polygon",
+            "a triangle strip: a zigzag of diagonals, if one is inside the polygon",
             "simple:triangulate_strip",
             holes=False,
         ),
-        _make_library_entry("ear-clipping", "mapbox_earcut"),
+        _make_library_entry("ear-clipping", "ear clipping by mapbox_earcut"),
         _make_library_entry(
             "delaunay", "constrained Delaunay triangulation (GEOS, through shapely)"
         ),
@@ -149,37 +149,41 @@ BUILTIN = {
         ),
         _make_library_entry(
             "manifold",
-            "manifold3d's ear clipping",
+            "ear clipping by manifold3d",
             needs="manifold3d",
             install="pip install manifold3d",
         ),
         _make_method_entry(
             "max-area",
-            "largest triangle first (Persson 2009)",
+            "the largest triangle, then the largest in each remaining polygon (Persson 2009)",
             "simple:triangulate_largest_first",
             holes=False,
         ),
-        _make_method_entry("greedy", "shortest diagonals first", "simple:triangulate_greedy"),
+        _make_method_entry(
+            "greedy",
+            "the shortest diagonal, then always the shortest that crosses none",
+            "simple:triangulate_greedy",
+        ),
         _make_method_entry(
             "random",
-            "uniform over all triangulations, by counting; seed=",
+            "a random triangulation, all being equally likely; parameter seed",
             "counting:draw_triangulation",
             holes=False,
         ),
         _make_method_entry(
             "pareto",
-            "point k of the Pareto front of A and D, by ascending A; k=",
+            "point k of the Pareto front of overdraw and shape, by ascending overdraw; parameter k",
             holes=False,
         ),
         _make_method_entry(
             "listed",
-            "triangulation k of the paper's list, by ascending A; k=",
+            "triangulation k of the paper's list, by ascending overdraw; parameter k",
             "exhaustive:triangulate_listed",
             holes=False,
         ),
         _make_method_entry(
             "exhaustive",
-            "the best of all triangulations, by listing them (the paper's method)",
+            "the minimum of a criterion, by listing all triangulations (the paper's method)",
             holes=False,
             criteria=True,
         ),
@@ -191,7 +195,7 @@ BUILTIN = {
         ),
         _make_method_entry(
             "flips",
-            "ear clipping, then flips: by l1, euclidean, delaunay or a criterion; l1 by default",
+            "ear clipping, then flips by l1 (the default), euclidean, delaunay or a criterion",
             criteria=True,
             default_criterion="l1",
             tests=FLIP_TESTS,
@@ -199,8 +203,8 @@ BUILTIN = {
         ),
         _make_method_entry(
             "refined",
-            "ear clipping, improved by flips for half-perimeter (default) and edge-length, and in"
-            " windows for other criteria",
+            "ear clipping, improved by flips for half-perimeter (the default) and edge-length, by"
+            " exactly optimised windows for other criteria",
             "flips:triangulate_refined",
             criteria=True,
             default_criterion="half-perimeter",

@@ -244,7 +244,7 @@ def calibrated(coefficients: Mapping[str, float]) -> Criterion:
             f"criterion calibrated: unknown coefficients {unknown}; "
             f"choose from {', '.join(CALIBRATED_FEATURES)}"
         )
-    description = "T, S, H, w*h, D, Q, P and R at the rates fitted on a device"
+    description = "time of drawing a triangle, by features at the rates fitted on a device"
     linear = make_weighted_criterion(
         "calibrated", description, "calibrated time", "", "s", **coefficients
     )
