@@ -211,7 +211,8 @@ def read_glyph(font_face: FT2Font, character: str, steps: int) -> tuple[Cleaned,
 
     glyph = font_face.load_char(ord(character), flags=LoadFlags.NO_SCALE)
     vertices, codes = font_face.get_path()
-    # matplotlib divides FreeType's coordinates by 64; unscaled outlines are in font units.
+    # FreeType returns unscaled outlines in font units, but matplotlib divides all coordinates by
+    # 64.
     contours = _flatten_contours(np.asarray(vertices) * 64.0, np.asarray(codes), steps)
     return clean(fill_contours(contours), [f"glyph {character!r}"]), float(glyph.horiAdvance)
 

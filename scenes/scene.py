@@ -24,7 +24,7 @@ class SceneError(Exception):
     """A scene that cannot be loaded; the message is one line: object, problem, remedy."""
 
     def __str__(self) -> str:
-        # A file's name may contain line ends and control codes.
+        # Escaped, because a file's name may contain line ends and control codes.
         text = super().__str__()
         return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 

@@ -162,7 +162,7 @@ def find_ring_orientation(coordinates: np.ndarray) -> int:
             return UNSURE
         span = max(span, abs(ax - x), abs(ay - y))
         area += (ax - x) * (by - y) - (ay - y) * (bx - x)
-        # The next edge must not run back along edge a.
+        # Unsure if the next edge runs back along edge a.
         c = a + 2 if a + 2 <= n else 1
         cx, cy = coordinates[c, 0], coordinates[c, 1]
         ahead = (bx - ax) * (cx - bx) + (by - ay) * (cy - by)

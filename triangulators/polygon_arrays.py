@@ -97,7 +97,7 @@ class PolygonArray(Sequence[shapely.Polygon]):
         if len(self) == 0:
             return np.empty(0, dtype=object)
         first, last = self.ring_offsets[:-1], self.ring_offsets[1:]
-        # shapely repeats each ring's first vertex at the end
+        # shapely needs each ring's first vertex repeated at the end.
         closed = np.insert(self.coords, last, self.coords[first], axis=0)
         offsets = self.ring_offsets + np.arange(len(self.ring_offsets))
         kind = shapely.GeometryType.POLYGON
@@ -183,7 +183,7 @@ def ranges(starts: NDArray[np.int64], lengths: NDArray[np.int64]) -> NDArray[np.
 def polygon_of_rings(points: NDArray[Any], ring_offsets: NDArray[np.int64]) -> shapely.Polygon:
     """Return the polygon of vertices (n, 2) whose rings begin at `ring_offsets` (h + 2,)."""
     rings = np.split(points, ring_offsets[1:-1])
-    # Closed here: shapely would take a repetition of the first vertex for the closing vertex.
+    # Close rings here: shapely would not close a ring whose last vertex equals the first.
     closed = [np.concatenate((ring, ring[:1])) for ring in rings]
     return shapely.Polygon(closed[0], closed[1:])
 

@@ -62,7 +62,7 @@ def is_geographic(crs: str | None) -> bool:
     datum = find_system(crs)
     if datum is None or not datum.is_geographic:
         return False
-    # Some systems, most of them French, use grads, 400 per revolution.
+    # Geographic systems in grads, 400 per revolution, most of them French, are not in degrees.
     return bool(abs(datum.axis_info[0].unit_conversion_factor - np.radians(1.0)) < 1e-9)
 
 
@@ -156,13 +156,13 @@ class Projection:
         [[0.0, 0.0], [0.0, 11141.3]]
         """
         if self.centre is not None:
-            # -180 and 180 are the same meridian, and all longitudes of a pole the same point:
-            # equal numbers for these close the seam of a ring around a pole.
+            # -180 and 180 are the same meridian, and all longitudes at a pole the same point.
+            # Equal numbers give equal points, so that a ring around a pole is closed.
             lon, lat = coordinates.T
             lon = np.where(lon == -180.0, 180.0, lon)
             lon = np.where(np.abs(lat) == 90.0, 0.0, lon)
             return np.column_stack(self._to_metres.transform(lon, lat))
-        # Longitudes beyond 180 continue; PROJ would wrap them.
+        # Longitudes beyond 180 are right of the map: PROJ would wrap them to -180..180.
         revolutions = np.round(coordinates[:, 0] / 360.0)
         lon = coordinates[:, 0] - revolutions * 360.0
         x, y = self._to_metres.transform(lon, coordinates[:, 1])
@@ -188,7 +188,7 @@ class Projection:
             steps = np.array(
                 [_compute_cross(residual, up), _compute_cross(along, residual)]
             ) / _compute_cross(along, up)
-            # At a pole the longitude is undefined.
+            # At a pole the longitude is undefined, so that the step is too large: it is not made.
             steps[:, ~(np.abs(steps).max(axis=0) < 1e-4)] = 0.0
         return np.column_stack([lon + steps[0], lat + steps[1]])
 

@@ -77,7 +77,7 @@ def clean(
         dropped.append((names[source[i]], reason))
     simple = _remove_empty_holes(shapely.remove_repeated_points(parts[usable_area]))
     polygons, source = shapely.orient_polygons(simple), source[usable_area]
-    # Areas of coordinates beyond 2^53 units are rounding errors that depend on the first vertex.
+    # If coordinates exceed 2^53 units, an area is a rounding error, and may be negative.
     positive = shapely.area(polygons) > 0
     dropped += [(names[source[i]], "area is lost in rounding") for i in np.flatnonzero(~positive)]
     return Cleaned(polygons[positive], source[positive], dropped, repaired)

@@ -60,7 +60,7 @@ def build(*, seed: int = 0, buildings: int = 500) -> Scene:
         districts = _build_districts(rng, radius)
         polygons = np.concatenate([_build_district(rng, d, radius) for d in districts])
         radius *= 1.2
-    # From the centre outwards, with a ragged edge of the city.
+    # Select buildings from the centre outwards; random distances make the city's edge ragged.
     distance = np.hypot(*shapely.get_coordinates(shapely.centroid(polygons)).T)
     ragged = distance + rng.normal(0.0, 12.0, len(polygons))
     innermost = np.argsort(ragged, kind="stable")
@@ -169,7 +169,7 @@ def _cut_blocks(rng: Generator, district: shapely.Polygon, central: bool) -> lis
             shapely.box(columns[:-1] + street, bottom + street, columns[1:] - street, top - street)
         )
     pieces = shapely.get_parts(shapely.intersection(district, np.concatenate(boxes)))
-    # Some blocks are parks or squares.
+    # 5 % of the blocks are parks or squares, without buildings.
     open_space = rng.random(len(pieces)) < 0.05
     polygonal = shapely.get_type_id(pieces) == shapely.GeometryType.POLYGON
     return list(pieces[polygonal & ~open_space & (shapely.area(pieces) > 250.0)])
@@ -198,7 +198,7 @@ def _cut_lots(rng: Generator, block: shapely.Polygon, central: bool) -> _Lots:
         facing.append(np.full(n, k == 0))
     boxes = np.concatenate(lots)
     pieces = shapely.intersection(block, shapely.box(*boxes.T))
-    # A lot cut by a slanting street may be too small.
+    # A lot that a slanting street cuts may be too small for a building, and is omitted.
     is_large_enough = (shapely.get_type_id(pieces) == shapely.GeometryType.POLYGON) & (
         shapely.area(pieces) > 60.0
     )

@@ -31,7 +31,7 @@ def build_footprint(
         rings = [_build_wings(width, depth, vertices, u)]
     extra = vertices - sum(map(len, rings))
     if len(rings) > 1:
-        # Walls towards the street are plainer than the walls of the yard.
+        # The exterior gets fewer details than the walls of the courtyards.
         inner = int(extra * (0.2 + 0.4 * u[5]))
         rings = [_add_details(rings[0], extra - inner, u)] + [
             _add_details(ring, inner // courtyards, u) for ring in rings[1:]
@@ -153,7 +153,7 @@ def _build_corner(before: _Wall, after: _Wall, cut: float, vertices: int) -> Rin
         return [(after.x, after.y)]
     if vertices == 1:
         return [start, end]
-    # The fourth corner of the parallelogram of start, old corner and end.
+    # The step's inner vertex: the fourth corner of the parallelogram of start, old corner and end.
     x, y = start[0] + end[0] - after.x, start[1] + end[1] - after.y
     return [start, (x, y), end]
 

@@ -211,7 +211,7 @@ FAMILIES: dict[str, Callable[[Generator, int], Shape]] = {
     "random-maze": build_random_maze,
 }
 
-# clockwise, in the paper's order
+# Vertices of the paper's polygon, clockwise, in the paper's order.
 _PAPER = ((3, 7), (0, 8), (1, 11), (7, 11), (7, 6), (6, 3), (3, 0), (1, 3), (3, 2))
 
 

@@ -82,7 +82,7 @@ class FailureLog:
                 self.count += 1
                 self.first = self.first or (text or b"").decode("utf-8", "replace")
 
-        # An attribute, because GDAL stores a bare pointer to the handler.
+        # Stored in an attribute: GDAL has only a pointer, and Python would delete the handler.
         self._handler = _HANDLER(handle)
 
     @contextmanager

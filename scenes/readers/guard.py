@@ -198,7 +198,7 @@ def check_quotes(path: Path) -> None:
 
     GDAL would continue to the next quote, and skip the rows between without an error.
     """
-    # latin-1 accepts all bytes: text in another encoding is not an error of quotes.
+    # Read as latin-1, which accepts all bytes, because only quotes are checked.
     with path.open(encoding="latin-1", newline="") as stream:
         head = stream.readline(MAX_LINE_CHARACTERS)
         stream.seek(0)

@@ -120,7 +120,7 @@ def _flatten(rings: list[NDArray[np.float64]]) -> tuple[shapely.Polygon | None, 
         centre = rings[0].mean(axis=0)
         local = rings[0] - centre
         following = np.roll(local, -1, axis=0)
-        # Newell's normal is correct for concave and for slightly bent faces.
+        # Newell's method: the normal is correct for concave and for slightly bent faces.
         normal = np.cross(local, following).sum(axis=0)
         length = np.linalg.norm(normal)
     if not np.isfinite(length) or length == 0.0:

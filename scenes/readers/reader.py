@@ -139,7 +139,7 @@ def choose_reader(path: Path) -> Reader:
     city = {".json": _CITY, ".jsonl": _SEQUENCE}
     if suffix in city and path.is_file():
         with path.open("rb") as stream:
-            # CityJSON requires its type, and writers put it first.
+            # CityJSON must state its type, which writers put at the beginning of the file.
             if b'"CityJSON"' in stream.read(4096):
                 return city[suffix]
     if suffix == ".mbtiles" and path.is_file():

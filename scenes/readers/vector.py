@@ -78,7 +78,7 @@ def read(source: Source, size: int) -> Iterator[Raw]:
         # GDAL's warnings on single features are replaced by notes.
         warnings.simplefilter("ignore")
         layer, notes = choose_layer(source)
-        # OSM files have no index and are read at once.
+        # OSM files have no index, so that skipping is slow: they are read at once.
         is_osm = source.path.suffix.lower() in (".pbf", ".osm")
         if find_spec("pyarrow") is not None and not is_osm:
             raws = _read_arrow(source, layer, size)
@@ -354,7 +354,7 @@ def choose_layer(source: Source) -> tuple[str, tuple[str, ...]]:
     alternatives = [name for name in names if name != layer]
     notes = [f"layer {layer} (others: {', '.join(alternatives)})"] if alternatives else []
     if source.path.is_dir() and source.path.suffix.lower() != ".gdb":
-        # GDAL reads the Shapefiles of a folder.
+        # Of a folder, GDAL reads Shapefiles only.
         unread = sorted(file.name for file in source.path.iterdir() if file.stem not in names)
         if unread:
             note = f"{len(unread)} of the folder's files not read, first {unread[0]}: give a file"

@@ -378,7 +378,7 @@ class PMTiles(Archive):
 
     def _read_directory(self, start: int, count: int) -> list[Any]:
         """Return the entries of the directory at an offset of the file."""
-        # The package reads only directories compressed by gzip.
+        # Compressed again, because the package reads only directories compressed by gzip.
         packed = gzip.compress(self._read_inner(start, count), 0)
         return list(self._format.deserialize_directory(packed))
 

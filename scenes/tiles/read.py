@@ -82,7 +82,7 @@ def select_drawable(layer: Layer, pixels: int) -> DrawableLayer:
     up = shapely.transform(layer.polygons, flip)
     labels = [f"feature {k}" for k in layer.feature.tolist()]
     cleaned = clean(up, [f"{label} #{k}" for k, label in enumerate(labels)], flip)
-    # A repair may add a vertex between integers.
+    # A repair may add a vertex that is not an integer; such polygons are dropped below.
     points, owner = shapely.get_coordinates(cleaned.polygons, return_index=True)
     off_grid = set(cleaned.source[owner[(points != np.rint(points)).any(axis=1)]].tolist())
     bounds = shapely.bounds(cleaned.polygons).reshape(-1, 4)

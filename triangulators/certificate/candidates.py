@@ -116,8 +116,9 @@ def _list_triangles(
                 if r < 0:
                     continue
                 triples += 1
-                # Counter-clockwise a-b-c runs along p and q and against r; clockwise the reverse.
-                # A boundary edge has the interior on the left.
+                # The counter-clockwise triangle a-b-c runs along the edges p and q and against r, a
+                # clockwise one the other way. A triangle that runs against a boundary edge is
+                # outside the polygon.
                 sign = 1 if orientation(points, a, b, c) > 0.0 else -1
                 if side[p] == -sign or side[q] == -sign or side[r] == sign:
                     continue

@@ -110,7 +110,7 @@ class Program:
             self.signs[constraints].ravel(),
         )
         model.run()
-        # HiGHS reports the status "unknown" for an optimal solution that is not basic.
+        # For an optimal solution that is not basic HiGHS reports the status "unknown".
         solved = (highspy.HighsModelStatus.kOptimal, highspy.HighsModelStatus.kUnknown)
         potentials, share = np.zeros(edges), np.zeros(len(self.candidates.triangles))
         if model.getModelStatus() in solved:

@@ -134,7 +134,7 @@ def _exclude_queued(
     # The left triangles of edge e are in `items` from start[2 e] on, the right triangles from
     # start[2 e + 1] on, up to start[2 e + 2] - 1.
     at_left, at_right = start[0:-1:2].copy(), start[1::2].copy()
-    # Diagonals in the queue or on the stack, each at most once.
+    # Flags of the diagonals in the queue or on the stack, so that each is there at most once.
     waiting = side == 0
     stack = np.empty(len(edges), dtype=np.int32)
     head, height, count = 0, 0, 0
@@ -154,7 +154,7 @@ def _exclude_queued(
         is_blocked = False
         while left_index < right_start and not is_blocked:
             t = items[left_index]
-            # The vertex that is neither a nor b.
+            # The third vertex: the sum of all three without a and b.
             c = triangles[t, 0] + triangles[t, 1] + triangles[t, 2] - a - b
             while alive[t] and right_index < end:
                 u = items[right_index]
@@ -257,7 +257,7 @@ def _set_excluded_potentials(
                 high = min(high, room)
             elif is_complete:
                 low = max(low, -room)
-        # The number nearest to zero in low..high, or the midpoint if that is empty.
+        # The number nearest to zero in low..high, or the midpoint if that range is empty.
         potentials[e] = min(max(0, low), high) if low <= high else (low + high) // 2
         if abs(potentials[e]) >= _MAX_POTENTIAL:
             return False

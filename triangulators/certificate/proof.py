@@ -143,7 +143,8 @@ class _Search:
         selection = np.flatnonzero(share > 0.5)
         is_forward = c.triangles[selection] < np.roll(c.triangles[selection], -1, axis=1)
         signs = np.where(is_forward, 1, -1).ravel()
-        # Each boundary edge is used once, each diagonal as often from the left as from the right.
+        # In a triangulation each boundary edge is a side of one triangle, and each diagonal of as
+        # many triangles on the left as on the right.
         if np.array_equal(np.bincount(c.sides[selection].ravel(), signs, len(c.edges)), c.side):
             self.update_incumbent(selection)
         return self._round_potentials(alive, potentials)

@@ -47,7 +47,7 @@ def solve_skeleton(
     if (first < 0).any() or (last < 0).any():
         return None
     n, inner = len(ring), np.flatnonzero(inner)
-    # Sides of the ring are pairs as well; their potentials are 0, except that of the closing side.
+    # The sides of the ring are pairs as well, with potential 0, except the side from last to first.
     low = np.concatenate((np.minimum(first, last), np.arange(n - 1), [0]))
     high = np.concatenate((np.maximum(first, last), np.arange(1, n), [n - 1]))
     order = np.lexsort((high, low))

@@ -120,8 +120,9 @@ def _find_violation(
     ends, directions = edges.ends, edges.directions
     for e in range(number, len(ends), slices):
         a, b = ends[e, 0], ends[e, 1]
-        # Edges ascend: those of a after e lead to c > b, as do those of b from starts[b] on. A
-        # common end is the third vertex, so each triangle is visited once, as a < b < c.
+        # Edges are in ascending order: the edges of a after e, and those of b from starts[b] on,
+        # lead to vertices c > b. If both lists contain c, a-b-c is a triangle; each triangle is
+        # visited once, as a < b < c.
         p, q = e + 1, starts[b]
         while p < starts[a + 1] and q < starts[b + 1]:
             if ends[p, 1] < ends[q, 1]:

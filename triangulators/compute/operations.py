@@ -45,7 +45,8 @@ def group_by_key(keys: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     for k in range(count):
         start[k + 2] += start[k + 1]
     positions = np.empty(len(keys), dtype=np.int32)
-    # start[k + 1] is the next free position for key k, and finally the start of k + 1.
+    # In the loop start[k + 1] is the next free position for key k, and in the end the start of
+    # key k + 1.
     for index in range(len(keys)):
         positions[start[keys[index] + 1]] = index
         start[keys[index] + 1] += 1

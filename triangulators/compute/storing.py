@@ -32,7 +32,7 @@ from triangulators.compute.compiled_files import (
 
 def make_dispatcher(source: Callable[..., Any], options: dict[str, Any]) -> Any:
     """Return Numba's dispatcher of a function, which stores compiled code in `compiled_files`."""
-    # The C wrapper, a third entry point, serves functions passed as arguments, which kernels avoid.
+    # Numba's C wrapper of a function is needed only to pass the function as an argument.
     compiled: Any = numba.njit(**{"no_cfunc_wrapper": True, **options})(source)
     compiled._cache = _Cache(source)
     compile_one = compiled.compile
@@ -113,7 +113,7 @@ class _Cache(FunctionCache):
         file = Path(source.__code__.co_filename).resolve()
         folder = cache_folder() / f"{find_module_name(file)}-{compute_digest(file)}"
         self._impl = self._impl_class.__new__(self._impl_class)
-        # Numba's warnings name the file; `save` makes the folder.
+        # Numba needs a locator for the file's name in warnings; `save` makes the folder.
         self._impl._locator = SimpleNamespace(_py_file=str(file), ensure_cache_path=lambda: None)
         self._impl._lineno = source.__code__.co_firstlineno
         self._cache_path = str(folder)

@@ -266,5 +266,5 @@ def read_weights(text: str) -> dict[str, float]:
 
 def write_weights(values: tuple[float, ...]) -> str:
     """Format weights for `read_weights`, in the shortest form: 1, not 1.0."""
-    # Adding zero turns -0.0 into 0.0.
+    # Adding zero turns -0.0 into 0.0, so that both have the same text.
     return WEIGHTS_SEPARATOR.join(repr(float(value) + 0.0).removesuffix(".0") for value in values)

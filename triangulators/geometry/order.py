@@ -67,7 +67,7 @@ def walk_along(triangles: np.ndarray, twin: np.ndarray, count: int) -> np.ndarra
     met = np.zeros(count, dtype=np.bool_)
     for row in range(len(ordered)):
         a, b, c = triangles[rows[row], 0], triangles[rows[row], 1], triangles[rows[row], 2]
-        # Rotated, not mirrored, to preserve the orientation.
+        # Rotate the new vertex to the end; a rotation preserves the orientation.
         if met[c] and met[b] and not met[a]:
             a, b, c = b, c, a
         elif met[c] and not met[b]:

@@ -85,7 +85,7 @@ def _orient_by_expansion(ax: float, ay: float, bx: float, by: float, cx: float, 
         rounded, error = _multiply_exactly(first, second)
         length = _add_to_expansion(expansion, length, error)
         length = _add_to_expansion(expansion, length, rounded)
-    # Components do not overlap: the last has the sign, and at least half of the value.
+    # The terms do not overlap, so the last term has the sign, and at least half of the value.
     total = 0.0
     for index in range(length):
         total += expansion[index]

@@ -61,7 +61,8 @@ def find_visible_pairs(
         if count > max_pairs:
             start[n] = count
             return start, target
-        # The triangles at v, counter-clockwise: h is the half-edge from v of the next triangle.
+        # Visit the triangles at v counter-clockwise; h is the half-edge from v of the next
+        # triangle.
         h = side[v]
         while h >= 0:
             row, e = h // 3, h % 3
@@ -78,7 +79,7 @@ def find_visible_pairs(
                 target[count] = left
                 count += 1
     start[n] = count
-    # A copy, because a view would keep the spare capacity allocated.
+    # Return a copy, because a view would keep all of the oversized array in memory.
     return start, target[:count].copy()
 
 

@@ -214,7 +214,7 @@ def _walk_tree(
         elif j - i < n - 1:
             length = abs(bx) + abs(by)
             total += length if longest < 0 else longest - length
-        # The CPU's order: the new vertex last and the smaller side first.
+        # In the order of the CPU: the new vertex is last, and the smaller side is visited first.
         triangles[size, 0], triangles[size, 1], triangles[size, 2] = j, i, k
         size += 1
         later, sooner = below[k, 0], below[k, 1]

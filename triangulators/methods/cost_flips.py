@@ -64,8 +64,8 @@ def flip_by_cost(
             continue
         if cost.weights[_QUADS] == 0.0:
             continue
-        # For each side: its half-edges before and after flipping e, its triangle's third vertex
-        # after the flip, and the cost of the other new triangle.
+        # For each side of the quadrilateral: the side's half-edge before and after the flip of e,
+        # the third vertex of the new triangle at the side, and the cost of the other new triangle.
         max_gain, side, left, right = 0.0, e, 0.0, 0.0
         for before, after, third, other in (
             (f2, e, a, below),

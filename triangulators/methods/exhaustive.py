@@ -213,7 +213,8 @@ class Recursion:
         """Return a cycle without the vertex at index `at`, and without vertices to drop."""
         remaining = [*cycle[at + 1 :], *cycle[:at]]
         if self._drop_straight:
-            # Only neighbours of the cut can have become collinear: the ends of `remaining`.
+            # Only the neighbours of the cut vertex, the ends of `remaining`, may have become
+            # collinear.
             while len(remaining) > 3 and self._orientation(remaining[-1], *remaining[:2]) == 0.0:
                 remaining.pop(0)
             while len(remaining) > 3 and self._orientation(*remaining[-2:], remaining[0]) == 0.0:

@@ -196,7 +196,7 @@ def _solve_few_holes(outline: Boundary, cost: Cost) -> np.ndarray | None:
 
     None if the polygon or the cost is unsupported, or if `bridges` finds no optimum.
     """
-    # Imported only for polygons with holes.
+    # Imported here, because only polygons with holes need these modules.
     from triangulators.certificate.bridges import solve_by_bridges
     from triangulators.certificate.candidates import find_candidates, weigh_candidates
 

@@ -132,7 +132,7 @@ def _triangulate_cycle_greedily(outline: Boundary) -> np.ndarray:
     selected = np.concatenate((pairs[_select_in_cycle(n, pairs)], np.sort(sides, axis=1)))
     selected = selected[np.lexsort((selected[:, 1], selected[:, 0]))]
     selected = selected[np.r_[True, np.any(selected[1:] != selected[:-1], axis=1)]]
-    # Consecutive neighbours j, j' > i of vertex i form a triangle with i.
+    # Two consecutive neighbours above i of vertex i form a triangle with i.
     same = np.flatnonzero(selected[1:, 0] == selected[:-1, 0])
     return np.asarray(ring.cycle[np.column_stack((selected[same], selected[same + 1, 1]))])
 

@@ -49,7 +49,7 @@ from triangulators.polygon_arrays import Batch
 SMALL = 192  # vertices up to which batches and polygons with holes use this dynamic program
 SPAN = 1 << 15  # width and height below which orientations fit int32: differences of two products
 _NO_INT: Any = np.int32(1 << 29)  # int32 cost without a triangulation; the sum of three fits int32
-# Rows in the workspace of a ring, before those of its cost table.
+# Indices of rows in the int32 workspace of a ring; the cost table begins at row _TABLE.
 _X, _Y, _FROM_X, _FROM_Y, _WEIGHT, _ROW, _TABLE = range(7)
 _NONE = 1e300  # float64 cost of a sub-polygon without a triangulation
 _FAR = 1e30  # x and y of the vertices that pad float64 rows, far from all vertices of a ring
