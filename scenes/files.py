@@ -135,7 +135,7 @@ def read_chunks(
     """
     source = Source(check_path(path), layer, where, rows, attributes)
     raws = _read_raws(source, size)
-    if rows is None:  # a file may have no features
+    if rows is None:  # a file without features gives one empty chunk
         raws = chain([next(raws, Raw([], []))], raws)
     units, crs, projection = "units", None, None
     is_decided, reported = False, set[str]()
@@ -198,7 +198,7 @@ def _concatenate(tables: list[Any]) -> pd.DataFrame | None:
     non_empty = [table for table in tables if table is not None and table.shape[1]]
     if not non_empty:
         return None
-    import pandas as pd  # takes longer to import than most scenes to load
+    import pandas as pd  # importing pandas takes longer than loading most scenes
 
     table: pd.DataFrame = pd.concat(non_empty, ignore_index=True)
     return table

@@ -77,7 +77,8 @@ def _find_packaged(package: str, file: Path, scene: str, since: str = "") -> Pat
 _DATABASE = Path("_data", "geographic_boundaries.db")
 _TABLES = {"county": "us_counties", "state": "us_states"}
 _CENTRE = (-96.0, 38.0)  # longitude and latitude of the projection's centre, in degrees
-_OUTSIDE = ("AK", "HI", "AS", "GU", "MP", "PR", "VI")  # states that are not contiguous
+# States and territories outside the contiguous U.S.
+_OUTSIDE = ("AK", "HI", "AS", "GU", "MP", "PR", "VI")
 
 
 def counties(*, seed: int = 0, level: str = "county", states: str = "contiguous") -> Scene:  # noqa: ARG001

@@ -179,7 +179,7 @@ def convert_arguments(
     """
     try:
         declared = inspect.signature(function, eval_str=True).parameters
-    except NameError:  # an annotation for type checkers only: values remain text
+    except NameError:  # a type is imported for type checkers only: no conversion
         declared = inspect.signature(function).parameters
     if any(p.kind is p.VAR_KEYWORD for p in declared.values()):
         return dict(parameters)

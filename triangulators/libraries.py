@@ -37,7 +37,8 @@ def delaunay(outline: Boundary) -> np.ndarray:
         raise TriangulationError(f"delaunay: {error}") from error
     corners = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
     count = len(outline.points)
-    indices = find_sites(np.concatenate((outline.points, corners)) + 0.0)[count:]  # -0.0 to 0.0
+    # + 0.0 turns -0.0 into 0.0.
+    indices = find_sites(np.concatenate((outline.points, corners)) + 0.0)[count:]
     if (indices >= count).any():
         raise TriangulationError("delaunay: GEOS returned a point that is not a vertex")
     return indices.reshape(-1, 3)
@@ -87,7 +88,8 @@ def sweep(outline: Boundary) -> np.ndarray:
         GLU.GLU_TESS_VERTEX: indices.append,
         GLU.GLU_TESS_COMBINE: combine,
         GLU.GLU_TESS_ERROR: errors.append,
-        GLU.GLU_TESS_EDGE_FLAG: lambda _flag: None,  # makes GLU emit plain triangles
+        # With this callback GLU emits separate triangles, no strips or fans.
+        GLU.GLU_TESS_EDGE_FLAG: lambda _flag: None,
         GLU.GLU_TESS_BEGIN: lambda _mode: None,
         GLU.GLU_TESS_END: lambda: None,
     }

@@ -241,7 +241,8 @@ def _clip_ears(batch: Batch, valid: np.ndarray, threads: int, *how: Any) -> None
     """
     vertex_offsets, geom_offsets = batch.vertex_offsets.tolist(), batch.geom_offsets.tolist()
     first_vertices = np.repeat(batch.vertex_offsets[:-1], np.diff(batch.geom_offsets))
-    ring_ends = (batch.ring_offsets[1:] - first_vertices).astype(np.uint32)  # as earcut takes them
+    # Relative to the polygon, as earcut expects.
+    ring_ends = (batch.ring_offsets[1:] - first_vertices).astype(np.uint32)
     sizes, rings = np.diff(batch.vertex_offsets), np.diff(batch.geom_offsets)
     selected = valid & (sizes >= 3)
     to_clip = selected & (rings == 1) & (sizes <= MAX_VERTICES)

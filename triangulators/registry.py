@@ -70,7 +70,7 @@ class Entry:
         order: "walk", "native", or None for the entry's default. Raises `UnknownNameError` for any
         other order.
         """
-        from triangulators.geometry.order import is_walk  # compiled code
+        from triangulators.geometry.order import is_walk  # imported late: compiled code
 
         return is_walk(self.order if order is None else order)
 

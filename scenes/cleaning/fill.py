@@ -60,7 +60,7 @@ def _fill_nested(rings: NDArray[Any], rule: Rule) -> Any | None:
     outer, inner = outer[nested], inner[nested]
     keys = np.concatenate([outer * count + inner, inner * count + outer])
     if len(np.unique(keys)) < len(keys):
-        return None  # equal rings contain each other
+        return None  # of two equal rings each contains the other
     first, second = tree.query(rings)
     separate = (first < second) & ~np.isin(first * count + second, keys)
     if _has_overlap(rings[first[separate]], rings[second[separate]]):
@@ -189,14 +189,14 @@ def _check_crossings(rings: NDArray[Any]) -> None:
     """
     points, ring = shapely.get_coordinates(rings, return_index=True)
     if len(points) ** 2 / 2 <= MAX_CROSSINGS:
-        return  # fewer pairs of edges than permitted crossings
+        return  # too few pairs of edges for that many crossings
     same = ring[1:] == ring[:-1]
     edges = shapely.linestrings(np.stack([points[:-1][same], points[1:][same]], axis=1))
     sample = edges[:: max(len(edges) // _SAMPLE, 1)]
     tree, pairs = shapely.STRtree(edges), 0
     limit = 2 * MAX_CROSSINGS * len(sample) / len(edges)
-    for edge in sample:  # one by one, to stop early: each may meet all others
+    for edge in sample:  # one by one, to stop early: an edge may meet all edges
         meeting, touching = (len(tree.query(edge, predicate=p)) for p in ("intersects", "touches"))
-        pairs += meeting - touching - 1  # without the edge itself
+        pairs += meeting - touching - 1  # the edge meets itself
         if pairs > limit:
             raise shapely.GEOSException(f"it crosses itself more than {MAX_CROSSINGS} times")

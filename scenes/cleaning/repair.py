@@ -101,7 +101,7 @@ def _split_parts(
 
     Appends notes on parts that are not polygons.
     """
-    if (shapely.get_type_id(inputs[usable]) == _POLYGON).all():  # the usual case: nothing to split
+    if (shapely.get_type_id(inputs[usable]) == _POLYGON).all():  # usually there is nothing to split
         return inputs[usable], usable
     parts, at = shapely.get_parts(inputs[usable], return_index=True)
     # Collections may hold multi-polygons and collections: split until only simple types remain.

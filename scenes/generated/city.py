@@ -19,9 +19,7 @@ from scenes.scene import Scene, SceneError
 
 MAX_BUILDINGS = 100_000
 _AREA_A_BUILDING = 900.0  # square metres of city per building, streets included
-_MILLIMETRE = (
-    3  # decimals to which metres are rounded, so that all platforms give equal coordinates
-)
+_MILLIMETRE = 3  # decimals of coordinates in metres, so that all platforms give equal numbers
 
 # Shares of buildings, and for each share the number of vertices that these buildings do not exceed:
 # quantiles of the OpenStreetMap footprints of European cities.
@@ -80,7 +78,8 @@ def _build_districts(rng: Generator, radius: float) -> NDArray[Any]:
     radius : of the city, in metres
     """
     count = max(7, int(np.pi * radius**2 / 55_000))
-    angle = np.arange(count) * 2.399963 + rng.normal(0.0, 0.35, count)  # golden angle: even cover
+    # Golden angle: points spread evenly.
+    angle = np.arange(count) * 2.399963 + rng.normal(0.0, 0.35, count)
     reach = radius * ((np.arange(count) + 0.5) / count) ** 0.62
     seeds = np.column_stack([reach * np.cos(angle), reach * np.sin(angle)])
     disc = shapely.buffer(shapely.Point(0, 0), radius, quad_segs=32)

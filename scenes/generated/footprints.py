@@ -115,7 +115,7 @@ def _add_details(ring: Ring, extra: int, u: Sequence[float]) -> Ring:
     corners += 4 * max(0, bays)
     result: Ring = []
     first = int(u[5] * len(ring))
-    corner_vertices = [0] * len(ring)  # 2 for a step, 1 for a bevel
+    corner_vertices = [0] * len(ring)  # vertices to add: 2 for a step, 1 for a bevel
     for k in range(min(len(ring), (corners + 1) // 2)):
         corner_vertices[(first + k) % len(ring)] = min(2, corners - 2 * k)
     inset = 0.5 + 0.7 * u[4]

@@ -119,7 +119,7 @@ def linearize(geometry: bytes | str) -> bytes | None:
         if isinstance(geometry, str):
             text = ctypes.c_char_p(geometry.encode())
             failure = library.OGR_G_CreateFromWkt(ctypes.byref(text), None, ctypes.byref(parsed))
-            if parsed and (text.value or b"").strip():  # more text follows the geometry
+            if parsed and (text.value or b"").strip():  # refuse a geometry followed by more text
                 library.OGR_G_DestroyGeometry(parsed)
                 return None
         else:

@@ -173,7 +173,7 @@ class GltfFile:
         if positions.shape[1] != 3:
             raise ValueError(f"POSITION has {positions.shape[1]} numbers per vertex, not 3")
         if normalized:
-            if positions.dtype.kind == "i":  # the lowest integer stands for -1.0, too
+            if positions.dtype.kind == "i":  # the lowest integer and its successor stand for -1.0
                 positions = np.maximum(positions, -np.iinfo(positions.dtype).max)
             units = np.diag([*3 * [1.0 / FULL_SCALE[positions.dtype.str[1:]]], 1.0])
             placements = tuple(matrix @ units for matrix in placements)
@@ -247,7 +247,7 @@ class GltfFile:
         placements: list[tuple[NDArray[np.float64], ...]] = [()] * count
         roots = scenes[check_index(self.json.get("scene", 0))].get("nodes", [])
         stack = [(number, np.eye(4)) for number in roots]
-        for _ in range(len(nodes)):  # a tree has each node once
+        for _ in range(len(nodes)):  # in a tree each node is visited once
             if not stack:
                 break
             number, parent = stack.pop()
@@ -301,7 +301,7 @@ def _read_node_matrix(node: dict[str, Any]) -> NDArray[np.float64]:
     """Return the matrix (4, 4) of a node: its matrix, or translation, rotation and scale."""
     if "matrix" in node:
         return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
-    from scipy.spatial.transform import Rotation  # slow to import, and writers of meshes need none
+    from scipy.spatial.transform import Rotation  # slow to import, and rarely needed
 
     rotation = Rotation.from_quat(node.get("rotation", (0, 0, 0, 1))).as_matrix()
     result = np.eye(4)

@@ -48,7 +48,8 @@ its format, or export it again
         missing = error.name if isinstance(error, ModuleNotFoundError) else None
         if missing and (package := missing.partition(".")[0]) in _READER_EXTRAS:
             import_optional(package, name, _READER_EXTRAS[package])
-        if isinstance(error, ImportError) and error.path:  # a library could not be loaded
+        # An extension module cannot be loaded: not an error of the file.
+        if isinstance(error, ImportError) and error.path:
             raise
         raise SceneError(
             f"{name} cannot be read as {kind}: {format_reason(error)}; "
@@ -330,7 +331,7 @@ def is_too_deep(wkb: bytes) -> bool:
     >>> is_too_deep(99 * level), is_too_deep(101 * level + bytes.fromhex("0101000000") + bytes(16))
     (False, True)
     """
-    if len(wkb) <= 9 * MAX_DEPTH:  # a level has at least 9 bytes
+    if len(wkb) <= 9 * MAX_DEPTH:  # too short: each level of nesting has at least 9 bytes
         return False
     try:
         _find_end(wkb, 0, "<", 0)
@@ -351,7 +352,7 @@ def _find_end(wkb: bytes, offset: int, order: str, level: int) -> tuple[int, str
     order = {0: ">", 1: "<"}.get(wkb[offset], order)
     number = struct.Struct(order + "I").unpack_from
     (code,) = number(wkb, offset + 1)
-    offset += 9 if code & 0x20000000 else 5  # with an SRID
+    offset += 9 if code & 0x20000000 else 5  # byte order, type, and an SRID if flagged
     flat, kind = divmod(code & 0xFFFF, 1000)
     heights = bool(code & 0x80000000) or flat in (1, 3)
     measures = bool(code & 0x40000000) or flat in (2, 3)

@@ -45,7 +45,7 @@ _CLOSED = "closed lines are read as polygons"
 _CSV_OPTIONS = {
     "GEOM_POSSIBLE_NAMES": "WKT,geometry,geom,the_geom,wkb_geometry,wkt_geom,geom_wkt,geometry_wkt",
     "KEEP_GEOM_COLUMNS": "NO",
-    "AUTODETECT_TYPE": "YES",  # numbers compare as numbers in conditions; 007 stays text
+    "AUTODETECT_TYPE": "YES",  # columns of numbers become numbers for conditions; 007 remains text
     "AUTODETECT_SIZE_LIMIT": "0",
 }
 
@@ -63,7 +63,7 @@ def read(source: Source, size: int) -> Iterator[Raw]:
     geometry become notes. Raises SceneError if GDAL reports more failures than such features,
     because polygons would then be missing.
     """
-    if re.search(r"[\n\r\t]", str(source.path)):  # GDAL removes these
+    if re.search(r"[\n\r\t]", str(source.path)):  # GDAL would remove these characters
         raise SceneError(f"{source.path} has a tab or line end in the name: rename it")
     for file in _list_files(source.path):
         refuse_special(file)
@@ -121,7 +121,7 @@ def _check_count(source: Source, layer: str, count: int) -> None:
         stated = source.rows[1] - source.rows[0]
     elif source.path.suffix.lower() == ".fgb":
         stated = pyogrio.read_info(source.path, layer=layer)["features"]
-        if source.where is not None:  # count all features
+        if source.where is not None:  # `count` is that of matching features: count all
             options = {"layer": layer, "columns": [], "read_geometry": False, "return_fids": True}
             count = len(pyogrio.raw.read(source.path, **options)[1])
     if count < stated:
@@ -195,7 +195,7 @@ def find_gdal_path(path: Path) -> Path | str:
     data_sets = [name for name in names if Path(name).suffix.lower() in _DATA_SETS]
     data_sets = [name for name in data_sets if not Path(name).name.startswith(".")]
     is_flat = any("/" not in name for name in data_sets or names)
-    if is_flat:  # GDAL does not search folders of the archive
+    if is_flat:  # GDAL finds data sets that are not in folders
         return path
     if len(data_sets) == 1:
         return f"/vsizip/{path.resolve()}/{data_sets[0]}"
@@ -223,7 +223,7 @@ def _read_arrow(source: Source, layer: str, size: int) -> Iterator[Raw]:
         if meta["geometry_type"] is None:
             raise _make_no_geometry_error(source, layer)
         for batch in batches:
-            if stop is not None:  # Arrow streams have no end parameter
+            if stop is not None:  # GDAL's Arrow streams cannot stop at a feature
                 batch = batch.slice(0, stop - first)
                 first += batch.num_rows
             # The columns are the feature's number, the attributes, the geometry.

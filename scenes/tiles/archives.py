@@ -152,8 +152,7 @@ def compute_first_number(zoom: int) -> int:
 def decompress(data: bytes, limit: int | None = None) -> bytes:
     """Return a tile's uncompressed bytes; data that do not begin like gzip or zlib are returned.
 
-    Raises ValueError for invalid data, and if the result would have `limit` (by default
-    `MAX_TILE_BYTES`) bytes or more.
+    Raises ValueError for invalid data, and from `limit` (default `MAX_TILE_BYTES`) bytes on.
     """
     limit = limit or MAX_TILE_BYTES
     if data[:4] == _ZSTD:
@@ -163,7 +162,9 @@ def decompress(data: bytes, limit: int | None = None) -> bytes:
             data = gzip.GzipFile(fileobj=io.BytesIO(data)).read(limit)
         except EOFError:
             raise ValueError("truncated compressed data") from None
-    elif data[:1] == b"\x78" and int.from_bytes(data[:2]) % 31 == 0:  # zlib; no tile begins so
+    elif (
+        data[:1] == b"\x78" and int.from_bytes(data[:2]) % 31 == 0
+    ):  # zlib; uncompressed tiles begin otherwise
         unpacker = zlib.decompressobj()
         data = unpacker.decompress(data, limit)
         if not unpacker.eof and len(data) < limit:
@@ -245,7 +246,7 @@ class MBTiles(Archive):
         self._uri = f"{path.resolve().as_uri()}?mode=ro"
         log = Path(f"{path.resolve()}-wal")
         has_changes = log.is_file() and log.stat().st_size > 0
-        if not has_changes:  # SQLite would ignore a log with changes if told "immutable"
+        if not has_changes:  # with "immutable" SQLite ignores the log
             self._uri += "&immutable=1"
         metadata = dict(self._query("SELECT name, value FROM metadata"))
         kind = str(metadata.get("format") or "pbf")
@@ -365,10 +366,7 @@ class PMTiles(Archive):
             return stream.read(count)
 
     def _read_inner(self, start: int, count: int) -> bytes:
-        """Return the uncompressed bytes of a directory or of the metadata.
-
-        The header states how both are compressed.
-        """
+        """Return a directory or the metadata, decompressed as the header states."""
         data = self._read_bytes(start, count)
         if self.header["internal_compression"] != self._format.Compression.NONE:
             data = decompress(data, MAX_DIRECTORY_BYTES)

@@ -238,7 +238,7 @@ def _build_polygons(
     if not len(sizes):
         return np.empty(0, object), owners
     starts = np.cumsum(sizes) - sizes
-    zigzag = steps.reshape(-1, 2)  # 0, -1, 1, -2 as 0, 1, 2, 3
+    zigzag = steps.reshape(-1, 2)  # zigzag encoding: 0, 1, 2, 3 stand for 0, -1, 1, -2
     points = ((zigzag >> 1) ^ -(zigzag & 1)).cumsum(axis=0)
     begins = starts[np.searchsorted(owners, owners)]  # first point of each ring's feature
     points -= np.repeat(np.vstack([[[0, 0]], points])[begins], sizes, axis=0)
@@ -257,7 +257,7 @@ def _build_polygons(
     dropped += [(f"feature {owner}", "has a ring without area") for owner in owners[sign == 0]]
     with_area = np.flatnonzero(sign)
     owners, sign = owners[with_area], sign[with_area]
-    first = np.searchsorted(owners, owners)  # the first ring of the feature
+    first = np.searchsorted(owners, owners)  # index of the first ring of each ring's feature
     outer = np.flatnonzero(sign == sign[first])
     rings = [points[starts[k] : starts[k] + sizes[k]] for k in with_area]
     closed = [part for ring in rings for part in (ring, ring[:1])]

@@ -362,7 +362,7 @@ def _find_lightest_walk(
         if number >= wrap:
             o, h = o + m, h + q
         if not (0 <= o <= m and 0 <= h <= q):
-            continue  # b crosses the first bridge
+            continue  # b crosses the bridge `start`, so no walk visits b
         total = none
         for index in range(begin[b], begin[b + 1]):
             k = items[index]

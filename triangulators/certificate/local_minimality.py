@@ -165,7 +165,7 @@ def _exclude_queued(
                     break
                 right_index += 1
             if not is_blocked:
-                left_index += 1  # no pair of t blocks
+                left_index += 1  # no pair with the left triangle t blocks
                 right_index = right_start
         at_left[e], at_right[e] = left_index, right_index
         if is_blocked:

@@ -32,10 +32,10 @@ from triangulators.polygon import Boundary
 PROGRAM_TIMEOUT_S = 60.0  # time limit of a linear program; a polygon may need two programs
 # Used if no time limit is given: limits of size end a proof within seconds, with the same result on
 # every machine.
-_MAX_UNTIMED_ROWS = 100_000  # constraints of a linear program
-_MAX_UNTIMED_TRIPLES = 1_500_000  # triples of mutually visible sites
+_MAX_UNTIMED_ROWS = 100_000  # maximum number of constraints of a linear program
+_MAX_UNTIMED_TRIPLES = 1_500_000  # maximum number of triples of mutually visible sites
 
-MAX_TRIPLES = 8_000_000  # triples of mutually visible sites of a polygon; they take about 1 GB
+MAX_TRIPLES = 8_000_000  # maximum number of such triples if there is a time limit; about 1 GB
 _MAX_POTENTIAL = 2.0**59  # the checker adds three potentials below 2^60 in 64 bits
 
 

@@ -78,7 +78,8 @@ def _connect_rings(
     are connected. The sites of a component have the same root in `parent`.
     """
     parent = np.arange(len(points))
-    on_boundary = np.zeros(len(points), dtype=np.bool_)  # if rings touch, some points are no sites
+    # Points that are sites: if rings touch, not all.
+    on_boundary = np.zeros(len(points), dtype=np.bool_)
     parts = 0
     for e in range(len(edges)):
         if side[e] != 0:
@@ -164,7 +165,7 @@ def make_ring(candidates: Candidates, cut: np.ndarray, root: int) -> np.ndarray:
     """
     points, edges, side = candidates.points, candidates.edges, candidates.side
     count = 2 * cut.sum() + (side != 0).sum()
-    leaving = np.empty((count, 2), dtype=np.int32)  # sides of the ring
+    leaving = np.empty((count, 2), dtype=np.int32)  # directed sides of all rings of the cut polygon
     n = 0
     for e in range(len(edges)):
         if side[e] > 0 or cut[e]:

@@ -170,7 +170,7 @@ def _do_segments_meet(points: np.ndarray, a: int, b: int, c: int, d: int) -> boo
     a_side, b_side = orientation(points, c, d, a), orientation(points, c, d, b)
     if (a_side > 0.0 and b_side > 0.0) or (a_side < 0.0 and b_side < 0.0):
         return False
-    if c_side == 0.0 and d_side == 0.0:  # collinear
+    if c_side == 0.0 and d_side == 0.0:  # on one line: compare the boxes
         for axis in range(2):
             if max(points[a, axis], points[b, axis]) < min(points[c, axis], points[d, axis]):
                 return False

@@ -45,8 +45,8 @@ NOISE_BITS = 10
 TOO_LARGE = 2**60
 """Exclusive limit of weights, potentials and lifts, so that sums fit 64 bits."""
 
-_MAX_TOTAL = 2**61  # four times the weight of the triangulation stays below
-_MAX_WEIGHT = 2**59  # weight of a triangle, without noise
+_MAX_TOTAL = 2**61  # limit of four times the weight of the claim's triangulation
+_MAX_WEIGHT = 2**59  # maximum weight of a triangle, without noise
 _ROUNDED_TOTAL_BITS = 36  # the total of costs that are rounded has up to 2^36 units
 _MAX_COEFFICIENT = 1024  # sum of a criterion's absolute coefficients, if costs are counted exactly
 _MAX_EXPONENT = 900  # largest exponent of `scale`, so that scaled costs do not overflow a double
@@ -213,7 +213,7 @@ def compute_units(points: np.ndarray, a: int, b: int, c: int, cost: Cost, units:
         cost_at(points, a, b, c, cost) * units.scale,
         float(_MAX_WEIGHT // units.factor),
     )
-    if not scaled >= -max_units:  # also if NaN
+    if not scaled >= -max_units:  # also true for NaN
         return np.int64(TOO_LARGE // units.factor)
     return np.int64(np.floor(min(scaled, max_units)))
 

@@ -101,7 +101,7 @@ def is_trusted_folder(folder: Path) -> bool:
             and (parent.is_symlink() or not is_trusted(parent.stat()))
         ]
     except FileNotFoundError:
-        return True  # missing: make_folder creates it for this user only
+        return True  # `make_folder` will create the folder for this user only
     if untrusted:
         warnings.warn(
             f"{untrusted[-1]}: compiled code is not loaded (another user owns or may write the "

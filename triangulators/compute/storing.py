@@ -171,7 +171,7 @@ class _Files:
                     return pickle.load(file)
         except (OSError, EOFError, pickle.UnpicklingError, ValueError, LookupError):
             pass
-        except (AttributeError, ImportError):  # a pickle that is damaged or of another version
+        except (AttributeError, ImportError):  # a pickle of another version of a package
             pass
         if self.forbid_compiling:
             raise NotCompiledError(self._name)

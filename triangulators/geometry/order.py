@@ -122,7 +122,7 @@ def _walk_component(
                 entry[other // 3] = other
                 queue[tail] = other // 3
                 tail += 1
-    for index in range(tail - 1, 0, -1):  # descendants come later in the queue
+    for index in range(tail - 1, 0, -1):  # from the leaves: descendants are later in the queue
         size[twin[entry[queue[index]]] // 3] += size[queue[index]]
     stack[0] = root
     height = 1
@@ -187,7 +187,7 @@ def _tipsify(triangles: np.ndarray, count: int, cache_size: int) -> np.ndarray:
     """Return the indices (m,) of triangles (m, 3) of `count` points in the order of Tipsify."""
     m = len(triangles)
     begin, items = group_by_key(triangles.reshape(-1), count)
-    around = items // np.int32(3)  # the rows of each vertex's triangles
+    around = items // np.int32(3)  # indices of each vertex's triangles, grouped as `items`
     remaining = np.diff(begin).astype(np.int32)  # triangles of each vertex that are not emitted yet
     # The time at which a vertex entered the cache; a shaded vertex is one step of time.
     entered = np.zeros(count, dtype=np.int64)
@@ -210,7 +210,8 @@ def _tipsify(triangles: np.ndarray, count: int, cache_size: int) -> np.ndarray:
                     dead_ends[height] = vertex
                     height += 1
                     remaining[vertex] -= 1
-                    if time - entered[vertex] > cache_size:  # not in the cache: shaded
+                    # Not in the cache: the vertex is shaded and enters.
+                    if time - entered[vertex] > cache_size:
                         entered[vertex] = time
                         time += 1
         fan = _choose_next_fan(dead_ends[bottom:height], remaining, entered, time, cache_size)

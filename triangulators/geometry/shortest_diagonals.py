@@ -91,7 +91,7 @@ def _list_triangles(
                 apex < 0 or orientation(points, a, c, apex) > 0.0
             ):
                 apex = c
-        if apex > a and b > a:  # each triangle occurs at all three sides
+        if apex > a and b > a:  # list a triangle only at the side from its lowest vertex
             triangles[count, 0], triangles[count, 1], triangles[count, 2] = a, b, apex
             count += 1
     return triangles[:count].copy()

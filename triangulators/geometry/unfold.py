@@ -89,7 +89,8 @@ def unfold(
     edge = np.empty(size + 2, dtype=np.int32)  # half-edge from the corner to the next
     local = np.empty((size, 3), dtype=np.int32)
     rows = np.empty(size, dtype=np.int32)
-    entered = np.empty(size, dtype=np.int32)  # edge through which a triangle was reached
+    # Edge index (0 to 2) through which a triangle was reached.
+    entered = np.empty(size, dtype=np.int32)
     for k in range(3):
         corner[k] = triangles[root, k]
         after[k] = (k + 1) % 3

@@ -165,7 +165,8 @@ def _open_contexts(problems: list[str]) -> Iterator[Any]:
                 libegl="libEGL.so.1",
             )
         except Exception as error:  # glcontext raises plain Exception
-            if "but found" in str(error):  # "requested device index 2, but found 2 devices"
+            # "requested device index 2, but found 2 devices": no more devices.
+            if "but found" in str(error):
                 return
             problems.append(str(error))
 

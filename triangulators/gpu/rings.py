@@ -176,7 +176,7 @@ def store_results(
             # The order of vertices on the CPU: for quads, of `any_cost.solve_any`.
             triangles[row] = (i, k, j) if is_quads else (j, i, k)
         if is_quads:
-            triangles[:] = walk(triangles, end - begin)  # as `methods.optimal` does
+            triangles[:] = walk(triangles, end - begin)  # the order of `methods.optimal`
         batch.done[index] = True
 
 

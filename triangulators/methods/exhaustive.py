@@ -28,8 +28,8 @@ from triangulators.polygon import (
 from triangulators.polygon_arrays import polygon_of_rings
 
 Mode = Literal["conforming", "paper"]
-MAX_TRIANGULATIONS = 1_000_000  # in mode `conforming`
-MAX_PAPER_TRIANGULATIONS = 20_000  # in mode `paper`, which stores a set for every remaining polygon
+MAX_TRIANGULATIONS = 1_000_000  # maximum number in mode `conforming`
+MAX_PAPER_TRIANGULATIONS = 20_000  # in mode `paper`, which stores a set per remaining polygon
 Triangle = tuple[int, int, int]
 Triangulation = frozenset[Triangle]
 Corners = tuple[int, ...]
@@ -68,7 +68,8 @@ def _list_triangulations(ring: Cycle) -> np.ndarray:
     """Return all triangulations of a cycle, (count, n - 2, 3), as positions in the cycle."""
     _check_count(ring, MAX_TRIANGULATIONS)
     n = len(ring.cycle)
-    lists: list[dict[int, np.ndarray]] = [{} for _ in range(n)]  # lists[j][i]: of corners i..j
+    # lists[j][i]: those of sub-polygon i..j.
+    lists: list[dict[int, np.ndarray]] = [{} for _ in range(n)]
     for i in range(n - 1, -1, -1):
         row: dict[int, np.ndarray] = {}
         for j in ring.target[ring.start[i] : ring.start[i + 1]].tolist():

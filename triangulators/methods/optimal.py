@@ -116,7 +116,8 @@ def _bound_rounding_gap(
     _, _, width, height = bounding_box(points)
     unit, weights = grid_unit(points), float(np.abs(cost["weights"]).sum())
     steps = max(width, height) / unit if unit > 0.0 else math.inf
-    if weights * max(2.0, steps) * steps * count < EXACT:  # fast path
+    # Fast path: a simple bound shows that sums are exact.
+    if weights * max(2.0, steps) * steps * count < EXACT:
         return 0.0
     scale, is_integer, max_units = find_exact_scale(points, cost)
     if (scale == 0.0 and not is_integer) or (scale > 0.0 and max_units * count < EXACT):
@@ -183,7 +184,8 @@ def _search(
     if sign > 0.0:
         # No finite time limit, so that the result is the same on any machine.
         seconds = math.inf if len(points) <= MAX_PROGRAM_VERTICES else 0.0
-        from triangulators.certificate.proof import minimise_cost  # most polygons have no holes
+        # Most polygons have no holes and need no proof.
+        from triangulators.certificate.proof import minimise_cost
 
         result = minimise_cost(outline, cost, seconds)
         if result is not None:

@@ -46,7 +46,7 @@ from triangulators.geometry.predicates import FILTER, bounding_box, grid_unit, o
 from triangulators.polygon import twice_ring_area
 from triangulators.polygon_arrays import Batch
 
-SMALL = 192  # vertices up to which batches and polygons with holes use this dynamic program
+SMALL = 192  # maximum number of vertices for batches and for polygons with holes
 SPAN = 1 << 15  # width and height below which orientations fit int32: differences of two products
 _NO_INT: Any = np.int32(1 << 29)  # int32 cost without a triangulation; the sum of three fits int32
 # Indices of rows in the int32 workspace of a ring; the cost table begins at row _TABLE.

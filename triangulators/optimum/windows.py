@@ -68,5 +68,5 @@ def optimise_windows(
         if len(better) == size:
             fold_back(triangles, twin, window, cycle, outline, better, position_of)
         if size == count:
-            return len(cycle) == len(points)  # without cuts
+            return len(cycle) == len(points)  # no vertex occurs twice: without cuts
     return False
