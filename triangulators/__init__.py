@@ -14,8 +14,8 @@ every result of `optimal`, `worst`, `exhaustive`, `greedy`, `max-area`, `random`
 is a conforming triangulation of the input polygon, and `verify` decides coverage exactly. Only the
 comparison of costs is subject to rounding. Triangles of other libraries (`ear-clipping`,
 `delaunay`, `sweep`, `manifold`) are only made counter-clockwise; if coordinates are not on a grid
-(see `predicates.grid_unit`), verification and repair treat a vertex within rounding error of an
-edge as lying on it.
+(see `predicates.find_grid_unit`), verification and repair treat a vertex within rounding error of
+an edge as lying on it.
 """
 
 from importlib import import_module as _import_module

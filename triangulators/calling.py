@@ -9,7 +9,7 @@ import shapely
 from triangulators import criteria
 from triangulators.criteria.cost import require_finite_total
 from triangulators.errors import TriangulationError
-from triangulators.geometry.order import walk
+from triangulators.geometry.order import put_in_walk_order
 from triangulators.polygon import Boundary, checked_boundary
 from triangulators.registry import Choice, check_criterion, load, parse
 from triangulators.verify import check_rows, insert_dropped_vertices, orient_triangles
@@ -135,7 +135,7 @@ def _order_triangles(
     """
     if not choice.entry.uses_walk(order):
         return triangles
-    return np.asarray(walk(np.ascontiguousarray(triangles), len(outline.points)))
+    return np.asarray(put_in_walk_order(np.ascontiguousarray(triangles), len(outline.points)))
 
 
 def _run_triangulator(

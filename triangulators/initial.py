@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from triangulators.checking.edges import find_edges
-from triangulators.criteria.cost import Cost, total_cost
+from triangulators.criteria.cost import Cost, compute_total_cost
 from triangulators.errors import SkippedError, TriangulationError
-from triangulators.geometry.half_edges import find_twins, is_triangulation, link
+from triangulators.geometry.half_edges import find_twins, is_triangulation, link_half_edges
 from triangulators.geometry.shortest_diagonals import triangulate_greedily
 from triangulators.geometry.visibility import find_visible_pairs
 from triangulators.libraries import delaunay, ear_clipping
@@ -34,7 +34,9 @@ def find_initial_triangulations(outline: Boundary) -> Iterator[np.ndarray]:
             continue
         triangles = orient_triangles(outline.points, indices)
         corner = triangles.reshape(-1)
-        if not is_triangulation(outline.points, outline.ring_offsets, corner, link(corner)):
+        if not is_triangulation(
+            outline.points, outline.ring_offsets, corner, link_half_edges(corner)
+        ):
             triangles = insert_dropped_vertices(outline, triangles)
             if not verify_boundary(outline, triangles).conforming:
                 continue
@@ -58,7 +60,7 @@ def find_best_initial(outline: Boundary, cost: Cost) -> np.ndarray:
     """
     return min(
         find_initial_triangulations(outline),
-        key=lambda triangles: total_cost(outline.points, triangles, cost),
+        key=lambda triangles: compute_total_cost(outline.points, triangles, cost),
     )
 
 

@@ -12,7 +12,7 @@ from mapbox_earcut import triangulate_float64
 from triangulators.calling import triangulate
 from triangulators.criteria import FLIP_TESTS, Criterion
 from triangulators.criteria import find as find_criterion
-from triangulators.criteria.cost import Cost, plain_cost
+from triangulators.criteria.cost import Cost, find_plain_cost
 from triangulators.criteria.criterion import FEATURES
 from triangulators.devices import CPU, check_name, cores
 from triangulators.errors import (
@@ -22,7 +22,7 @@ from triangulators.errors import (
     format_error,
 )
 from triangulators.geometry.ear_clipping import MAX_VERTICES
-from triangulators.geometry.earcut import far_offsets
+from triangulators.geometry.earcut import find_far_offsets
 from triangulators.methods.flips import AS_EARCUT, NO_COST, NONE, find_flip_test, improve_batch
 from triangulators.methods.optimal import SearchOptions
 from triangulators.optimum.cut_holes import MAX_HOLES, solve_by_cuts
@@ -260,7 +260,7 @@ def _clip_ears(batch: Batch, valid: np.ndarray, threads: int, *how: Any) -> None
             counts = np.diff(batch.vertex_offsets[first : last + 1])
             local, filled = batch.coords[start:stop], np.flatnonzero(counts)
             if len(filled):
-                far = far_offsets(local, starts[filled])
+                far = find_far_offsets(local, starts[filled])
                 local = local - np.repeat(far, counts[filled], axis=0)
             raw = [
                 triangulate_float64(
@@ -312,7 +312,7 @@ def _plain_cost(
         or resolved in FLIP_TESTS
     ):
         return None
-    cost = plain_cost(find_criterion(resolved, **weights), -1.0 if name == "worst" else 1.0)
+    cost = find_plain_cost(find_criterion(resolved, **weights), -1.0 if name == "worst" else 1.0)
     if cost is None or cost["is_box"] or name in _FLIP_TRIANGULATORS:
         return cost
     return None if _find_device_feature(cost, device) is None else cost

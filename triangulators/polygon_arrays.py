@@ -121,9 +121,9 @@ class PolygonArray(Sequence[shapely.Polygon]):
         indices = np.asarray(selection)
         indices = np.flatnonzero(indices) if indices.dtype == np.bool_ else indices.astype(np.int64)
         ring_counts, vertex_counts = self.ring_counts[indices], self.vertex_counts[indices]
-        rings = ranges(self.geom_offsets[indices], ring_counts)
+        rings = concatenate_ranges(self.geom_offsets[indices], ring_counts)
         return PolygonArray(
-            self.coords[ranges(self.vertex_offsets[indices], vertex_counts)],
+            self.coords[concatenate_ranges(self.vertex_offsets[indices], vertex_counts)],
             offsets_of(np.diff(self.ring_offsets)[rings]),
             offsets_of(ring_counts),
         )
@@ -174,7 +174,7 @@ def offsets_of(lengths: ArrayLike) -> NDArray[np.int64]:
     return np.concatenate(([0], np.cumsum(lengths, dtype=np.int64)), dtype=np.int64)
 
 
-def ranges(starts: NDArray[np.int64], lengths: NDArray[np.int64]) -> NDArray[np.int64]:
+def concatenate_ranges(starts: NDArray[np.int64], lengths: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the concatenated ranges of integers starts[i], ..., starts[i] + lengths[i] - 1."""
     before = offsets_of(lengths)
     return np.arange(before[-1]) + np.repeat(starts - before[:-1], lengths)

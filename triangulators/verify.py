@@ -19,7 +19,7 @@ import shapely
 
 from triangulators.compute.kernels import njit
 from triangulators.criteria import predict
-from triangulators.geometry.half_edges import is_triangulation, link
+from triangulators.geometry.half_edges import is_triangulation, link_half_edges
 from triangulators.geometry.predicates import (
     ALL_LEFT,
     OUTSIDE,
@@ -194,7 +194,7 @@ def _list_unconfirmed(
         rows = triangles[row_offsets[k] : row_offsets[k + 1]]
         corner = rows.reshape(-1)
         in_range = len(rows) > 0 and rows.min() >= 0 and rows.max() < len(points)
-        if not in_range or not is_triangulation(points, rings, corner, link(corner)):
+        if not in_range or not is_triangulation(points, rings, corner, link_half_edges(corner)):
             unconfirmed.append(indices[k])
     return unconfirmed
 

@@ -11,9 +11,9 @@ from harness.errors import UsageError
 from harness.models.flat_faces import MIN_HEIGHT, Faces, Ints
 from triangulators import TriangulationError, criteria
 from triangulators.compute.kernels import njit
-from triangulators.criteria.cost import Cost, cost_at, plain_cost, total_cost
-from triangulators.geometry.flips import convex, flip_while_gaining
-from triangulators.geometry.half_edges import link
+from triangulators.criteria.cost import Cost, compute_total_cost, cost_at, find_plain_cost
+from triangulators.geometry.flips import flip_while_gaining, is_convex
+from triangulators.geometry.half_edges import link_half_edges
 from triangulators.many import attempt_many
 from triangulators.polygon_arrays import PolygonArray, offsets_of
 
@@ -40,7 +40,7 @@ def _find_height(points: np.ndarray, a: int, b: int, c: int) -> float:
 @njit(nogil=True)
 def _is_allowed_flip(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
     """Return whether triangles a, b, d and a, d, c are counter-clockwise, and not thin."""
-    if not convex(points, a, b, c, d):
+    if not is_convex(points, a, b, c, d):
         return False
     return _find_height(points, a, b, d) > MIN_HEIGHT and _find_height(points, a, d, c) > MIN_HEIGHT
 
@@ -84,7 +84,7 @@ def find_cost(criterion: str) -> Cost:
         entry = criteria.find(criterion)
     except TriangulationError as error:
         raise UsageError(str(error)) from error
-    cost = plain_cost(entry)
+    cost = find_plain_cost(entry)
     if cost is None:
         raise UsageError(
             f"criterion {criterion}: unsupported for models (choose from edge-length, "
@@ -116,7 +116,7 @@ def choose_diagonals(faces: Faces, criterion: str) -> FaceDiagonals:
     )
     rows = np.repeat(unsolved, sizes)
     corner = result[rows].astype(np.int32).reshape(-1)
-    _flip_to_lower_cost(faces.points, corner, link(corner), cost)
+    _flip_to_lower_cost(faces.points, corner, link_half_edges(corner), cost)
     result[rows] = corner.reshape(-1, 3)
     changed = np.asarray(
         is_cheaper(faces.points, faces.triangles, result, faces.triangle_offsets, cost)
@@ -165,8 +165,8 @@ def is_cheaper(
     cheaper_faces = np.zeros(len(triangle_offsets) - 1, dtype=np.bool_)
     for face in range(len(cheaper_faces)):
         first, last = triangle_offsets[face], triangle_offsets[face + 1]
-        old = total_cost(points, before[first:last], cost)
-        new = total_cost(points, after[first:last], cost)
+        old = compute_total_cost(points, before[first:last], cost)
+        new = compute_total_cost(points, after[first:last], cost)
         cheaper_faces[face] = new < old - _ROUNDING * abs(old)
     return cheaper_faces
 
@@ -202,7 +202,7 @@ def find_outlines(faces: Faces) -> Outlines:
     """Return the faces with valid outlines; the outer, counter-clockwise ring comes first."""
     corner = np.ascontiguousarray(faces.triangles, dtype=np.int32).reshape(-1)
     ahead = faces.triangles[:, [1, 2, 0]].reshape(-1)
-    outer = np.flatnonzero(np.asarray(link(corner)) < 0)
+    outer = np.flatnonzero(np.asarray(link_half_edges(corner)) < 0)
     # A face is sound if exactly one outline edge leaves each vertex. None leaves an interior
     # vertex; several leave a vertex at which outlines touch.
     outline_edges = np.bincount(corner[outer], minlength=len(faces.points))

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from triangulators.geometry.half_edges import link
+from triangulators.geometry.half_edges import link_half_edges
 from triangulators.polygon_arrays import offsets_of
 
 TOLERANCE_ULPS = 4.0
@@ -163,7 +163,7 @@ def _find_neighbours(mesh: ModelMesh) -> tuple[Ints, Counter[str]]:
         return proper[pairs], skipped
     thick = _has_height(mesh)
     corner = np.ascontiguousarray(mesh.triangles, dtype=np.int32).reshape(-1)
-    twin = np.asarray(link(corner), dtype=np.int64)
+    twin = np.asarray(link_half_edges(corner), dtype=np.int64)
     edges = np.flatnonzero(twin > np.arange(len(twin)))
     edges = edges[thick[edges // 3] & thick[twin[edges] // 3]]
     sides = number_sides(mesh.triangles)

@@ -37,7 +37,7 @@ from harness.profile.device_costs import DeviceCosts
 from harness.profile.law import FORMS, VERTICES, compute_stage_times
 from harness.triangulating.recipes import Recipe
 from harness.triangulating.result import FrameTriangulation
-from triangulators.geometry.order import walk
+from triangulators.geometry.order import put_in_walk_order
 
 BASE = Recipe("ear-clipping")
 
@@ -115,7 +115,8 @@ def order_for_slowest_stage(
     if FORMS[device.form][slowest] != VERTICES:
         return result, times
     parts: list[NDArray[np.int32] | None] = [
-        None if part is None else walk(part, int(part.max()) + 1) for part in result.parts
+        None if part is None else put_in_walk_order(part, int(part.max()) + 1)
+        for part in result.parts
     ]
     walked = replace(result, parts=parts)
     return walked, _predict_stage_times(device, frame, walked)

@@ -381,9 +381,9 @@ def _rank_in_view(frame: Frame, viewing: Viewing, array: Triangles) -> NDArray[n
 def _apply_order(frame: Frame, array: Triangles, options: Options) -> Triangles:
     """Return the triangles `array` (m, 3) of one draw in the order `options.order`."""
     if options.order == "walk":
-        from triangulators.geometry.order import walk
+        from triangulators.geometry.order import put_in_walk_order
 
-        return walk(array, len(frame.points))
+        return put_in_walk_order(array, len(frame.points))
     if options.order == "vertex-cache":
         from triangulators.geometry.order import sort_for_vertex_cache
 

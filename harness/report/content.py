@@ -46,7 +46,7 @@ from harness.study.subjects import MEASURES
 from harness.style import choose_looks, flatten
 from harness.summary import make_row
 from harness.webpages import encode_array
-from triangulators.polygon_arrays import ranges
+from triangulators.polygon_arrays import concatenate_ranges
 
 MAX_MARKS = 6_000
 """Maximum number of marks in a chart: polygons times triangulators."""
@@ -375,7 +375,7 @@ def pack_drawing(geometry: Geometry, numbers: NDArray[np.int64]) -> Drawing:
     """
     offsets = geometry.grid.vertex_offsets
     starts, sizes = offsets[numbers], geometry.grid.vertex_counts[numbers]
-    vertices = ranges(starts, sizes)
+    vertices = concatenate_ranges(starts, sizes)
     packed: Drawing = {
         "points": encode_array(geometry.points[vertices].astype("<i4")),
         "sizes": sizes.tolist(),
@@ -386,7 +386,7 @@ def pack_drawing(geometry: Geometry, numbers: NDArray[np.int64]) -> Drawing:
         owner = np.searchsorted(offsets, triangles[:, 0], side="right") - 1
         first = np.searchsorted(owner, numbers, side="left")
         counts = np.searchsorted(owner, numbers, side="right") - first
-        rows = triangles[ranges(first, counts)] - np.repeat(starts, counts)[:, None]
+        rows = triangles[concatenate_ranges(first, counts)] - np.repeat(starts, counts)[:, None]
         packed["triangles"][name] = {
             "counts": counts.tolist(),
             "rows": encode_array(rows.astype("<u4")),

@@ -12,10 +12,10 @@ import mapbox_earcut
 import numpy as np
 
 from triangulators import criteria
-from triangulators.criteria.cost import plain_cost
+from triangulators.criteria.cost import find_plain_cost
 from triangulators.geometry import flips
-from triangulators.geometry.half_edges import link
-from triangulators.geometry.order import walk_along
+from triangulators.geometry.half_edges import link_half_edges
+from triangulators.geometry.order import put_in_walk_order_by_twins
 from triangulators.methods.cost_flips import flip_by_cost
 
 SCALED = ("quads@0.125", "quads@1", "quads@3.7")
@@ -79,17 +79,17 @@ def flip_in_python(cases: Cases, name: str) -> tuple[np.ndarray, np.ndarray]:
     ):
         points, before = cases.polygon(index)
         after = before.copy()
-        twin = link(after)
+        twin = link_half_edges(after)
         counts.append(flip(points, after, twin))
         if not native:
-            after = walk_along(after.reshape(-1, 3), twin, len(points)).reshape(-1)
+            after = put_in_walk_order_by_twins(after.reshape(-1, 3), twin, len(points)).reshape(-1)
         result[begin:end] = after
     return result, np.array(counts, dtype=np.int32)
 
 
 def _by_quads(scale: str) -> Callable[..., int]:
     """Return flips by expected quads, at a scale in pixels per unit."""
-    cost = plain_cost(criteria.find("expected-quads"))
+    cost = find_plain_cost(criteria.find("expected-quads"))
     return lambda points, corner, twin: flip_by_cost(
         points, points * float(scale), corner, twin, cost
     )

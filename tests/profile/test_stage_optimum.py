@@ -19,7 +19,7 @@ from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load
 from triangulators.criteria import predict
-from triangulators.geometry.order import walk
+from triangulators.geometry.order import put_in_walk_order
 
 CALIBRATED = parse("optimal:calibrated", calibration={"half_perimeter": 1.0})
 THREE = "maximum of three stages"
@@ -113,7 +113,7 @@ def test_vertices_are_ordered_where_they_bind(frame):
     shuffled = replace(result, parts=[rng.permutation(part) for part in result.parts])
     ordered, times = order_for_slowest_stage(device, frame, shuffled)
     for part, walked in zip(shuffled.parts, ordered.parts, strict=True):
-        assert (walked == walk(part, int(part.max()) + 1)).all()
+        assert (walked == put_in_walk_order(part, int(part.max()) + 1)).all()
     counts = [
         _count(frame, frame.join_triangles(each.parts))[VERTICES[0]] for each in (ordered, shuffled)
     ]

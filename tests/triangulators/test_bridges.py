@@ -14,7 +14,7 @@ from triangulators.certificate.bridges import solve_by_bridges
 from triangulators.certificate.candidates import find_candidates, weigh_candidates
 from triangulators.certificate.proof import minimise_cost
 from triangulators.checking.units import compute_costs
-from triangulators.criteria.cost import make_cost, total_cost
+from triangulators.criteria.cost import compute_total_cost, make_cost
 from triangulators.initial import find_any_triangulation
 from triangulators.optimum.any_cost import FLOAT
 from triangulators.polygon import boundary, boundary_area
@@ -48,7 +48,7 @@ def check_against_brute_force(polygon: shapely.Polygon, name: str) -> None:
         outline = boundary(polygon)
         if outline.holes and outline.has_plain_rings:
             outline, record, triangles = solve(polygon, name, sign)
-            found = sign * total_cost(outline.points, triangles, record)
+            found = sign * compute_total_cost(outline.points, triangles, record)
             assert verify(polygon, triangles).conforming, polygon.wkt
             assert found == pytest.approx(expected, rel=1e-9, abs=1e-9), polygon.wkt
         if sign > 0.0:

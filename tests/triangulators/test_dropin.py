@@ -9,7 +9,7 @@ from tests.ports.polygons import earcut_rings
 from tests.triangulators.cases import random_simple, read_rings, star, with_hole
 from triangulators import dropin, flip, triangulate, triangulate_many, vertices
 from triangulators.criteria import predict
-from triangulators.geometry.earcut import far_offsets
+from triangulators.geometry.earcut import find_far_offsets
 from triangulators.verify import verify
 
 METHODS = ("flips", "refined", "optimal:half-perimeter")
@@ -160,10 +160,10 @@ def test_local_origin_preserves_relative_positions(kind, sign):
     rng = np.random.default_rng(4)
     points = (sign * (10**6 + rng.integers(0, 10**5, (50, 2)))).astype(kind)
     starts = np.array([0, 20])
-    local = points - np.repeat(far_offsets(points, starts), [20, 30], axis=0)
+    local = points - np.repeat(find_far_offsets(points, starts), [20, 30], axis=0)
     assert local.dtype == kind
     for part in (slice(0, 20), slice(20, 50)):
         assert (np.diff(local[part], axis=0) == np.diff(points[part], axis=0)).all()
         assert (np.abs(local[part]).min(axis=0) == 0).all()
     near = rng.random((9, 2)) - 0.5
-    assert not far_offsets(near, np.zeros(1, int)).any()
+    assert not find_far_offsets(near, np.zeros(1, int)).any()

@@ -12,7 +12,7 @@ from tests.triangulators.cases import convex, random_simple, smooth, snapped, st
 from triangulators import criteria, triangulate, vertices
 from triangulators.criteria.cost import make_cost, replace_fields
 from triangulators.criteria.criterion import FEATURES
-from triangulators.geometry.predicates import grid_unit
+from triangulators.geometry.predicates import find_grid_unit
 from triangulators.initial import make_cycle
 from triangulators.optimum import full_table, visible_lists
 from triangulators.optimum.full_table import solve_ring
@@ -43,7 +43,7 @@ def solve_dense(ring, box):
 
 @pytest.mark.parametrize("n", [130, 300])
 def test_dense_and_sparse_programs_have_equal_cost(n):
-    assert grid_unit(vertices(convex(n))) == 0.0
+    assert find_grid_unit(vertices(convex(n))) == 0.0
     for polygon in (snapped(vertices(convex(n))), snapped(vertices(smooth(n))), convex(n)):
         ring = make_cycle(boundary(polygon), "test")
         for name, box in (("overdraw", A), ("half-perimeter", H)):
@@ -80,7 +80,7 @@ def test_sums_are_exact_around_int32_limit(monkeypatch, above, sign):
     ring[0, 1] += 1  # so that nothing coarser than 1 is a unit
     span = np.ptp(ring, axis=0).sum()
     assert (n * span >= INT32_LIMIT) == above
-    assert grid_unit(ring) == 1.0
+    assert find_grid_unit(ring) == 1.0
     start = np.r_[0, np.cumsum(np.arange(n - 1, -1, -1))]
     target = np.concatenate([np.arange(i + 1, n) for i in range(n)]).astype(np.int32)
     weight = weigh_pairs(ring, start, target, sign * H)
@@ -106,7 +106,7 @@ def test_optimum_on_frames_equals_triangle_recurrence_exactly():
             continue
         outline = boundary(polygon)
         ring = make_cycle(outline, "test")
-        assert grid_unit(ring.points) > 0.0
+        assert find_grid_unit(ring.points) > 0.0
         for name in ("half-perimeter", "overdraw"):
             triangles = triangulate(polygon, f"optimal:{name}")
             expected = solve_all(ring, name)
@@ -140,9 +140,9 @@ def test_grid_unit_is_the_coarsest():
     points = vertices(random_simple(np.random.default_rng(1), 12, 50))
     odd = points * 2 + 1
     for unit in (2.0**-8, 1.0, 2.0**30, 2.0**-200):
-        assert grid_unit(odd * unit) == unit
-    assert grid_unit(points + 0.1) == 0.0
-    assert grid_unit(np.ascontiguousarray(points * 0.1)) == 0.0
+        assert find_grid_unit(odd * unit) == unit
+    assert find_grid_unit(points + 0.1) == 0.0
+    assert find_grid_unit(np.ascontiguousarray(points * 0.1)) == 0.0
 
 
 @pytest.mark.parametrize(

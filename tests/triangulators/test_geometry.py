@@ -12,7 +12,7 @@ from scenes import load
 from tests.triangulators.cases import diagonals, hard_polygons, random_simple, star, with_hole
 from triangulators.geometry.half_edges import find_twins
 from triangulators.geometry.predicates import orient, twice_area
-from triangulators.geometry.unfold import fold_back, grow, unfold
+from triangulators.geometry.unfold import fold_back, grow_tree, unfold
 from triangulators.geometry.visibility import find_visible_sites
 from triangulators.initial import find_any_triangulation, make_cycle
 from triangulators.polygon import (
@@ -107,7 +107,7 @@ def test_unfold_and_fold_back_are_inverse(depth_first):
     for root in range(0, 58, 7):
         tree, rows = np.zeros((58, 3), dtype=bool), np.empty(20, dtype=np.int32)
         visited, position_of = np.zeros(58, dtype=bool), np.full(174, -1, dtype=np.int32)
-        assert grow(twin, root, 20, depth_first, root % 3, tree, rows, visited) == 20
+        assert grow_tree(twin, root, 20, depth_first, root % 3, tree, rows, visited) == 20
         cycle, local, around = unfold(triangles, twin, tree, root, 20)
         assert sorted(map(sorted, cycle[local].tolist())) == sorted(
             map(sorted, triangles[rows].tolist())

@@ -22,7 +22,12 @@ from triangulators import (
     triangulate_with_gap,
     vertices,
 )
-from triangulators.geometry.order import CACHE_SIZE, ORDERS, sort_for_vertex_cache, walk
+from triangulators.geometry.order import (
+    CACHE_SIZE,
+    ORDERS,
+    put_in_walk_order,
+    sort_for_vertex_cache,
+)
 
 BATCH = 120
 """Number of indices in a batch of the simulated GPU, which shades a vertex once per batch."""
@@ -44,7 +49,7 @@ def normalise(triangles: np.ndarray) -> list[tuple[int, ...]]:
 @given(st.lists(st.tuples(*[st.integers(0, 9)] * 3), max_size=30))
 def test_walk_permutes_triangles(rows):
     triangles = np.array(rows, np.int32).reshape(-1, 3)
-    ordered = walk(triangles, 10)
+    ordered = put_in_walk_order(triangles, 10)
     assert normalise(ordered) == normalise(triangles)
 
 
@@ -52,7 +57,9 @@ def test_walk_permutes_triangles(rows):
 @given(hard_polygons())
 def test_walk_visits_neighbours_consecutively(polygon):
     triangles = triangulate(polygon, "delaunay")
-    ordered = walk(np.random.default_rng(0).permutation(triangles), len(vertices(polygon)))
+    ordered = put_in_walk_order(
+        np.random.default_rng(0).permutation(triangles), len(vertices(polygon))
+    )
     edges: set[frozenset[int]] = set()
     met: set[int] = set()
     for number, (a, b, c) in enumerate(ordered.tolist()):
@@ -69,7 +76,7 @@ def test_optimum_is_in_walk_order(name):
     rng = np.random.default_rng(1)
     for polygon in (star(400, spread=0.4), smooth(90), with_hole(rng, 14, 6)):
         triangles = triangulate(polygon, name)
-        assert np.array_equal(triangles, walk(triangles, len(vertices(polygon))))
+        assert np.array_equal(triangles, put_in_walk_order(triangles, len(vertices(polygon))))
 
 
 @pytest.mark.parametrize("name", ["ear-clipping", "delaunay", "flips", "flips:shape", "refined"])
@@ -81,7 +88,7 @@ def test_order_of_all_interfaces(name):
     moved = 0
     for index, polygon in enumerate(polygons):
         native, ordered, default = (batches[order][index] for order in (*ORDERS[::-1], None))
-        assert np.array_equal(ordered, walk(native, len(vertices(polygon))))
+        assert np.array_equal(ordered, put_in_walk_order(native, len(vertices(polygon))))
         assert np.array_equal(default, native if name in ("ear-clipping", "delaunay") else ordered)
         assert np.array_equal(default, triangulate_with_gap(polygon, name)[0])
         for order in ORDERS:
@@ -100,7 +107,9 @@ def test_dropin_and_flip_have_both_orders():
         assert np.array_equal(flip(points, raw, order=order), expected)
         result = dropin.triangulate_float64(points, ends, order=order)
         assert np.array_equal(result.reshape(-1, 3), expected)
-    assert np.array_equal(flip(points, raw), walk(flip(points, raw, order="native"), len(points)))
+    assert np.array_equal(
+        flip(points, raw), put_in_walk_order(flip(points, raw, order="native"), len(points))
+    )
 
 
 def test_unknown_order_is_refused():
@@ -153,8 +162,10 @@ def test_walk_shades_few_vertices_again():
         shuffled = rng.permutation(triangulate(polygon, "delaunay"))
         batches = -(-3 * len(shuffled) // BATCH)
         # At most two vertices of each of log2(m) waiting edges, at the start of each batch.
-        assert count_shaded(walk(shuffled, n)) <= n + batches * 2 * np.log2(len(shuffled))
-        assert count_shaded(shuffled) > 1.5 * count_shaded(walk(shuffled, n))
+        assert count_shaded(put_in_walk_order(shuffled, n)) <= n + batches * 2 * np.log2(
+            len(shuffled)
+        )
+        assert count_shaded(shuffled) > 1.5 * count_shaded(put_in_walk_order(shuffled, n))
 
 
 def test_batches_are_in_walk_order():

@@ -10,7 +10,7 @@ from tests.paths import ROOT
 from tests.triangulators.cases import read_rings
 from triangulators import flip, triangulate_many, vertices
 from triangulators.geometry.flips import flip_as_earcut
-from triangulators.geometry.half_edges import link
+from triangulators.geometry.half_edges import link_half_edges
 
 NAMES = (
     *("ear-clipping", "earcut-refine", "flips:delaunay", "flips:beauty"),
@@ -69,7 +69,7 @@ def test_slivers_of_earcuts_fixtures():
         ends = np.cumsum([len(ring) for ring in rings]).astype(np.uint32)
         raw = mapbox_earcut.triangulate_float64(points, ends).astype(np.int32)
         refined = raw.copy()
-        flip_as_earcut(points, refined, link(refined))
+        flip_as_earcut(points, refined, link_half_edges(refined))
         by_name = {"ear-clipping": raw.reshape(-1, 3), "earcut-refine": refined.reshape(-1, 3)}
         for name in NAMES[2:6]:
             by_name[name] = flip(points, raw, name.partition(":")[2])

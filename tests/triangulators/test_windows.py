@@ -7,7 +7,7 @@ from harness.frame import View, make_frame
 from scenes import load
 from tests.triangulators.cases import glyphs, smooth, star
 from triangulators import criteria, triangulate, vertices
-from triangulators.criteria.cost import make_cost, plain_cost, total_cost
+from triangulators.criteria.cost import compute_total_cost, find_plain_cost, make_cost
 from triangulators.geometry.half_edges import find_twins
 from triangulators.libraries import ear_clipping
 from triangulators.optimum.windows import optimise_windows
@@ -22,10 +22,10 @@ def test_windows_are_valid_and_never_worse(name):
     for polygon in [star(200, spread=0.4), smooth(300), *(p for _, p in glyphs("B8g%"))]:
         outline = boundary(polygon)
         triangles = ear_clipping(outline).astype(np.int32)
-        before = total_cost(outline.points, triangles, cost)
+        before = compute_total_cost(outline.points, triangles, cost)
         twin = find_twins(triangles)
         is_optimal = optimise_windows(outline.points, triangles, twin, cost)
-        after = total_cost(outline.points, triangles, cost)
+        after = compute_total_cost(outline.points, triangles, cost)
         assert is_optimal == (len(triangles) <= 24 and not polygon.interiors)
         assert verify(polygon, triangles).conforming
         assert np.array_equal(twin, find_twins(triangles))
@@ -35,15 +35,15 @@ def test_windows_are_valid_and_never_worse(name):
 
 
 def test_one_window_is_the_optimum():
-    cost = plain_cost(criteria.find("expected-quads"))
+    cost = find_plain_cost(criteria.find("expected-quads"))
     for seed in range(20):
         polygon = star(24, seed=seed, spread=0.3)
         outline = boundary(polygon)
         triangles = ear_clipping(outline).astype(np.int32)
         assert optimise_windows(outline.points, triangles, find_twins(triangles), cost)
         best = triangulate(polygon, "optimal:expected-quads")
-        assert total_cost(outline.points, triangles, cost) == pytest.approx(
-            total_cost(outline.points, best, cost), rel=1e-12
+        assert compute_total_cost(outline.points, triangles, cost) == pytest.approx(
+            compute_total_cost(outline.points, best, cost), rel=1e-12
         )
 
 

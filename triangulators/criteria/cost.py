@@ -94,7 +94,7 @@ def require_finite_total(criterion: Criterion, points: np.ndarray, triangles: np
 
 
 @lru_cache(maxsize=256)
-def plain_cost(criterion: Criterion, sign: float = 1.0) -> Cost | None:
+def find_plain_cost(criterion: Criterion, sign: float = 1.0) -> Cost | None:
     """Return a criterion's `Cost` if the cost is the same for all polygons, otherwise None; cached.
 
     None for users' functions, and for criteria that are normalised by a polygon's area.
@@ -195,7 +195,7 @@ def allocate_block(size: int) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
 
 
 @njit
-def total_cost(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> float:
+def compute_total_cost(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> float:
     """Return the sum of the costs of triangles (m, 3) of points (n, 2)."""
     total = 0.0
     for row in range(len(triangles)):
@@ -208,7 +208,7 @@ def find_cheapest(points: np.ndarray, triangulations: np.ndarray, cost: Cost) ->
     """Return the index of the cheapest of k triangulations (k, m, 3); the lowest index of a tie."""
     best, min_total = 0, np.inf
     for index in range(len(triangulations)):
-        total = total_cost(points, triangulations[index], cost)
+        total = compute_total_cost(points, triangulations[index], cost)
         if total < min_total:
             best, min_total = index, total
     return best

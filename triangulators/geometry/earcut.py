@@ -21,7 +21,7 @@ _BY_TYPE: dict[Any, Any] = {
 }
 
 
-_FIRST = np.zeros(1, np.int64)  # argument `starts` of `far_offsets` for a single polygon
+_FIRST = np.zeros(1, np.int64)  # argument `starts` of `find_far_offsets` for a single polygon
 
 
 def clip_ears(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
@@ -30,7 +30,7 @@ def clip_ears(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
     points : (n, 2) float64, int32 or int64; ends : (r,) uint32, the end of each ring in `points`
     """
     if isinstance(points, np.ndarray) and points.ndim == 2 and len(points):
-        offsets = far_offsets(points, _FIRST)
+        offsets = find_far_offsets(points, _FIRST)
         if offsets[0, 0] or offsets[0, 1]:
             points = points - offsets
     triangulate = _BY_TYPE.get(getattr(points, "dtype", None), mapbox_earcut.triangulate_float64)
@@ -39,7 +39,7 @@ def clip_ears(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
 
 
 @njit(nogil=True)
-def far_offsets(points: np.ndarray, starts: np.ndarray) -> np.ndarray:
+def find_far_offsets(points: np.ndarray, starts: np.ndarray) -> np.ndarray:
     """Return the offset (k, 2) to subtract from each polygon so that it is near the origin.
 
     points : (n, 2), the vertices of all polygons; starts : (k,), first vertex of each nonempty
@@ -47,7 +47,7 @@ def far_offsets(points: np.ndarray, starts: np.ndarray) -> np.ndarray:
     subtracting the offset is exact.
 
     >>> points = np.array([(2e6, -5e5), (2e6 + 9, -5e5 - 7), (2e6, -1.0)])
-    >>> far_offsets(points, np.array([0])).tolist()
+    >>> find_far_offsets(points, np.array([0])).tolist()
     [[2000000.0, 0.0]]
     """
     offsets = np.zeros((len(starts), 2), points.dtype)

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from triangulators.compute.kernels import njit
-from triangulators.geometry.half_edges import link, next_edge, previous_edge
-from triangulators.geometry.order import walk_along
+from triangulators.geometry.half_edges import link_half_edges, next_edge, previous_edge
+from triangulators.geometry.order import put_in_walk_order_by_twins
 
 _MAX_INTEGER = 2.0**25  # orientations and lengths of integer coordinates up to this are exact
 _UNDERFLOW = 1e-300  # exceeds the error that underflow causes in a product
@@ -76,13 +76,18 @@ def flip_edge(
 
 @njit(nogil=True, inline="always")
 def flip_while_gaining(
-    points: np.ndarray, corner: np.ndarray, twin: np.ndarray, gains: Any, convex: Any, context: Any
+    points: np.ndarray,
+    corner: np.ndarray,
+    twin: np.ndarray,
+    gains: Any,
+    is_convex: Any,
+    context: Any,
 ) -> int:
     """Flip in place until no flip gains; return the number of flips.
 
     corner, twin: (3 m,), see `half_edges`; gains(points, a, b, c, d, context): whether the diagonal
-    a-d is better than b-c, the common edge of the triangles a, b, c and d, c, b; convex(points, a,
-    b, c, d): whether the quadrilateral of both triangles is convex.
+    a-d is better than b-c, the common edge of the triangles a, b, c and d, c, b; is_convex(points,
+    a, b, c, d): whether the quadrilateral of both triangles is convex.
 
     Order: diagonals to try are on a stack, initially all, as `list_diagonals` pushes them. The top
     diagonal is tried; after a flip the four sides of the quadrilateral are pushed, except sides
@@ -102,7 +107,7 @@ def flip_while_gaining(
         if f < 0:
             continue
         a, b, c, d = corner[previous_edge(e)], corner[e], corner[f], corner[previous_edge(f)]
-        if gains(points, a, b, c, d, context) and convex(points, a, b, c, d):
+        if gains(points, a, b, c, d, context) and is_convex(points, a, b, c, d):
             flips += 1
             size = flip_edge(corner, twin, e, stack, waiting, size)
     return flips
@@ -119,7 +124,7 @@ def _are_all_integers(points: np.ndarray, a: int, b: int, c: int, d: int) -> boo
 
 
 @njit(nogil=True)
-def convex(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
+def is_convex(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
     """Whether the triangles a, b, d and a, d, c certainly have the same nonzero orientation.
 
     The filter is Shewchuk's bound on the error of a determinant (see `predicates`).
@@ -216,13 +221,13 @@ def _find_orientation(points: np.ndarray, corner: np.ndarray) -> float:
 @njit(nogil=True)
 def flip_by_l1(points: np.ndarray, corner: np.ndarray, twin: np.ndarray) -> int:
     """Flip to diagonals that are shorter in the L1 metric; see `flip_while_gaining`."""
-    return flip_while_gaining(points, corner, twin, _is_shorter_l1, convex, None)
+    return flip_while_gaining(points, corner, twin, _is_shorter_l1, is_convex, None)
 
 
 @njit(nogil=True)
 def flip_by_length(points: np.ndarray, corner: np.ndarray, twin: np.ndarray) -> int:
     """Flip to diagonals that are shorter in the Euclidean metric; see `flip_while_gaining`."""
-    return flip_while_gaining(points, corner, twin, _is_shorter, convex, None)
+    return flip_while_gaining(points, corner, twin, _is_shorter, is_convex, None)
 
 
 @njit(nogil=True)
@@ -232,7 +237,7 @@ def flip_by_delaunay(points: np.ndarray, corner: np.ndarray, twin: np.ndarray) -
     See `flip_while_gaining`.
     """
     return flip_while_gaining(
-        points, corner, twin, _is_in_circle, convex, _find_orientation(points, corner)
+        points, corner, twin, _is_in_circle, is_convex, _find_orientation(points, corner)
     )
 
 
@@ -251,8 +256,8 @@ def shorten_diagonals(points: np.ndarray, indices: np.ndarray, in_walk: bool) ->
     in_walk: True to put the result in walk order (see `order`).
     """
     corner = indices.astype(np.int32)
-    twin = link(corner)
+    twin = link_half_edges(corner)
     flip_by_l1(points, corner, twin)
     if in_walk:
-        corner = walk_along(corner.reshape(-1, 3), twin, len(points)).reshape(-1)
+        corner = put_in_walk_order_by_twins(corner.reshape(-1, 3), twin, len(points)).reshape(-1)
     indices[:] = corner

@@ -25,7 +25,7 @@ def previous_edge(e: Any) -> Any:
 
 
 @njit(nogil=True)
-def link(corner: np.ndarray) -> np.ndarray:
+def link_half_edges(corner: np.ndarray) -> np.ndarray:
     """Return the twin (3 m,) of each half-edge, or -1; twins are mutual.
 
     corner (3 m,): start vertex of each half-edge. If several half-edges could be the twin, that
@@ -76,7 +76,7 @@ def link(corner: np.ndarray) -> np.ndarray:
 def find_twins(triangles: np.ndarray) -> np.ndarray:
     """Return the twins (m, 3) of triangles (m, 3): row t has the twins of 3 t, 3 t + 1, 3 t + 2."""
     corner = np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1)
-    return np.asarray(link(corner)).reshape(-1, 3)
+    return np.asarray(link_half_edges(corner)).reshape(-1, 3)
 
 
 @njit(nogil=True)
@@ -86,9 +86,9 @@ def is_triangulation(
     """Whether triangles, given by half-edges, are a conforming triangulation of a polygon's rings.
 
     points (n, 2), ring_offsets (h + 2,): rings of either orientation; corner, twin: (3 m,), see
-    `link`. True if there are n + 2 h - 2 triangles, all counter-clockwise, and the edges without a
-    twin are the edges of the rings: all edges then add up to the boundary, so the triangles cover
-    the interior once.
+    `link_half_edges`. True if there are n + 2 h - 2 triangles, all counter-clockwise, and the edges
+    without a twin are the edges of the rings: all edges then add up to the boundary, so the
+    triangles cover the interior once.
     """
     n = len(points)
     if len(corner) != 3 * (n + 2 * (len(ring_offsets) - 2) - 2):

@@ -29,7 +29,7 @@ import numpy as np
 from triangulators.compute.kernels import njit
 from triangulators.compute.operations import group_by_key
 from triangulators.errors import UnknownNameError, suggest
-from triangulators.geometry.half_edges import link
+from triangulators.geometry.half_edges import link_half_edges
 
 CACHE_SIZE = 16
 """Assumed size of the vertex cache; GPUs reuse 16 to 32 vertices in each batch."""
@@ -51,17 +51,17 @@ def is_walk(order: str) -> bool:
 
 
 @njit(nogil=True)
-def walk(triangles: np.ndarray, count: int) -> np.ndarray:
+def put_in_walk_order(triangles: np.ndarray, count: int) -> np.ndarray:
     """Return triangles (m, 3) in walk order, rotated so that a new vertex is last.
 
     count: number of points that the triangles index.
     """
-    return walk_along(triangles, link(triangles.reshape(-1)), count)
+    return put_in_walk_order_by_twins(triangles, link_half_edges(triangles.reshape(-1)), count)
 
 
 @njit(nogil=True)
-def walk_along(triangles: np.ndarray, twin: np.ndarray, count: int) -> np.ndarray:
-    """Return triangles (m, 3) in walk order, as `walk`, given the twins (3 m,) of half-edges."""
+def put_in_walk_order_by_twins(triangles: np.ndarray, twin: np.ndarray, count: int) -> np.ndarray:
+    """Return triangles (m, 3) in walk order, given the twins (3 m,) of half-edges."""
     rows = _find_walk_order(twin)
     ordered = np.empty_like(triangles)
     met = np.zeros(count, dtype=np.bool_)

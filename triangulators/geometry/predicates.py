@@ -230,7 +230,7 @@ def find_touching_vertices(
 
 
 @njit(nogil=True)
-def bounding_box(points: np.ndarray) -> tuple[float, float, float, float]:
+def find_bounding_box(points: np.ndarray) -> tuple[float, float, float, float]:
     """Return min x, min y, width and height of points (n, 2)."""
     low_x = high_x = points[0, 0]
     low_y = high_y = points[0, 1]
@@ -241,14 +241,14 @@ def bounding_box(points: np.ndarray) -> tuple[float, float, float, float]:
 
 
 @njit(nogil=True)
-def grid_unit(points: np.ndarray) -> float:
+def find_grid_unit(points: np.ndarray) -> float:
     """Return the largest power of two that all coordinates (n, 2) are multiples of, or 0.0.
 
     0.0 means that the points are not on a grid: their span exceeds 2^24 units. On a grid, float64
     determinants are exact: differences fit 25 bits and products 50. Coordinates of frames, snapped
     to 1/256 px, are always on a grid.
     """
-    _, _, w, h = bounding_box(points)
+    _, _, w, h = find_bounding_box(points)
     span = max(w, h)
     if not 1e-290 < span < 1e300:
         return 0.0
@@ -271,7 +271,7 @@ def tolerance(points: np.ndarray) -> float:
     In units of the coordinates (n, 2): zero if they are on a grid, so that float64 determinants are
     exact; otherwise four rounding errors of the largest coordinate.
     """
-    return 0.0 if grid_unit(points) > 0.0 else float(np.abs(points).max()) * 4.0 * 2.0**-52
+    return 0.0 if find_grid_unit(points) > 0.0 else float(np.abs(points).max()) * 4.0 * 2.0**-52
 
 
 @njit(nogil=True)

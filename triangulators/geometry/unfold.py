@@ -5,9 +5,9 @@ the outline counts as several vertices. So a tree of adjacent triangles defines 
 between its triangles that the tree does not cross. No geometry of holes is needed, and the region's
 triangles are a triangulation of the polygon.
 
-`grow` chooses the tree, `unfold` walks the tree from the root and returns the polygon as a cycle of
-vertices, and `fold_back` replaces the tree's triangles by another triangulation of that cycle. All
-take time linear in the number of triangles of the tree.
+`grow_tree` chooses the tree, `unfold` walks the tree from the root and returns the polygon as a
+cycle of vertices, and `fold_back` replaces the tree's triangles by another triangulation of that
+cycle. All take time linear in the number of triangles of the tree.
 
 Half-edges are numbered as in `half_edges`; twin (m, 3) is the result of `find_twins`.
 """
@@ -15,11 +15,11 @@ Half-edges are numbered as in `half_edges`; twin (m, 3) is the result of `find_t
 import numpy as np
 
 from triangulators.compute.kernels import njit
-from triangulators.geometry.half_edges import link
+from triangulators.geometry.half_edges import link_half_edges
 
 
 @njit(nogil=True)
-def grow(
+def grow_tree(
     twin: np.ndarray,
     root: int,
     max_size: int,
@@ -73,10 +73,10 @@ def unfold(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a tree of triangles as a simple polygon: (cycle, local triangles, outline).
 
-    triangles, twin: (m, 3); tree: (m, 3), the marks of `grow`; size: number of triangles in the
-    tree. The results, with k = size + 2: cycle (k,), the polygon's vertices counter-clockwise, as
-    indices of points; local triangles (size, 3), the tree's triangles, breadth first, as positions
-    in the cycle; outline (k,), the half-edge from each vertex to the next.
+    triangles, twin: (m, 3); tree: (m, 3), the marks of `grow_tree`; size: number of triangles in
+    the tree. The results, with k = size + 2: cycle (k,), the polygon's vertices counter-clockwise,
+    as indices of points; local triangles (size, 3), the tree's triangles, breadth first, as
+    positions in the cycle; outline (k,), the half-edge from each vertex to the next.
 
     The outline is a linked list of corners, initially those of the root. A triangle that is entered
     over the side tail-head inserts a new corner for the apex between tail and head, even if the
@@ -149,7 +149,7 @@ def fold_back(
     position_of (3 m,): workspace for the positions of old half-edges, -1 before and after.
     """
     size = len(cycle)
-    inner = link(better.reshape(-1))
+    inner = link_half_edges(better.reshape(-1))
     fresh = np.empty(size, dtype=np.int32)  # the new half-edge at each position
     beyond = np.empty(size, dtype=np.int32)  # the twin of the old half-edge
     for index in range(len(rows)):

@@ -22,8 +22,8 @@ import numpy as np
 
 from triangulators.compute.kernels import njit
 from triangulators.criteria.features import expected_quads
-from triangulators.geometry.order import walk
-from triangulators.geometry.predicates import bounding_box, grid_unit
+from triangulators.geometry.order import put_in_walk_order
+from triangulators.geometry.predicates import find_bounding_box, find_grid_unit
 from triangulators.optimum.full_table import SPAN
 from triangulators.polygon import twice_ring_area
 from triangulators.polygon_arrays import Batch
@@ -89,10 +89,10 @@ def prepare_rings(
         n = len(points)
         if not selected[index] or n < 3 or n > max_vertices:
             continue
-        unit = grid_unit(points)
+        unit = find_grid_unit(points)
         if not 1.0 / _MAX_UNIT <= unit <= _MAX_UNIT:
             continue
-        low_x, low_y, w, h = bounding_box(points)
+        low_x, low_y, w, h = find_bounding_box(points)
         if n * ((w + h) / unit) >= _INT32_LIMIT:
             continue
         is_reversed = not twice_ring_area(points) > 0.0
@@ -176,7 +176,9 @@ def store_results(
             # The order of vertices on the CPU: for quads, of `any_cost.solve_any`.
             triangles[row] = (i, k, j) if is_quads else (j, i, k)
         if is_quads:
-            triangles[:] = walk(triangles, end - begin)  # the order of `methods.optimal`
+            triangles[:] = put_in_walk_order(
+                triangles, end - begin
+            )  # the order of `methods.optimal`
         batch.done[index] = True
 
 

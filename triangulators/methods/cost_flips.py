@@ -14,7 +14,7 @@ import numpy as np
 from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost, cost_at
 from triangulators.criteria.criterion import FEATURES
-from triangulators.geometry.flips import convex, flip_edge, list_diagonals
+from triangulators.geometry.flips import flip_edge, is_convex, list_diagonals
 from triangulators.geometry.half_edges import next_edge, previous_edge
 
 _SLACK = 1e-12  # a gain below this share of the costs may be a rounding error, and is ignored
@@ -53,7 +53,7 @@ def flip_by_cost(
             continue
         e2, f2 = previous_edge(e), previous_edge(f)
         a, b, c, d = corner[e2], corner[e], corner[f], corner[f2]
-        if not convex(points, a, b, c, d):
+        if not is_convex(points, a, b, c, d):
             continue
         old = costs[e // 3] + costs[f // 3]
         below, above = cost_at(scaled, a, b, d, cost), cost_at(scaled, a, d, c, cost)
@@ -77,7 +77,7 @@ def flip_by_cost(
             if g < 0:
                 continue
             tail, head, apex = corner[before], corner[g], corner[previous_edge(g)]
-            if not convex(points, third, tail, head, apex):
+            if not is_convex(points, third, tail, head, apex):
                 continue
             first = cost_at(scaled, third, tail, apex, cost)
             second = cost_at(scaled, third, apex, head, cost)

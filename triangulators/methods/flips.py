@@ -19,7 +19,7 @@ from triangulators import criteria
 from triangulators.compute.kernels import njit
 from triangulators.compute.operations import copy_rows
 from triangulators.criteria import FLIP_TESTS
-from triangulators.criteria.cost import Cost, make_cost, plain_cost, total_cost
+from triangulators.criteria.cost import Cost, compute_total_cost, find_plain_cost, make_cost
 from triangulators.errors import UnknownNameError
 from triangulators.geometry.ear_clipping import clip_ring
 from triangulators.geometry.flips import (
@@ -28,8 +28,8 @@ from triangulators.geometry.flips import (
     flip_by_l1,
     flip_by_length,
 )
-from triangulators.geometry.half_edges import is_triangulation, link
-from triangulators.geometry.order import is_walk, walk_along
+from triangulators.geometry.half_edges import is_triangulation, link_half_edges
+from triangulators.geometry.order import is_walk, put_in_walk_order_by_twins
 from triangulators.initial import find_initial_triangulations
 from triangulators.libraries import ear_clipping
 from triangulators.methods.cost_flips import flip_by_cost
@@ -89,16 +89,16 @@ def refine(
     if test == COST:
         if not optimise_windows(points, rows, twin.reshape(-1, 3), cost):
             flip_by_test(points, corner, twin, test, cost)
-        return walk_along(rows, twin, len(points))
+        return put_in_walk_order_by_twins(rows, twin, len(points))
     delaunay, delaunay_twin = corner.copy(), twin.copy()
     use_delaunay = flip_by_delaunay(points, delaunay, delaunay_twin) > 0
     flip_by_test(points, corner, twin, test, cost)
     if use_delaunay:
         delaunay_rows = delaunay.reshape(-1, 3)
         flip_by_test(points, delaunay, delaunay_twin, test, cost)
-        if total_cost(points, delaunay_rows, cost) < total_cost(points, rows, cost):
-            return walk_along(delaunay_rows, delaunay_twin, len(points))
-    return walk_along(rows, twin, len(points))
+        if compute_total_cost(points, delaunay_rows, cost) < compute_total_cost(points, rows, cost):
+            return put_in_walk_order_by_twins(delaunay_rows, delaunay_twin, len(points))
+    return put_in_walk_order_by_twins(rows, twin, len(points))
 
 
 @njit(nogil=True)
@@ -110,7 +110,7 @@ def _refine_if_valid(
     corner (3 m,): the given triangles, overwritten; valid if they are a conforming triangulation of
     the rings. See `refine` for other arguments.
     """
-    twin = link(corner)
+    twin = link_half_edges(corner)
     if is_triangulation(points, ring_offsets, corner, twin):
         return refine(points, corner, twin, test, cost)
     return corner.reshape(-1, 3)[:0]
@@ -146,14 +146,14 @@ def improve_batch(
         if len(rows) == 0 or len(rows) != len(room):
             continue
         corner = rows.reshape(-1)
-        twin = link(corner)
+        twin = link_half_edges(corner)
         if not two_starts:
             flip_by_test(points, corner, twin, test, cost)
         if is_triangulation(points, rings, corner, twin):
             if two_starts:
                 rows = refine(points, corner, twin, test, cost)
             elif in_walk:
-                rows = walk_along(rows, twin, len(points))
+                rows = put_in_walk_order_by_twins(rows, twin, len(points))
             copy_rows(rows, room)
             done[index] = True
 
@@ -236,12 +236,12 @@ def flip(
     scaled = points * scale
     cost, test = _resolve_cost(scaled, rows, by, parameters)
     corner = rows.reshape(-1)
-    twin = link(corner)
+    twin = link_half_edges(corner)
     if test == COST:
         flip_by_cost(points, scaled, corner, twin, cost)
     else:
         flip_by_test(points, corner, twin, test, cost)
-    return walk_along(rows, twin, len(points)) if in_walk else rows
+    return put_in_walk_order_by_twins(rows, twin, len(points)) if in_walk else rows
 
 
 def _resolve_cost(
@@ -261,7 +261,7 @@ def _resolve_cost(
     except UnknownNameError as error:
         message = f"flip: {error}; flip tests: {', '.join(FLIP_TESTS)}"
         raise UnknownNameError(message) from error
-    cost = plain_cost(resolved)
+    cost = find_plain_cost(resolved)
     if cost is None:
         sides = points[rows[:, 1:]] - points[rows[:, :1]]
         area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]).sum() / 2.0
@@ -282,7 +282,7 @@ def triangulate(
 def triangulate_as_earcut(outline: Boundary) -> np.ndarray:
     """Return ear clipping's triangles (m, 3) after the flips of npm's earcut 3.2.4 (`refine()`)."""
     corner = np.array(ear_clipping(outline), dtype=np.int32).reshape(-1)
-    flip_as_earcut(outline.points, corner, link(corner))
+    flip_as_earcut(outline.points, corner, link_half_edges(corner))
     return corner.reshape(-1, 3)
 
 
@@ -307,11 +307,11 @@ def triangulate_refined(
     if len(rows) > 0:
         return rows
     corner = np.array(next(find_initial_triangulations(outline)), dtype=np.int32).reshape(-1)
-    return refine(points, corner, link(corner), test, cost)
+    return refine(points, corner, link_half_edges(corner), test, cost)
 
 
 @lru_cache(maxsize=64)
 def _find_plain_cost_and_test(criterion: criteria.Criterion) -> tuple[Cost | None, int]:
     """Return the cost and flip test of a criterion; (None, NONE) if polygons differ."""
-    cost = plain_cost(criterion)
+    cost = find_plain_cost(criterion)
     return cost, NONE if cost is None else find_flip_test(cost)

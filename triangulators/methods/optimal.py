@@ -15,10 +15,10 @@ import numpy as np
 
 from triangulators import criteria
 from triangulators.checking.units import EXACT, find_exact_scale
-from triangulators.criteria.cost import Cost, make_cost, replace_fields, total_cost
+from triangulators.criteria.cost import Cost, compute_total_cost, make_cost, replace_fields
 from triangulators.errors import SkippedError
-from triangulators.geometry.order import walk
-from triangulators.geometry.predicates import bounding_box, grid_unit
+from triangulators.geometry.order import put_in_walk_order
+from triangulators.geometry.predicates import find_bounding_box, find_grid_unit
 from triangulators.initial import (
     find_any_triangulation,
     find_best_initial,
@@ -113,8 +113,8 @@ def _bound_rounding_gap(
     """
     points, count = outline.points, outline.expected_triangles
     cost = make_cost(criterion, boundary_area(outline), count)
-    _, _, width, height = bounding_box(points)
-    unit, weights = grid_unit(points), float(np.abs(cost["weights"]).sum())
+    _, _, width, height = find_bounding_box(points)
+    unit, weights = find_grid_unit(points), float(np.abs(cost["weights"]).sum())
     steps = max(width, height) / unit if unit > 0.0 else math.inf
     # Fast path: a simple bound shows that sums are exact.
     if weights * max(2.0, steps) * steps * count < EXACT:
@@ -124,10 +124,12 @@ def _bound_rounding_gap(
         return 0.0
     if cost["box"].min() < 0.0:
         return math.inf
-    total = total_cost(points, triangles, replace_fields(cost, weights=np.abs(cost["weights"])))
+    total = compute_total_cost(
+        points, triangles, replace_fields(cost, weights=np.abs(cost["weights"]))
+    )
     if scale > 0.0 and 2.0 * total * scale < EXACT:  # a diagonal counts for both its triangles
         return 0.0
-    size = abs(total_cost(points, triangles, cost))
+    size = abs(compute_total_cost(points, triangles, cost))
     return (16 * count + 32) * 2.0**-53 * total / size if size > 0.0 else math.inf
 
 
@@ -155,9 +157,9 @@ def _optimise(
     resolved = criteria.find(criterion, **weights)
     small = solve_small(outline, resolved, sign, options.limit)
     if small is not None:
-        return _Result(walk(small, len(outline.points)), 0.0, resolved)
+        return _Result(put_in_walk_order(small, len(outline.points)), 0.0, resolved)
     result = _search(outline, resolved, sign, options)
-    return result._replace(triangles=walk(result.triangles, len(outline.points)))
+    return result._replace(triangles=put_in_walk_order(result.triangles, len(outline.points)))
 
 
 def _search(

@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 
 from triangulators import criteria
-from triangulators.criteria.cost import Cost, make_cost, total_cost
+from triangulators.criteria.cost import Cost, compute_total_cost, make_cost
 from triangulators.errors import SkippedError, TriangulationError
 from triangulators.initial import Cycle, make_cycle
 from triangulators.polygon import Boundary, boundary_area, checked_boundary
@@ -128,7 +128,7 @@ def _find_pair_front(
     for k in apexes:
         first, second = fronts[i, k].costs, fronts[k, j].costs
         triangle = np.array([[i, k, j]], dtype=np.int32)
-        triangle_costs = np.array([total_cost(points, triangle, cost) for cost in pair])
+        triangle_costs = np.array([compute_total_cost(points, triangle, cost) for cost in pair])
         sums = (first[:, None] + second[None, :]).reshape(-1, 2) + triangle_costs
         rows = _find_non_dominated(sums)
         costs.append(sums[rows])

@@ -15,11 +15,11 @@ import numpy as np
 
 from triangulators.compute.kernels import njit
 from triangulators.criteria import Criterion
-from triangulators.criteria.cost import Cost, plain_cost, total_cost
+from triangulators.criteria.cost import Cost, compute_total_cost, find_plain_cost
 from triangulators.errors import TriangulationError
 from triangulators.geometry.half_edges import find_twins
-from triangulators.geometry.predicates import grid_unit
-from triangulators.geometry.unfold import fold_back, grow, unfold
+from triangulators.geometry.predicates import find_grid_unit
+from triangulators.geometry.unfold import fold_back, grow_tree, unfold
 from triangulators.geometry.visibility import find_visible_pairs
 from triangulators.optimum.cut_holes import solve_by_cuts
 from triangulators.optimum.full_table import SMALL, solve_ring
@@ -52,7 +52,7 @@ def find_optimum(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.nd
     if cost["is_box"]:
         is_convex = len(target) == n * (n - 1) // 2
         is_dense = _count_apexes(n, target) * _SPARSE_TO_DENSE > n**3 / 6.0
-        if is_dense and (is_convex or grid_unit(points) > 0.0):
+        if is_dense and (is_convex or find_grid_unit(points) > 0.0):
             optimal = _solve_dense(points, cost["box"])
             if optimal is not None:
                 return optimal
@@ -88,7 +88,7 @@ def solve_small(
     points = outline.points
     if len(points) > min(limit, SMALL) or not (outline.simple or outline.holes):
         return None
-    cost = plain_cost(criterion, sign)
+    cost = find_plain_cost(criterion, sign)
     if cost is None or not cost["is_box"]:
         return None
     triangles = np.empty((len(points) + 2 * outline.holes - 2, 3), dtype=np.int32)
@@ -126,10 +126,10 @@ class Patchwork:
         """Replace a piece by its optimum; return the indices (k,) of its triangles.
 
         The piece has at most `max_size` triangles around triangle `root`; depth_first, first_edge:
-        see `unfold.grow`.
+        see `unfold.grow_tree`.
         """
         rows = np.empty(max_size, dtype=np.int32)
-        size = grow(
+        size = grow_tree(
             self.twin, root, max_size, depth_first, first_edge, self._tree, rows, self._visited
         )
         rows = rows[:size]
@@ -142,7 +142,7 @@ class Patchwork:
 
     def total(self) -> float:
         """Return the cost of all triangles."""
-        return total_cost(self.points, self.triangles, self.cost)
+        return compute_total_cost(self.points, self.triangles, self.cost)
 
 
 def search_cuts(points: np.ndarray, triangles: np.ndarray, cost: Cost, seed: int = 0) -> np.ndarray:

@@ -19,8 +19,8 @@ import numpy as np
 
 from triangulators.compute.kernels import njit
 from triangulators.compute.operations import FAST, copy_row, copy_rows, fmin
-from triangulators.geometry.order import walk
-from triangulators.geometry.predicates import FILTER, bounding_box, grid_unit
+from triangulators.geometry.order import put_in_walk_order
+from triangulators.geometry.predicates import FILTER, find_bounding_box, find_grid_unit
 from triangulators.optimum.full_table import SMALL, solve_ring, weigh_diagonal
 from triangulators.polygon import orient_rings
 
@@ -38,16 +38,16 @@ def solve_by_cuts(
 
     points (n, 2), ring_offsets (h + 2,): rings of either orientation, the exterior first; box:
     coefficients of half-perimeter, bounding-box area and edge length; triangles (n + 2h - 2, 3):
-    output, in the order of `order.walk`. Returns False if the polygon is unsupported: too large,
-    with rings that touch, with too many choices of cuts, or no triangulation was found.
+    output, in the order of `put_in_walk_order`. Returns False if the polygon is unsupported: too
+    large, with rings that touch, with too many choices of cuts, or no triangulation was found.
     """
     n, holes = len(points), len(ring_offsets) - 2
     ring_size = n + 2 * holes
     if ring_size > SMALL or holes > MAX_HOLES or _do_rings_touch(points, ring_offsets):
         return False
-    _, _, w, h = bounding_box(points)
+    _, _, w, h = find_bounding_box(points)
     # The filter's bound is a multiple of two products, each below the span's square.
-    doubt = 0.0 if grid_unit(points) > 0.0 else 4.0 * FILTER * max(w, h) ** 2
+    doubt = 0.0 if find_grid_unit(points) > 0.0 else 4.0 * FILTER * max(w, h) ** 2
     ring = orient_rings(points, ring_offsets)
     cycle = np.empty((holes + 1, ring_size), dtype=np.int32)  # at each depth, the ring cut so far
     copy_row(ring[: ring_offsets[1]], cycle[0])
@@ -95,7 +95,7 @@ def solve_by_cuts(
                 for e in range(3):
                     triangles[row, e] = cycle[holes, local[row, e]]
     if min_cost < np.inf:
-        copy_rows(walk(triangles, n), triangles)
+        copy_rows(put_in_walk_order(triangles, n), triangles)
     return min_cost < np.inf
 
 

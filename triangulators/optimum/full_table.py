@@ -27,7 +27,7 @@ the loop may begin at a register's first lane.
 No visibility is needed: a combinatorial triangulation of the ring whose triangles are all
 counter-clockwise is one of the polygon, because its edges add up to the boundary.
 
-Numbers. On a grid (`grid_unit`) coordinates become integers. The half-perimeters of a
+Numbers. On a grid (`find_grid_unit`) coordinates become integers. The half-perimeters of a
 triangulation add up to half the L1 length of the boundary plus the L1 lengths of the diagonals, so
 only diagonals have a cost and sums are exact. If the width and the height of the ring are below
 2^15 units (128 px of 1/256), costs and doubled areas of triangles fit int32; for larger rings,
@@ -42,7 +42,7 @@ import numpy as np
 
 from triangulators.compute.kernels import njit
 from triangulators.compute.operations import FAST, LANES, fmin, push
-from triangulators.geometry.predicates import FILTER, bounding_box, grid_unit, orient
+from triangulators.geometry.predicates import FILTER, find_bounding_box, find_grid_unit, orient
 from triangulators.polygon import twice_ring_area
 from triangulators.polygon_arrays import Batch
 
@@ -266,7 +266,7 @@ def _write_triangles(
         triangles[size, 0], triangles[size, 1], triangles[size, 2] = j, i, apex
         size += 1
         # The new vertex is last in the row, and the smaller sub-polygon is visited first, as in
-        # `order.walk`.
+        # `put_in_walk_order`.
         smaller = 0 if apex - i > j - apex else 1
         stack[height + smaller, 0], stack[height + smaller, 1] = i, apex
         stack[height + 1 - smaller, 0], stack[height + 1 - smaller, 1] = apex, j
@@ -285,9 +285,9 @@ def solve_ring(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> fl
     """
     n = len(points)
     lanes = (n + LANES - 1) // LANES * LANES
-    unit = grid_unit(points)
+    unit = find_grid_unit(points)
     area = twice_ring_area(points)
-    low_x, low_y, w, h = bounding_box(points)
+    low_x, low_y, w, h = find_bounding_box(points)
     edges_only = box[1] == 0.0 and box[2] == 0.0
     if unit > 0.0 and edges_only and max(w, h) < SPAN * unit:
         space = np.empty((_TABLE + n, lanes), dtype=np.int32)

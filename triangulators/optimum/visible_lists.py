@@ -55,7 +55,7 @@ from triangulators.criteria.cost import (
     cost_at,
     replace_fields,
 )
-from triangulators.geometry.predicates import bounding_box, grid_unit
+from triangulators.geometry.predicates import find_bounding_box, find_grid_unit
 from triangulators.optimum.any_cost import FLOAT, solve_any
 
 INT32_LIMIT = 1 << 30  # sums of lengths fit int32 if n (w + h), in units of the grid, is below this
@@ -342,9 +342,9 @@ def weigh_pairs(
 
     box: coefficients of half-perimeter, bounding-box area (0 here) and edge length.
     """
-    unit = grid_unit(points) if box[2] == 0.0 else 0.0
+    unit = find_grid_unit(points) if box[2] == 0.0 else 0.0
     if unit > 0.0:
-        _, _, w, h = bounding_box(points)
+        _, _, w, h = find_bounding_box(points)
         kind: Any = np.int32 if len(points) * ((w + h) / unit) < INT32_LIMIT else np.int64
         lengths = _compute_pair_lengths(points, 1.0 / unit, 0.0, start, target).astype(kind)
         return lengths if box[0] >= 0.0 else kind((w + h) / unit) - lengths

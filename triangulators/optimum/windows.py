@@ -19,8 +19,8 @@ import numpy as np
 
 from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost
-from triangulators.geometry.half_edges import link
-from triangulators.geometry.unfold import fold_back, grow, unfold
+from triangulators.geometry.half_edges import link_half_edges
+from triangulators.geometry.unfold import fold_back, grow_tree, unfold
 from triangulators.geometry.visibility import find_visible_pairs
 from triangulators.optimum.any_cost import solve_any
 
@@ -48,7 +48,7 @@ def optimise_windows(
     for root in range(count):
         if covered[root]:
             continue
-        size = grow(twin, root, limit, False, 0, tree, rows, visited)
+        size = grow_tree(twin, root, limit, False, 0, tree, rows, visited)
         window = rows[:size]
         cycle, local, outline = unfold(triangles, twin, tree, root, size)
         for row in window:
@@ -58,7 +58,7 @@ def optimise_windows(
         if size == 1:
             continue
         corners = points[cycle]
-        local_twin = link(local.reshape(-1)).reshape(-1, 3)
+        local_twin = link_half_edges(local.reshape(-1)).reshape(-1, 3)
         start, target = find_visible_pairs(corners, local, local_twin, len(cycle) ** 2)
         if len(target) < _FEW_PAIRS * size:
             limit = min(_MAX_TRIANGLES, 2 * limit)
