@@ -124,7 +124,7 @@ def test_gap_within_rounding_is_zero(monkeypatch, name):
     assert result.gap == 0.0
     for below, gap in ((within, 0.0), (within + 1, (within + 1) * units.factor / total)):
         bound = total - below * units.factor
-        monkeypatch.setattr(proof._Search, "bound", lambda *_, b=bound: b)
+        monkeypatch.setattr(proof._Search, "compute_bound", lambda *_, b=bound: b)
         assert prove(outline, result.triangles, cost).gap == gap
 
 
