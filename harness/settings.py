@@ -11,6 +11,7 @@ DEFAULT_TRIANGULATORS = (
     "refined:half-perimeter",
     "optimal:overdraw",
     "optimal:half-perimeter",
+    "optimal:expected-quads",
 )
 
 MODEL_TRIANGULATORS = (

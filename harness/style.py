@@ -54,10 +54,10 @@ COMMON_TRIANGULATORS = (
     "fan",
     "refined:half-perimeter",
     "earcut-refine",
-    "random",
+    "optimal:expected-quads",
     "greedy",
     "flips:l1",
-    "optimal:expected-quads",
+    "random",
     "optimal:calibrated",
 )
 """Triangulators with fixed looks, in the order of the looks."""

@@ -23,7 +23,14 @@ from triangulators.errors import (
 )
 from triangulators.geometry.ear_clipping import MAX_VERTICES
 from triangulators.geometry.earcut import find_far_offsets
-from triangulators.methods.flips import AS_EARCUT, NO_COST, NONE, find_flip_test, improve_batch
+from triangulators.methods.flips import (
+    AS_EARCUT,
+    COST,
+    NO_COST,
+    NONE,
+    find_flip_test,
+    improve_batch,
+)
 from triangulators.methods.optimal import SearchOptions
 from triangulators.optimum.cut_holes import MAX_HOLES, solve_by_cuts
 from triangulators.optimum.full_table import SMALL, triangulate_rings
@@ -177,10 +184,11 @@ def attempt_many(
     if check and arrays is not polygons:
         valid = shapely.is_valid(np.asarray(polygons, dtype=object))
     if cost is None:
-        _clip_ears(batch, valid, threads, flips, NO_COST, False, in_walk)
+        _clip_ears(batch, valid, threads, flips, NO_COST, None, False, in_walk)
     elif choice.entry.name in _FLIP_TRIANGULATORS:
-        refined = choice.entry.name == "refined"
-        _clip_ears(batch, valid, threads, find_flip_test(cost), cost, refined, in_walk)
+        refined, test = choice.entry.name == "refined", find_flip_test(cost)
+        decreased = cost if test == COST else None
+        _clip_ears(batch, valid, threads, test, cost, decreased, refined, in_walk)
     else:
         feature = _find_device_feature(cost, device)
         if feature is not None:

@@ -22,7 +22,7 @@ def find_rings(
     """
     points, edges, side = candidates.points, candidates.edges, candidates.side
     first, last = ring_offsets[hole], ring_offsets[hole + 1]
-    root = inner_root = -1
+    root = inner_root = len(edges)
     for e in range(len(edges) - 1, -1, -1):
         if side[e] != 0:
             root = e  # in the end the first boundary edge, at the first site: on the exterior
@@ -33,7 +33,10 @@ def find_rings(
     for k in range(len(inner)):
         if points[inner[k], 0] < points[inner[leftmost], 0]:
             leftmost = k
-    return outer, np.roll(inner, -leftmost)
+    turned = np.empty_like(inner)
+    for k in range(len(inner)):
+        turned[k] = inner[(leftmost + k) % len(inner)]
+    return outer, turned
 
 
 @njit(nogil=True)

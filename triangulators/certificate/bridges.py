@@ -304,12 +304,10 @@ def _solve_annulus(
     walk, via = np.empty(len(kind), dtype=weights.dtype), np.empty(len(kind), dtype=np.int64)
     for s in starts:
         if kind[s] == BRIDGE:
-            at = rank[s]
-            ahead = np.concatenate((order[at:], order[: at + 1]))
             total = _find_lightest_walk(
                 s,
-                ahead,
-                len(order) - at,
+                order,
+                rank[s],
                 (m, q),
                 first,
                 second,
@@ -329,8 +327,8 @@ def _solve_annulus(
 @njit(nogil=True)
 def _find_lightest_walk(
     start: int,
-    ahead: np.ndarray,
-    wrap: int,
+    order: np.ndarray,
+    at: int,
     turn: tuple[int, int],
     first: np.ndarray,
     second: np.ndarray,
@@ -344,8 +342,9 @@ def _find_lightest_walk(
 ) -> Any:
     """Return the minimum weight of a closed walk from a bridge; write the last steps to `via`.
 
-    ahead: bridges in order of their sums of positions, from `start` on and back to `start`; those
-    from index `wrap` on are a turn ahead. turn: sizes (m, q) of the rings. first, second (e,):
+    order: bridges by their sums of positions, with `start` at index `at`; the walk visits those up
+    to the end, then, a turn ahead, those from the beginning to `start`. turn: sizes (m, q) of the
+    rings. first, second (e,):
     positions of bridges. steps (s, 4), sizes, costs (s,): see `_find_pockets_and_steps`, sides of
     the ring that a step advances, and weight with the pocket. by_target: the steps grouped by the
     bridge after; via (e,): output, the last step of the lightest walk to each bridge; walk (e,):
@@ -356,10 +355,11 @@ def _find_lightest_walk(
     walk[:] = none
     walk[start] = 0
     total = none
-    for number in range(1, len(ahead)):
-        b = ahead[number]
+    for number in range(at + 1, at + len(order) + 1):
+        is_ahead = number >= len(order)
+        b = order[number - len(order) if is_ahead else number]
         o, h = first[b] - first[start], second[b] - second[start]
-        if number >= wrap:
+        if is_ahead:
             o, h = o + m, h + q
         if not (0 <= o <= m and 0 <= h <= q):
             continue  # b crosses the bridge `start`, so no walk visits b

@@ -184,10 +184,10 @@ def make_ring(candidates: Candidates, cut: np.ndarray, root: int) -> np.ndarray:
     while size < count and (size == 0 or u != first or v != second):
         ring[size] = v
         size += 1
-        next_site = -1
+        next_site = u  # none yet: with -1, of another type, all predicates are compiled twice
         for item in range(start[v], start[v + 1]):
             w = leaving[items[item], 1]
-            if w != u and (next_site < 0 or _is_in_angle(points, u, v, next_site, w)):
+            if w != u and (next_site == u or _is_in_angle(points, u, v, next_site, w)):
                 next_site = w
         u, v = v, next_site
     return ring[:size]

@@ -28,6 +28,7 @@ all before v are never visited.
 import numpy as np
 
 from triangulators.compute.kernels import njit
+from triangulators.compute.operations import copy_row, copy_rows
 from triangulators.geometry.predicates import orientation
 
 
@@ -55,7 +56,7 @@ def find_visible_pairs(
     for v in range(n):
         if count + n > len(target):
             grown = np.empty(2 * len(target) + n, dtype=np.int32)
-            grown[:count] = target[:count]
+            copy_row(target[:count], grown)
             target = grown
         start[v] = count
         if count > max_pairs:
@@ -160,7 +161,7 @@ def find_visible_sites(points: np.ndarray, triangles: np.ndarray, twin: np.ndarr
                 count = _look_through(points, triangles, twin, v, -1, stack, seen, count)
             if size + count > len(pairs):
                 grown = np.empty((2 * (size + count), 2), dtype=np.int32)
-                grown[:size] = pairs[:size]
+                copy_rows(pairs[:size], grown)
                 pairs = grown
             for index in range(count):
                 if seen[index] > v:

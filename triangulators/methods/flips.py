@@ -38,7 +38,9 @@ from triangulators.polygon import Boundary, boundary_area
 from triangulators.polygon_arrays import Batch, rings_at
 from triangulators.verify import check_rows
 
-# Flip tests, the first three in the order of FLIP_TESTS. COST: test by a `Cost`; NONE: no flips.
+# Flip tests, the first three in the order of FLIP_TESTS; NONE: no flips. For COST, kernels
+# have the argument `decreased`, a cost or None, of which Numba compiles separate code: ear clipping
+# and lengths would need the windows as well, a sixth of the compile time of a first run.
 L1, EUCLIDEAN, DELAUNAY, AS_EARCUT, COST, NONE = range(6)
 
 # Argument for flip tests that read no cost; compiled code needs a value of the type.
@@ -46,13 +48,11 @@ NO_COST = make_cost(criteria.find("half-perimeter"), 1.0, 1)
 
 
 @njit(nogil=True)
-def flip_by_test(
-    points: np.ndarray, corner: np.ndarray, twin: np.ndarray, test: int, cost: Cost
-) -> int:
-    """Flip in place until no flip passes `test`; return the number of flips.
+def flip_by_test(points: np.ndarray, corner: np.ndarray, twin: np.ndarray, test: int) -> int:
+    """Flip in place until no flip passes `test`, except COST; return the number of flips.
 
-    corner, twin: (3 m,), see `half_edges`; cost: read by the test COST only. See
-    `geometry.flips.flip_while_gaining` for the order of flips.
+    corner, twin: (3 m,), see `half_edges`. See `geometry.flips.flip_while_gaining` for the order of
+    flips.
     """
     if test == L1:
         return flip_by_l1(points, corner, twin)
@@ -62,19 +62,22 @@ def flip_by_test(
         return flip_by_delaunay(points, corner, twin)
     if test == AS_EARCUT:
         return flip_as_earcut(points, corner, twin)
-    if test == COST:
-        return flip_by_cost(points, points, corner, twin, cost)
     return 0
 
 
 @njit(nogil=True)
 def refine(
-    points: np.ndarray, corner: np.ndarray, twin: np.ndarray, test: int, cost: Cost
+    points: np.ndarray,
+    corner: np.ndarray,
+    twin: np.ndarray,
+    test: int,
+    cost: Cost,
+    decreased: Cost | None,
 ) -> np.ndarray:
     """Return a triangulation (m, 3), in walk order, that costs no more than the given triangles.
 
     corner, twin: (3 m,) half-edges, see `geometry.half_edges`; both are overwritten. test, cost:
-    flip test, and the cost that it decreases.
+    flip test, and the cost that it decreases. decreased: the cost if `test` is COST, else None.
 
     For L1 and Euclidean lengths, there are two initial solutions, because the result of flips
     depends on the initial solution: the given triangulation, and the constrained Delaunay
@@ -86,16 +89,16 @@ def refine(
     quads of letters 3.5 % above the optimum in place of 0.1 %.
     """
     rows = corner.reshape(-1, 3)
-    if test == COST:
-        if not optimise_windows(points, rows, twin.reshape(-1, 3), cost):
-            flip_by_test(points, corner, twin, test, cost)
+    if decreased is not None:
+        if not optimise_windows(points, rows, twin.reshape(-1, 3), decreased):
+            flip_by_cost(points, points, corner, twin, decreased)
         return put_in_walk_order_by_twins(rows, twin, len(points))
     delaunay, delaunay_twin = corner.copy(), twin.copy()
     use_delaunay = flip_by_delaunay(points, delaunay, delaunay_twin) > 0
-    flip_by_test(points, corner, twin, test, cost)
+    flip_by_test(points, corner, twin, test)
     if use_delaunay:
         delaunay_rows = delaunay.reshape(-1, 3)
-        flip_by_test(points, delaunay, delaunay_twin, test, cost)
+        flip_by_test(points, delaunay, delaunay_twin, test)
         if compute_total_cost(points, delaunay_rows, cost) < compute_total_cost(points, rows, cost):
             return put_in_walk_order_by_twins(delaunay_rows, delaunay_twin, len(points))
     return put_in_walk_order_by_twins(rows, twin, len(points))
@@ -103,7 +106,12 @@ def refine(
 
 @njit(nogil=True)
 def _refine_if_valid(
-    points: np.ndarray, ring_offsets: np.ndarray, corner: np.ndarray, test: int, cost: Cost
+    points: np.ndarray,
+    ring_offsets: np.ndarray,
+    corner: np.ndarray,
+    test: int,
+    cost: Cost,
+    decreased: Cost | None,
 ) -> np.ndarray:
     """Return the triangles (m, 3) of `refine`, or no rows if the given triangles are invalid.
 
@@ -112,7 +120,7 @@ def _refine_if_valid(
     """
     twin = link_half_edges(corner)
     if is_triangulation(points, ring_offsets, corner, twin):
-        return refine(points, corner, twin, test, cost)
+        return refine(points, corner, twin, test, cost, decreased)
     return corner.reshape(-1, 3)[:0]
 
 
@@ -124,6 +132,7 @@ def improve_batch(
     raw: tuple[np.ndarray, np.ndarray, np.ndarray],
     test: int,
     cost: Cost,
+    decreased: Cost | None,
     two_starts: bool,
     in_walk: bool,
 ) -> None:
@@ -131,9 +140,10 @@ def improve_batch(
 
     raw: (triangles, bounds, to_clip): triangles (m, 3) of ear clipping, which are overwritten;
     polygon i has the rows bounds[i - first] to bounds[i - first + 1] - 1; to_clip (p,): flags of
-    polygons without such rows, whose ears are clipped here. test, cost: see `refine`. two_starts:
-    True to improve triangles by `refine`, False to flip the given triangles only. in_walk: True to
-    put flipped triangles in walk order; the result of `refine` is always in walk order.
+    polygons without such rows, whose ears are clipped here. test, cost, decreased: see
+    `refine`. two_starts: True to improve triangles by `refine`, False to flip the given triangles
+    only. in_walk: True to put flipped triangles in walk order; the result of `refine` is always in
+    walk order.
     """
     raw_triangles, bounds, to_clip = raw
     coords, ring_offsets, geom_offsets, _vertex_offsets, offsets, triangles, done = batch
@@ -148,10 +158,13 @@ def improve_batch(
         corner = rows.reshape(-1)
         twin = link_half_edges(corner)
         if not two_starts:
-            flip_by_test(points, corner, twin, test, cost)
+            if decreased is not None:
+                flip_by_cost(points, points, corner, twin, decreased)
+            else:
+                flip_by_test(points, corner, twin, test)
         if is_triangulation(points, rings, corner, twin):
             if two_starts:
-                rows = refine(points, corner, twin, test, cost)
+                rows = refine(points, corner, twin, test, cost, decreased)
             elif in_walk:
                 rows = put_in_walk_order_by_twins(rows, twin, len(points))
             copy_rows(rows, room)
@@ -240,7 +253,7 @@ def flip(
     if test == COST:
         flip_by_cost(points, scaled, corner, twin, cost)
     else:
-        flip_by_test(points, corner, twin, test, cost)
+        flip_by_test(points, corner, twin, test)
     return put_in_walk_order_by_twins(rows, twin, len(points)) if in_walk else rows
 
 
@@ -303,11 +316,12 @@ def triangulate_refined(
         test = find_flip_test(cost)
     points, rings = outline.points, outline.ring_offsets
     ears = ear_clipping(outline).astype(np.int32).reshape(-1)
-    rows: np.ndarray = _refine_if_valid(points, rings, ears, test, cost)
+    decreased = cost if test == COST else None
+    rows: np.ndarray = _refine_if_valid(points, rings, ears, test, cost, decreased)
     if len(rows) > 0:
         return rows
     corner = np.array(next(find_initial_triangulations(outline)), dtype=np.int32).reshape(-1)
-    return refine(points, corner, link_half_edges(corner), test, cost)
+    return refine(points, corner, link_half_edges(corner), test, cost, decreased)
 
 
 @lru_cache(maxsize=64)
