@@ -20,6 +20,13 @@ run_study() { # folder, command that writes it
     [[ "$1" != */regret-* ]] || "${python[@]}" scripts/studies/trim_regret.py "$1"
 }
 
+write_csv() { # file, program that prints it
+    [[ "$1" == *"$only"* ]] && [ ! -e "$output/$1" ] || return 0
+    printf "\n== %s %s\n" "$1" "$(date +%T)"
+    PYTHONPATH=. "${python[@]}" "${@:2}" >"$output/$1.part"
+    mv "$output/$1.part" "$output/$1"
+}
+
 timed_polygons() { # scene, polygons: fewer for counties, which have hundreds of vertices
     if [ "$1" = counties ]; then echo 8; else echo "$2"; fi
 }
@@ -35,6 +42,7 @@ run_study $output/llvmpipe/city "${harness[@]}" run --scene city --device llvmpi
 
 # Gain from the choice of a triangulator, in native order.
 peers=ear-clipping,earcut-refine,delaunay,sweep,manifold,max-area,greedy,flips:beauty,flips:l1,refined
+peers+=,flips:expected-quads,refined:expected-quads
 peers+=,optimal:overdraw,optimal:shape,optimal:edge-length,optimal:half-perimeter,optimal:expected-quads,optimal:calibrated
 for scene in city helsinki glyphs counties; do
     run_study $output/llvmpipe/gains-$scene "${harness[@]}" run --scene $scene --device llvmpipe \
@@ -47,11 +55,17 @@ for scene in city helsinki glyphs counties:level=state counties; do
     name=flips-${scene#counties:level=}
     run_study $output/llvmpipe/$name "${harness[@]}" run --scene $scene \
         --device llvmpipe --resolution 64,512,1024 --budget 1 --triangulators \
-        ear-clipping,earcut-refine,delaunay,flips:beauty,flips:l1,flips:euclidean,refined,optimal:half-perimeter
+        ear-clipping,earcut-refine,delaunay,flips:beauty,flips:l1,flips:euclidean,flips:expected-quads,refined,optimal:half-perimeter
     run_study $output/llvmpipe/$name-walk "${harness[@]}" run --scene $scene \
         --device llvmpipe --resolution 64,1024 --budget 1 --order walk --triangulators \
-        ear-clipping,earcut-refine,flips:beauty,flips:l1,refined
+        ear-clipping,earcut-refine,flips:beauty,flips:l1,flips:expected-quads,refined
 done
+
+# Times of flips in three languages, for docs/flips.md. EARCUT_HPP: folder of mapbox/earcut.hpp, for C++.
+times=(scripts/flips_times.py ${EARCUT_HPP:+--earcut-hpp "$EARCUT_HPP"})
+write_csv flips-times.csv "${times[@]}"
+write_csv quads-flips-times.csv "${times[@]}" --languages JavaScript,C++ \
+    --scenes city,helsinki,glyphs,counties:level=state
 
 # Accuracy of criteria, twice, to check that results repeat.
 for name in validate-city validate-city-again; do
@@ -163,7 +177,6 @@ for scene in city helsinki; do
         --rasterisers reference --resolution 64,256,1024 --polygons 12 --budget 0.001
 done
 
-# Savings of helper lanes by flips, on all data sets.
-if [[ flips-lanes == *"$only"* ]] && [ ! -e $output/flips-lanes.csv ]; then
-    PYTHONPATH=. "${python[@]}" scripts/flips_lanes.py >$output/flips-lanes.csv
-fi
+# Savings by flips, on all data sets.
+write_csv quads-flips.csv scripts/studies/quads_flips.py
+write_csv flips-lanes.csv scripts/flips_lanes.py
