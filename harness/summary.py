@@ -11,7 +11,7 @@ from rich.text import Text
 
 from harness import atomic
 from harness.metrics.decision import Decided, Decision, Standing, format_advice
-from harness.metrics.per_view import compare_views, describe_views
+from harness.metrics.groups import compare_views, describe_views
 from harness.metrics.registry import (
     METRICS,
     Metric,

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from shapely import affinity
 
 from scenes.cleaning.fill import fill_contours
-from scenes.cleaning.layout import translate
 from scenes.cleaning.repair import Cleaned, clean
 from scenes.readers.guard import check_path, format_reason, note_errors
 from scenes.scene import Note, Scene, SceneError
@@ -173,7 +173,7 @@ def glyphs(*, seed: int = 0, font: str = "", text: str = "", steps: int = 4) -> 
             dropped += cleaned.dropped
             row, column = divmod(number, _COLUMNS)
             offset = (x, 0.0) if text else (column * line, -row * line)
-            polygons += [translate(p, *offset) for p in cleaned.polygons]
+            polygons += [affinity.translate(p, *offset) for p in cleaned.polygons]
             x += advance
     if not polygons:
         raise SceneError(f"glyphs: text {text!r} has no outline in {path}: give other characters")

@@ -1,9 +1,9 @@
 """Commands by name, in the order of `--help`, frequent commands first."""
 
-from importlib import import_module
 from inspect import getdoc
 from math import isfinite
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any, NamedTuple, cast
 
 import typer
@@ -124,8 +124,7 @@ def load(name: str) -> Any:
         settings: Any = {"name": name, "help": GROUPS[name], "rich_help_panel": STUDY}
         return CommandGroup(before=f"{name} ", no_args_is_help=True, **settings)
     entry = COMMANDS[name]
-    module, _, attribute = entry.function.partition(":")
-    function = getattr(import_module(f"harness.commands.{module}"), attribute)
+    function = resolve_name(f"harness.commands.{entry.function}")
     # Unwrap paragraphs, which click wraps at the terminal's width.
     paragraphs = [" ".join(part.split()) for part in (getdoc(function) or "").split("\n\n")]
     # Plain text, as Rich's table of options cuts long defaults.

@@ -8,7 +8,6 @@ llvmpipe generates depends on the vector width.
 import hashlib
 import os
 import platform
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -118,24 +117,14 @@ def hash_sources(*packages: Path) -> str:
 
 def _query_nvidia() -> list[dict[str, str]] | None:
     fields = ("name", "driver_version", "clocks.sm", "clocks.max.sm", "clocks.mem")
-    text = _run_program("nvidia-smi", f"--query-gpu={','.join(fields)}", "--format=csv,noheader")
-    if text is None:
-        return None
-    return [dict(zip(fields, row.split(", "), strict=False)) for row in text.splitlines()]
-
-
-def _run_program(*command: str) -> str | None:
-    """Return the output of a program, or None if the program is missing or fails."""
-    program = shutil.which(command[0])
-    if program is None:
-        return None
+    query = f"--query-gpu={','.join(fields)}"
+    command = ["nvidia-smi", query, "--format=csv,noheader"]
     try:
-        done = subprocess.run(
-            [program, *command[1:]], capture_output=True, text=True, timeout=10, check=True
-        )
+        done = subprocess.run(command, capture_output=True, text=True, timeout=10, check=True)
     except (OSError, subprocess.SubprocessError):
         return None
-    return done.stdout.strip()
+    rows = done.stdout.strip().splitlines()
+    return [dict(zip(fields, row.split(", "), strict=False)) for row in rows]
 
 
 def _get_version(package: str) -> str | None:

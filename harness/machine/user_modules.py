@@ -8,34 +8,25 @@ last entry of `sys.path`.
 import os
 import re
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
 from harness.errors import UsageError
+from harness.machine import system
 from triangulators.compute.compiled_files import PACKAGES, SOURCES
 
 FUNCTION = re.compile(r"[^\W\d][\w.]*:[^\W\d][\w.]*(?=:|$)")
 """Pattern of `module:function`, perhaps followed by parameters after another colon."""
 
 
-@contextmanager
-def hide_working_folder() -> Iterator[None]:
+def hide_working_folder() -> AbstractContextManager[None]:
     """Prevent Python processes started in the block from importing from the current folder.
 
     `python -c`, by which multiprocessing starts helpers, searches that folder first.
     """
-    before = os.environ.get("PYTHONSAFEPATH")
-    os.environ["PYTHONSAFEPATH"] = "1"
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ["PYTHONSAFEPATH"]
-        else:
-            os.environ["PYTHONSAFEPATH"] = before
+    return system.set_variables({"PYTHONSAFEPATH": "1"})
 
 
 def allow_user_module(reference: str) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 from harness.errors import InputError
 from harness.frame import View
 from harness.rasterisers.base import Options
+from harness.results.parsing import FieldError, validate_json
 from harness.settings import DEFAULT_TRIANGULATORS, TIMEOUT_S, TimingSettings
 from harness.triangulating.recipes import Recipe, parse_all
 
@@ -76,8 +77,6 @@ class Plan:
 
         Raises InputError if `values` is not a valid plan.
         """
-        from pydantic import TypeAdapter, ValidationError
-
         recipes = parse_all(
             values.get("triangulators") or (),
             seed=values.get("seed", 0),
@@ -85,7 +84,7 @@ class Plan:
         )
         content = {**values, "triangulators": [asdict(recipe) for recipe in recipes]}
         try:
-            return TypeAdapter(cls).validate_json(json.dumps(content), strict=True)
-        except ValidationError as error:
-            first = error.errors()[0]
-            raise InputError(f"plan: {first['loc'][0]}: {first['msg']}") from None
+            plan: Plan = validate_json(cls, content)
+        except FieldError as error:
+            raise InputError(f"plan: {error}") from None
+        return plan

@@ -22,8 +22,8 @@ from harness.profile import law
 from harness.profile.advice import BASE, CRITERIA, SCENES, predict_terms
 from harness.profile.counted import PX_TERMS, TERMS, count_draw
 from harness.profile.design import DESIGN, make_draws, snap_draw
-from harness.profile.draw import Draw
 from harness.profile.law import COSTS, make_cost_rows
+from harness.profile.placing import Draw
 from harness.profile.profile import select_fitted
 from harness.rasterisers.base import read_shader
 from harness.report.page import CHARTS, ELEMENTS, SPANS, STYLE

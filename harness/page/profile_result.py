@@ -18,9 +18,9 @@ from harness.page.saved import Count, Finite, SavedModel, Share, Text, check_rou
 from harness.profile import design, measured
 from harness.profile.counted import TERMS, count_draw, make_design_rows
 from harness.profile.design import DESIGN
-from harness.profile.draw import Draw
 from harness.profile.law import FORMS, fit_form, predict_times
 from harness.profile.measured import CONTROL, Measured
+from harness.profile.placing import Draw
 from harness.profile.profile import check_profile, make_profile, select_fitted
 from harness.stats.intervals import MIN_EPOCHS
 from triangulators.devices import is_software

@@ -1,6 +1,6 @@
 """A device's law: the costs of a triangle, a lane and a pixel, from a design of draws.
 
-placing     triangles with integer coordinates, from a seed, without overlaps
+placing     a draw; triangles with integer coordinates, from a seed, without overlaps
 design      the draws; each kind isolates one or two terms
 stage_draws draws that separate the stages of a GPU
 counted     exact counters of each draw, by the CPU reference

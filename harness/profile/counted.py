@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from harness.frame import Frame
 from harness.grid import SUBPIXEL
-from harness.profile.draw import Draw
+from harness.profile.placing import Draw
 from harness.rasterisers import reference
 from harness.rasterisers.vertex_batches import count_vertices
 

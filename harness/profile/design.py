@@ -32,8 +32,16 @@ from numpy.typing import NDArray
 from harness.frame import Frame, make_bare_frame
 from harness.grid import SUBPIXEL, coarsen
 from harness.profile import placing, stage_draws
-from harness.profile.draw import Draw, make_jittered_mesh, make_unshared_triangles
-from harness.profile.placing import DIRECTIONS, LEVEL, SIDE, SLANTED, Direction
+from harness.profile.placing import (
+    DIRECTIONS,
+    LEVEL,
+    SIDE,
+    SLANTED,
+    Direction,
+    Draw,
+    make_jittered_mesh,
+    make_unshared_triangles,
+)
 
 DESIGN = 4
 """Version of the design: pages of different versions have different draws."""

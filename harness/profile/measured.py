@@ -11,7 +11,7 @@ from harness.errors import InconclusiveError, NothingMeasuredError
 from harness.measuring.pool import Backend, MeasuringPool
 from harness.measuring.records import make_samples
 from harness.measuring.timing import EMPTY, Times
-from harness.profile.draw import Draw
+from harness.profile.placing import Draw
 from harness.rasterisers.base import Options
 from harness.results.record import Time
 from harness.settings import TimingSettings

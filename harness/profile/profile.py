@@ -19,10 +19,10 @@ from harness.profile import stage_draws
 from harness.profile.advice import compare_aspects
 from harness.profile.counted import PX_TERMS, TERMS, make_design_rows
 from harness.profile.design import DESIGN
-from harness.profile.draw import Draw
 from harness.profile.fitting import fit_coefficients
 from harness.profile.law import COSTS, FORMS, Law, make_cost_rows
 from harness.profile.measured import Measured
+from harness.profile.placing import Draw
 
 FORMAT, VERSION = "raster-harness profile", 2
 

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from harness.frame import Frame, make_bare_frame
 from harness.grid import SUBPIXEL
 from harness.profile import placing
-from harness.profile.draw import Draw, make_jittered_mesh, make_unshared_triangles
-from harness.profile.placing import SIDE
+from harness.profile.placing import SIDE, Draw, make_jittered_mesh, make_unshared_triangles
 
 KINDS = ("orders", "samples", "tiles", "mixed")
 """Kinds whose draws differ in what no criterion predicts."""

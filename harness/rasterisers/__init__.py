@@ -1,9 +1,8 @@
 """Rasterisers by name; a rasteriser's module is imported on first use."""
 
 from functools import cache
-from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any
+from pkgutil import resolve_name
 
 from harness.errors import NoRasteriserError, UsageError, make_unknown_name_error
 from harness.machine.user_modules import allow_user_module
@@ -53,12 +52,6 @@ def _find_plugins() -> dict[str, EntryPoint]:
     return {point.name: point for point in entry_points(group=GROUP)}
 
 
-def load(reference: str) -> Any:
-    """Import and return an attribute given as "module:attribute"."""
-    module, _, attribute = reference.partition(":")
-    return getattr(import_module(module), attribute)
-
-
 def names() -> list[str]:
     """Return the names of all rasterisers, including third-party ones."""
     return [*BUILT_IN, *sorted(set(_find_plugins()) - set(BUILT_IN))]
@@ -73,12 +66,13 @@ def get(name: str) -> type[Rasteriser]:
         if the name is unknown, or the import of a third-party rasteriser fails
     """
     if name in BUILT_IN:
-        rasteriser = load(BUILT_IN[name])
+        rasteriser = resolve_name(BUILT_IN[name])
     elif name in _find_plugins() or ":" in name:
-        if name not in _find_plugins():
+        plugin = _find_plugins().get(name)
+        if plugin is None:
             allow_user_module(name)
         try:
-            rasteriser = _find_plugins()[name].load() if name in _find_plugins() else load(name)
+            rasteriser = plugin.load() if plugin else resolve_name(name)
         except Exception as error:
             raise UsageError(f"rasteriser '{name}': import failed ({error})") from error
     else:

@@ -25,16 +25,6 @@ def write_table(decided: Sequence[Decided], file: Path) -> None:
     atomic.write(file, FORMATS[file.suffix.lower()](decisions).encode())
 
 
-def _format_markdown(decisions: Sequence[Decision]) -> str:
-    heading, rows, texts = list_table(decisions)
-    return format_markdown_table(heading, rows, texts)
-
-
-def _format_latex(decisions: Sequence[Decision]) -> str:
-    heading, rows, texts = list_table(decisions)
-    return format_latex_table(heading, rows, texts)
-
-
 def _format_bencher(decisions: Sequence[Decision]) -> str:
     """Return the Bencher Metric Format: a benchmark per case, `latency` in ns, and all counters."""
     benchmarks = {}
@@ -54,8 +44,8 @@ def _format_bencher(decisions: Sequence[Decision]) -> str:
 
 
 FORMATS: dict[str, Callable[[Sequence[Decision]], str]] = {
-    ".md": _format_markdown,
-    ".tex": _format_latex,
+    ".md": lambda decisions: format_markdown_table(*list_table(decisions)),
+    ".tex": lambda decisions: format_latex_table(*list_table(decisions)),
     ".json": _format_bencher,
 }
 """Format of a table, by the suffix of its file."""

@@ -72,7 +72,7 @@ def parse_record(values: Mapping[str, Any]) -> Record:
     if not _KEY.fullmatch(str(values.get("key"))):
         raise FieldError("key: is not 16 hexadecimal digits")
     try:
-        record: Record = _validate(Record, _arrange_fields(_drop_nulls(values)))
+        record: Record = validate_json(Record, _arrange_fields(_drop_nulls(values)))
     except UsageError as error:  # raised by View and Options
         raise FieldError(str(error)) from None
     if (views := record.views) is not None:
@@ -119,7 +119,7 @@ def _drop_nulls(value: Any) -> Any:
     return {name: _drop_nulls(part) for name, part in value.items() if part is not None}
 
 
-def _validate(kind: Any, values: Any) -> Any:
+def validate_json(kind: Any, values: Any) -> Any:
     """Return JSON values as the type `kind`, without conversions of types.
 
     Raises FieldError for the first invalid value.
@@ -243,7 +243,7 @@ def select_valid_facts(facts: dict[str, Any], problems: list[str]) -> RunFacts:
     for name, part in facts.items():
         try:
             if part is not None and name in _PARTS:
-                _validate(_PARTS[name], _drop_nulls(part))
+                validate_json(_PARTS[name], _drop_nulls(part))
         except FieldError as error:
             problems.append(f"run.json: {name}: invalid ({error}); ignored")
             continue

@@ -63,9 +63,7 @@ def start_server() -> ForkServerContext | SpawnContext:
         "OPENBLAS_NUM_THREADS": "1",
         "OMP_NUM_THREADS": "1",
     }
-    before = {name: os.environ.get(name) for name in variables}
-    os.environ.update(variables)
-    try:
+    with system.set_variables(variables):
         multiprocessing.set_forkserver_preload([PRELOADED])
         wake_server()
         resource_tracker.ensure_running()  # before signals are blocked, as it unblocks them
@@ -73,12 +71,6 @@ def start_server() -> ForkServerContext | SpawnContext:
         blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         forkserver.ensure_running()
         signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
     return multiprocessing.get_context("forkserver")
 
 

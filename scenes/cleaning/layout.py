@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
+from shapely import affinity
 
 
 def arrange_in_rows(
@@ -28,16 +29,6 @@ def arrange_in_rows(
     for polygon, (min_x, _, _, max_y), (w, h) in zip(polygons, bounds, sizes, strict=True):
         if x > 0 and x + w > width:
             x, y, row_height = 0.0, y - row_height - space, 0.0
-        arranged.append(translate(polygon, x - min_x, y - max_y))
+        arranged.append(affinity.translate(polygon, x - min_x, y - max_y))
         x, row_height = x + w + space, max(row_height, h)
     return arranged
-
-
-def translate(polygon: shapely.Polygon, dx: float, dy: float) -> shapely.Polygon:
-    """Return a polygon translated by (dx, dy).
-
-    >>> translate(shapely.box(0, 0, 1, 1), 2.0, 3.0).bounds
-    (2.0, 3.0, 3.0, 4.0)
-    """
-    translated: shapely.Polygon = shapely.transform(polygon, lambda xy: xy + np.array([dx, dy]))
-    return translated

@@ -8,8 +8,9 @@ from collections.abc import Callable
 import numpy as np
 import shapely
 from numpy.random import Generator
+from shapely import affinity
 
-from scenes.cleaning.layout import arrange_in_rows, translate
+from scenes.cleaning.layout import arrange_in_rows
 from scenes.cleaning.repair import clean
 from scenes.readers.meshes import join_facets
 from scenes.real import find_font, open_font, read_glyph
@@ -57,7 +58,7 @@ def _arrange_by_part(polygons: np.ndarray, source: np.ndarray) -> list[shapely.P
     polygons_in_rows = []
     for i, before, after in zip(np.unique(source), boxes, arranged, strict=True):
         dx, dy = np.subtract(after.bounds[:2], before.bounds[:2])
-        polygons_in_rows += [translate(p, dx, dy) for p in polygons[source == i]]
+        polygons_in_rows += [affinity.translate(p, dx, dy) for p in polygons[source == i]]
     return polygons_in_rows
 
 
@@ -187,7 +188,7 @@ def _build_sign(rng: Generator, segments: int) -> shapely.Geometry:
     name = f"{chr(rng.integers(65, 91))}{chr(rng.integers(65, 91))}-{rng.integers(100, 999)}"
     for character in name:
         cleaned, advance = read_glyph(face, character, max(2, segments // 8))
-        letters += [translate(p, x, 0.0) for p in cleaned.polygons]
+        letters += [affinity.translate(p, x, 0.0) for p in cleaned.polygons]
         x += 1.08 * advance
     scale = 28.0 / face.units_per_EM
     text = shapely.transform(shapely.MultiPolygon(letters), lambda xy: xy * scale + [12.0, 12.0])

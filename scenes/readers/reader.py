@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -94,14 +94,13 @@ class Reader:
         path = str(source.path)
         if source.layer is not None and not self.has_layers:
             raise SceneError(f"{path} is {self.kind}, without layers: leave layer out")
-        module, _, function = self.function.partition(":")
         with guard.clear_errors(path, self.kind):
             if source.path.is_file():
                 guard.refuse_gzip(source.path)
                 guard.check_size(source.path, self.in_memory)
                 guard.check_truncation(source.path)
             # Imported on first use, because some imports take long.
-            yield from getattr(importlib.import_module(module), function)(source, size)
+            yield from resolve_name(self.function)(source, size)
 
 
 GDAL = Reader(

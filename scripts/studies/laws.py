@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from harness.measuring.timing import EMPTY, TimerTest, Times, time_together
 from harness.profile import design, law, measured
 from harness.profile.counted import TERMS, count_draw, make_design_rows
-from harness.profile.draw import Draw
+from harness.profile.placing import Draw
 from harness.profile.profile import select_fitted
 from harness.rasterisers.base import Sample
 

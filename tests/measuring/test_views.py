@@ -11,8 +11,7 @@ from harness.errors import IncompatibleRunsError, InputError, NothingMeasuredErr
 from harness.frame import ITS_OWN_VIEW, View, get_scene_view, make_scene_frame
 from harness.measuring.lower_limits import compute_min_quads, compute_outline_bounds
 from harness.measuring.plan import Plan
-from harness.metrics.groups import group_run
-from harness.metrics.per_view import compare_views, describe_views
+from harness.metrics.groups import compare_views, describe_views, group_run
 from harness.models.seen import read
 from harness.page.page_data import make_page_content
 from harness.rasterisers import Options

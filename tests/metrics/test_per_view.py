@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from harness import summary
-from harness.metrics import decision, per_view
+from harness.metrics import decision, groups
 from harness.results.parsing import FieldError, parse_record
 from harness.stats.intervals import (
     MIN_VALUES,
@@ -18,12 +18,12 @@ from tests.records import make_group, make_record
 VIEWS = "views"
 
 
-def compare_views(*records: dict) -> per_view.ViewStatistics | None:
-    return per_view.compare_views(*(make_record(**fields) for fields in records))
+def compare_views(*records: dict) -> groups.ViewStatistics | None:
+    return groups.compare_views(*(make_record(**fields) for fields in records))
 
 
 def describe(records: list[dict]) -> list[str]:
-    return per_view.describe_views(make_group(records))
+    return groups.describe_views(make_group(records))
 
 
 def make_row(record: dict, base: dict) -> dict:

@@ -15,7 +15,7 @@ from harness.page.profile_result import FORMAT
 from harness.profile import advice, design, report
 from harness.profile.advice import CALIBRATED_OPTIMUM
 from harness.profile.counted import count_draw
-from harness.profile.draw import Draw
+from harness.profile.placing import Draw
 from harness.profile.profile import read_coefficients
 from tests.conftest import assert_one_line, assert_refused, require_ok
 from tests.measuring.test_run import inline

@@ -12,8 +12,7 @@ from harness.grid import SUBPIXEL
 from harness.profile import design, placing, stage_draws
 from harness.profile.counted import TERMS, count_draw, make_design_rows
 from harness.profile.design import ASPECTS
-from harness.profile.draw import Draw
-from harness.profile.placing import DIRECTIONS, SIDE
+from harness.profile.placing import DIRECTIONS, SIDE, Draw
 from harness.rasterisers import spans
 from harness.rasterisers.base import Options
 from harness.rasterisers.reference import Reference, predict_tiles

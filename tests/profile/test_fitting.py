@@ -10,9 +10,9 @@ from harness.frame import make_bare_frame
 from harness.measuring.timing import EMPTY, Times
 from harness.profile import design, fitting, law, measured
 from harness.profile.counted import TERMS, count_draw
-from harness.profile.draw import Draw
 from harness.profile.law import COSTS, make_cost_rows
 from harness.profile.measured import CONTROL
+from harness.profile.placing import Draw
 from harness.profile.profile import read_coefficients, select_fitted, write_profile
 from harness.stats.intervals import Ratio
 from scripts.studies.laws import Design, fit_device, make_design
@@ -247,7 +247,7 @@ def test_drift_and_a_deviating_control_are_reported():
         "speed changed by a factor of 1.60" in simulate_rounds(1.0, 1.6, 1.2, 1.0).unreliable_reason
     )
     assert (
-        "1.050 times its own time"
+        "differs by a factor of 1.050"
         in simulate_rounds(1.0, 1.0, 1.0, 1.0, control_ratio=1.05).unreliable_reason
     )
     times = simulate_rounds(1.0, 1.0, 1.0, 1.0, control_ratio=1.02)
