@@ -30,6 +30,19 @@ def test_triangles_equal_those_of_earcut():
     assert large == 3
 
 
+def test_rings_with_few_ears_equal_earcut():
+    """A vertex on a straight edge blocks an ear; the last vertex of a full turn is an ear."""
+    straight = [(3.0, 2.0), (2.0, 2.0), (1.0, 2.0), (3.0, 0.0)]
+    crossing = [(2, 1), (2, 2), (2, 0), (3, 2), (0, 3), (1, 0), (3, 0), (3, 3)]
+    for ring in (straight, crossing):
+        points = np.array(ring, dtype=np.float64)
+        triangles = clip_ring(points)
+        assert len(triangles) == len(ring) - 2
+        assert np.array_equal(
+            triangles.ravel(), clip_ears(points, np.array([len(ring)], dtype=np.uint32))
+        )
+
+
 def test_rings_that_earcut_repairs_are_left_to_earcut():
     collinear = np.array([(0.0, 0.0), (4.0, 0.0), (4.0, 2.0), (4.0, 4.0)])
     closed = np.array([(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 0.0)])

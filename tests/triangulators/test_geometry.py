@@ -107,7 +107,9 @@ def test_unfold_and_fold_back_are_inverse(depth_first):
     for root in range(0, 58, 7):
         tree, rows = np.zeros((58, 3), dtype=bool), np.empty(20, dtype=np.int32)
         visited, position_of = np.zeros(58, dtype=bool), np.full(174, -1, dtype=np.int32)
-        assert grow_tree(twin, root, 20, depth_first, root % 3, tree, rows, visited) == 20
+        assert (
+            grow_tree(twin, root, 20, depth_first, root % 3, tree, rows, visited, visited, 0) == 20
+        )
         cycle, local, around = unfold(triangles, twin, tree, root, 20)
         assert sorted(map(sorted, cycle[local].tolist())) == sorted(
             map(sorted, triangles[rows].tolist())
@@ -117,6 +119,18 @@ def test_unfold_and_fold_back_are_inverse(depth_first):
         assert (position_of == -1).all()
         assert np.array_equal(twin, find_twins(triangles))
     assert verify(polygon, triangles).conforming
+
+
+def test_a_tree_contains_few_covered_triangles():
+    twin = find_twins(find_any_triangulation(boundary(star(60))))
+    tree, rows = np.zeros((58, 3), dtype=bool), np.empty(20, dtype=np.int32)
+    covered, visited = np.ones(58, dtype=bool), np.zeros(58, dtype=bool)
+    covered[7] = False
+    for max_covered in (0, 1, 5):
+        tree[:] = False
+        size = grow_tree(twin, 7, 20, False, 0, tree, rows, visited, covered, max_covered)
+        assert size == 1 + max_covered
+        assert not visited.any()
 
 
 grid = st.tuples(st.integers(0, 6), st.integers(0, 6))

@@ -10,7 +10,7 @@ from triangulators import criteria, triangulate, vertices
 from triangulators.criteria.cost import compute_total_cost, find_plain_cost, make_cost
 from triangulators.geometry.half_edges import find_twins
 from triangulators.libraries import ear_clipping
-from triangulators.optimum.windows import optimise_windows
+from triangulators.optimum.windows import WINDOW_TRIANGLES, optimise_windows
 from triangulators.polygon import boundary
 from triangulators.verify import verify
 
@@ -26,7 +26,7 @@ def test_windows_are_valid_and_never_worse(name):
         twin = find_twins(triangles)
         is_optimal = optimise_windows(outline.points, triangles, twin, cost)
         after = compute_total_cost(outline.points, triangles, cost)
-        assert is_optimal == (len(triangles) <= 24 and not polygon.interiors)
+        assert is_optimal == (len(triangles) <= WINDOW_TRIANGLES and not polygon.interiors)
         assert verify(polygon, triangles).conforming
         assert np.array_equal(twin, find_twins(triangles))
         assert after <= before * (1 + 1e-12)

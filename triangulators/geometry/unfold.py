@@ -28,13 +28,16 @@ def grow_tree(
     tree: np.ndarray,
     rows: np.ndarray,
     visited: np.ndarray,
+    covered: np.ndarray,
+    max_covered: int,
 ) -> int:
     """Grow a tree of up to `max_size` adjacent triangles from `root`; return their number.
 
     depth_first: False for a compact region, grown breadth first; True for a long region.
     first_edge: the edges of a triangle are tried from this index (0 to 2) on. Writes the indices of
     the triangles to `rows`, and marks the edges that the tree crosses, from both sides, in `tree`
-    (m, 3), which must have no marks. visited (m,): workspace, False before and after.
+    (m, 3), which must have no marks. visited (m,): workspace, False before and after. covered
+    (m,): triangles of which the tree contains at most `max_covered`.
     """
     # Half-edges over which to enter triangles. A triangle may occur three times; the second and the
     # third are skipped. The half-edge of the root only encodes the index of the root.
@@ -51,6 +54,10 @@ def grow_tree(
         row = entry // 3
         if visited[row]:
             continue
+        if covered[row]:
+            if max_covered == 0:
+                continue
+            max_covered -= 1
         visited[row] = True
         rows[size] = row
         size += 1

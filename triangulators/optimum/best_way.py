@@ -128,9 +128,9 @@ class Patchwork:
         The piece has at most `max_size` triangles around triangle `root`; depth_first, first_edge:
         see `unfold.grow_tree`.
         """
-        rows = np.empty(max_size, dtype=np.int32)
+        rows, marks = np.empty(max_size, dtype=np.int32), (self._visited, self._visited)
         size = grow_tree(
-            self.twin, root, max_size, depth_first, first_edge, self._tree, rows, self._visited
+            self.twin, root, max_size, depth_first, first_edge, self._tree, rows, *marks, 0
         )
         rows = rows[:size]
         cycle, local, outline = unfold(self.triangles, self.twin, self._tree, root, size)
