@@ -16,7 +16,7 @@ import pytest
 from scenes import load
 from triangulators import PolygonArray, triangulate_many
 from triangulators.criteria.criterion import FEATURES
-from triangulators.criteria.features import feature_sums_of_many
+from triangulators.criteria.features import sum_features_of_many
 from triangulators.devices import is_software
 from triangulators.gpu import engine
 
@@ -60,7 +60,7 @@ def compare(benchmark: Any, arrays: PolygonArray, name: str, rounds: int) -> tup
 
     by_device, expected = run(DEVICE), run("cpu")
     sums, sums_of_cpu = (
-        feature_sums_of_many(arrays.coords, arrays.vertex_offsets, t.triangles, t.triangle_offsets)
+        sum_features_of_many(arrays.coords, arrays.vertex_offsets, t.triangles, t.triangle_offsets)
         for t in (by_device, expected)
     )
     feature = FEATURES.index(name.partition(":")[2].replace("-", "_"))
