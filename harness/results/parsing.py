@@ -75,6 +75,8 @@ def parse_record(values: Mapping[str, Any]) -> Record:
         record: Record = validate_json(Record, _arrange_fields(_drop_nulls(values)))
     except UsageError as error:  # raised by View and Options
         raise FieldError(str(error)) from None
+    except RecursionError:
+        raise FieldError("nested too deeply") from None
     if (views := record.views) is not None:
         columns = [*views.counters.values(), *filter(None, [views.names])]
         if len(set(map(len, columns))) > 1:
@@ -90,6 +92,9 @@ def parse_record(values: Mapping[str, Any]) -> Record:
 
 def _arrange_fields(line: dict[str, Any]) -> dict[str, Any]:
     """Return the fields of a line as those of a `Record` and its parts."""
+    for name in ("resolution", "rotation"):  # View has defaults
+        if name not in line:
+            raise FieldError(f"{name}: is missing")
     view = _select_fields(View, line)
     case = _select_fields(CaseId, line) | {"view": view, "options": line.get("options", {})}
     if isinstance(case["options"], dict):
@@ -244,7 +249,7 @@ def select_valid_facts(facts: dict[str, Any], problems: list[str]) -> RunFacts:
         try:
             if part is not None and name in _PARTS:
                 validate_json(_PARTS[name], _drop_nulls(part))
-        except FieldError as error:
+        except (FieldError, RecursionError) as error:
             problems.append(f"run.json: {name}: invalid ({error}); ignored")
             continue
         if part is not None:

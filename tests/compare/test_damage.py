@@ -111,3 +111,13 @@ def test_repeated_case_is_reported_and_the_later_record_is_used(harness):
         in out
     )
     assert "1 case with changed content" in out
+
+
+def test_deeply_nested_fields_skip_the_record():
+    damaged = make_all(1)
+    damaged[0]["options"] = {}
+    for _ in range(700):
+        damaged[0]["options"] = {"a": damaged[0]["options"]}
+    run = read_back({"plan": damaged[0]["options"]}, damaged)
+    assert len(run.records) == len(damaged) - 1
+    assert any("line 1: nested too deeply" in problem for problem in run.problems)

@@ -218,7 +218,7 @@ def find_lie(rng: np.random.Generator, claims: list[Claim]) -> Claim | None:
         parsed = check_evidence.Claim(claim)
     except check_evidence.EvidenceError:
         return None
-    retained = [t for t in parsed.empty_triangles() if not _has_hidden_edge(t, hidden, small)]
+    retained = [t for t in parsed.list_empty_triangles() if not _has_hidden_edge(t, hidden, small)]
     sides = sorted({tuple(sorted(side)) for t in retained for side in list_sides(t)})
     row = {side: k for k, side in enumerate(sides)}
     matrix = np.zeros((len(retained), len(sides) + 1))
@@ -230,7 +230,7 @@ def find_lie(rng: np.random.Generator, claims: list[Claim]) -> Claim | None:
     objective[-1] = with_lift * len(triangles)
     for a, b in parsed.boundary:
         objective[row[min(a, b), max(a, b)]] += 1 if a < b else -1
-    weights = np.array([float(parsed.weight(t)) for t in retained])
+    weights = np.array([float(parsed.compute_weight(t)) for t in retained])
     size = weights.max() or 1.0
     solution = linprog(-objective, matrix, weights / size, bounds=(None, None))
     if solution.x is None:

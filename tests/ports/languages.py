@@ -63,6 +63,13 @@ class Cases(NamedTuple):
         return self.points[first:last], self.corners[begin:end]
 
 
+LENGTH_FLIPS = {
+    "l1": flips.flip_by_l1,
+    "euclidean": flips.flip_by_length,
+    "delaunay": flips.flip_by_delaunay,
+}
+
+
 def flip_in_python(cases: Cases, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Return all corners after flips, and the number of flips of each polygon.
 
@@ -73,7 +80,7 @@ def flip_in_python(cases: Cases, name: str) -> tuple[np.ndarray, np.ndarray]:
     by, _, native = name.partition("-")
     by, _, scale = by.partition("@")
     special = {"earcut": flips.flip_as_earcut, "reorder": lambda *_: 0, "quads": _by_quads(scale)}
-    flip = special.get(by) or getattr(flips, f"by_{by}")
+    flip = special.get(by) or LENGTH_FLIPS[by]
     for index, (begin, end) in enumerate(
         zip(cases.bounds[:-1, 1], cases.bounds[1:, 1], strict=True)
     ):
