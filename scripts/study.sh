@@ -179,4 +179,5 @@ done
 
 # Savings by flips, on all data sets.
 write_csv quads-flips.csv scripts/studies/quads_flips.py
+write_csv expected-quads.csv scripts/studies/expected_quads.py
 write_csv flips-lanes.csv scripts/flips_lanes.py

@@ -14,13 +14,20 @@ import numpy as np
 import pytest
 import shapely
 
-from harness.frame import View, make_frame
 from scenes import load
+from scripts.studies.expected_quads import (
+    BASE,
+    OPTIMUM,
+    REFINED,
+    load_polygons,
+    measure,
+    sum_quads,
+)
 from tests.paths import run_python
 from tests.triangulators.cases import convex, glyphs, read_shared, smooth, snapped, star
 from tests.triangulators.test_everywhere import LETTERS, check
 from triangulators import PolygonArray, triangulate, triangulate_many, vertices
-from triangulators.criteria import find, predict
+from triangulators.criteria import predict
 
 
 def compare(
@@ -136,7 +143,7 @@ def test_one_call_on_15_vertices_against_earcut_with_coordinates_extracted(
     assert ratio <= max_ratio
 
 
-SCENES = {  # bounds on the ratios of optimal and refined
+MAX_RATIOS = {  # of the optimum and of refined to ear clipping
     "city": (8.0, 2.5),
     "glyphs": (8.0, 2.5),
     "helsinki": (12.0, 2.5),
@@ -144,42 +151,25 @@ SCENES = {  # bounds on the ratios of optimal and refined
     "cad": (None, 5.0),
     "stress": (None, 3.5),
 }
-"""Scenes of expected quads. The optimum of `cad` needs linear programs, one polygon of `stress` has
-65 holes; the windows of both are large, and of `cad` dense."""
+"""By scene. The optimum of `cad` needs linear programs, and a polygon of `stress` has 65 holes."""
 
 
-@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("scene", MAX_RATIOS)
 def test_expected_quads_against_ear_clipping(benchmark, scene):
     """CPU time of one call per polygon at 1024 px, and how far `refined` is from the optimum."""
-    polygons = list(make_frame(load(scene).polygons, View(1024)).polygons)
-    max_optimal, max_refined = SCENES[scene]
-
-    def run(name: str) -> Callable[[], Any]:
-        return lambda: [triangulate(polygon, name) for polygon in polygons]
-
-    def total(name: str) -> float:
-        criterion = find("expected-quads")
-        return sum(criterion.total(vertices(p), triangulate(p, name)) for p in polygons)
-
-    names = ["refined:expected-quads"] + ["optimal:expected-quads"] * (max_optimal is not None)
-    functions = [run(name) for name in ("ear-clipping", *names)]
-    cpu_s = np.empty((7, len(functions)))
-    for function in functions:
-        function()
-    for row in cpu_s:
-        for column, function in enumerate(functions):
-            start = time.process_time()
-            function()
-            row[column] = time.process_time() - start
-    ratios = cpu_s.min(axis=0) / cpu_s[:, 0].min()
-    benchmark.extra_info.update(zip(names, ratios[1:], strict=True))
-    benchmark.pedantic(functions[1], rounds=1)
-    print(f"\n{scene}: refined {ratios[1]:.2f}", end="")
-    assert ratios[1] <= max_refined
+    polygons = load_polygons(scene)
+    max_optimal, max_refined = MAX_RATIOS[scene]
+    names = (BASE, REFINED) if max_optimal is None else (BASE, REFINED, OPTIMUM)
+    cpu_s = measure(polygons, names, 7)
+    ratios = {name: cpu_s[name] / cpu_s[BASE] for name in names[1:]}
+    benchmark.extra_info.update(ratios)
+    benchmark.pedantic(lambda: measure(polygons, (REFINED,), 1), rounds=1)
+    print(f"\n{scene}: {ratios}", end="")
+    assert ratios[REFINED] <= max_refined
     if max_optimal is not None:
-        excess = total("refined:expected-quads") / total("optimal:expected-quads") - 1.0
-        print(f", optimal {ratios[2]:.2f}, quads of refined {excess:+.2%}")
-        assert ratios[2] <= max_optimal
+        excess = sum_quads(polygons, REFINED) / sum_quads(polygons, OPTIMUM) - 1.0
+        print(f", quads of refined {excess:+.2%}")
+        assert ratios[OPTIMUM] <= max_optimal
         assert 0.0 <= excess <= 0.01
 
 
