@@ -13,7 +13,7 @@ from harness import atomic
 from harness.commands.options import PROFILES, is_given
 from harness.errors import HarnessError, InputError, UsageError
 from harness.frame import ITS_OWN_VIEW, OWN_VIEWS
-from harness.measuring.other_version import OtherVersion, open_version
+from harness.measuring.other_version import OtherVersion, open_other_version
 from harness.measuring.plan import Plan
 from harness.results.run_folder import STORED_PROFILE, read_run
 from harness.triangulating.recipes import CALIBRATED, Recipe, parse, parse_all
@@ -33,7 +33,7 @@ def open_baseline(
             raise UsageError("--draw-twice requires --beside")
         yield None
         return
-    with open_version(reference, [recipe.base for recipe in plan.triangulators]) as baseline:
+    with open_other_version(reference, [recipe.base for recipe in plan.triangulators]) as baseline:
         yield replace(baseline, twice=twice or bool(stored.get("twice")))
 
 

@@ -27,7 +27,7 @@ from harness.workers.worker import Limits, OpenWorker, TaskError, Worker
 from scenes import Scene, SceneError, load, registry
 from scenes.spec import is_function
 
-Usable = tuple[Backend, tuple[Options, ...]]
+UsableBackend = tuple[Backend, tuple[Options, ...]]
 """A backend, and those of the plan's options that it supports."""
 
 MESSAGE_AFTER_S = 5.0
@@ -68,6 +68,7 @@ def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker
 
 
 def _load(name: str, seed: int) -> Scene:
+    """Load a scene or a model with views; runs in a worker process if third-party code does it."""
     try:
         if is_model_with_views(name):
             from harness.models import seen  # slow to import
@@ -91,7 +92,9 @@ def _is_foreign(name: str) -> bool:
     return base in registry.names() or is_function(base)
 
 
-def find_broken(recipes: Iterable[Recipe], pool: MeasuringPool) -> dict[Recipe, str]:
+def import_third_party_triangulators(
+    recipes: Iterable[Recipe], pool: MeasuringPool
+) -> dict[Recipe, str]:
     """Import the recipes' third-party triangulators; return those that crash, with the reasons.
 
     Raises UsageError if a triangulator cannot be imported.
@@ -107,7 +110,7 @@ def find_broken(recipes: Iterable[Recipe], pool: MeasuringPool) -> dict[Recipe, 
     return broken
 
 
-def find_backends(plan: Plan, pool: MeasuringPool, reporter: Reporter) -> list[Usable]:
+def find_backends(plan: Plan, pool: MeasuringPool, reporter: Reporter) -> list[UsableBackend]:
     """Return the plan's backends: each rasteriser on each requested device that it supports.
 
     A rasteriser that supports no requested device, such as the CPU reference, runs on its own best
@@ -116,7 +119,7 @@ def find_backends(plan: Plan, pool: MeasuringPool, reporter: Reporter) -> list[U
     Raises UsageError or NoRasteriserError if a name is unknown, a requested device is missing, or
     no rasteriser remains.
     """
-    usable: list[Usable] = []
+    usable: list[UsableBackend] = []
     known_devices: set[str] = set()
     for name in plan.rasterisers:
         try:

@@ -25,7 +25,7 @@ from harness.workers.worker import TaskError
 EXACT_QUADS = parse("optimal:exact-quads")
 
 MAX_SEARCH_S = 2.0
-"""Time budget per frame for minimum quad counts: maximum sum of `estimate_seconds`."""
+"""Time budget per frame for minimum quad counts: maximum sum of `estimate_search_seconds`."""
 
 ROW_S = 6e-9
 """Seconds to count the quads of a triangle, per row of pixels (measured: 2 to 6 ns). The dynamic
@@ -42,18 +42,23 @@ Pending = dict[str, Future[NDArray[np.int64]]]
 def start_bounds(
     frame: Frame, parts: Sequence[NDArray[np.int32] | None], pool: MeasuringPool
 ) -> Pending:
-    """Start computing both bounds in the pool's second process; return their futures by name.
+    """Start computing lower bounds of each polygon's quads in the pool's second process.
 
-    parts : for each polygon any triangulation (m, 3) without gaps, or None
+    parts : for each polygon any triangulation (m, 3) that uses every vertex, or None
+
+    Returns futures by name: `OUTLINE`, and `MIN_QUADS`, the minimum over all triangulations.
     """
-    outline = pool.compute(compute_outline_bounds, frame, parts)
-    return {OUTLINE: outline, MIN_QUADS: pool.compute(compute_min_quads, frame, pool.database)}
+    outline = pool.compute_in_second_process(compute_outline_bounds, frame, parts)
+    return {
+        OUTLINE: outline,
+        MIN_QUADS: pool.compute_in_second_process(compute_min_quads, frame, pool.database),
+    }
 
 
 def collect_bounds(pending: Pending) -> dict[str, NDArray[np.int64]]:
-    """Wait for the bounds; return the quads (p,) of those that did not fail, by name.
+    """Wait for lower bounds; return the quads of each polygon, (p,), or -1 if unknown, by name.
 
-    A polygon without a bound has -1.
+    A bound that fails to compute is omitted.
     """
     bounds = {}
     for name, future in pending.items():
@@ -65,10 +70,10 @@ def collect_bounds(pending: Pending) -> dict[str, NDArray[np.int64]]:
 def compute_outline_bounds(
     frame: Frame, parts: Sequence[NDArray[np.int32] | None]
 ) -> NDArray[np.int64]:
-    """Return the quads that each polygon's outline covers, (p,), or -1 without a bound.
+    """Return the quads that each polygon's outline covers, (p,), or -1 if unknown.
 
-    The loose triangles of a view have no outline, so the bound is the quads that they shade. With a
-    depth test the outline gives no bound, because hidden quads are not shaded.
+    A model's triangles outside its polygons (`is_loose`) have no outline, so their bound is the
+    quads that they shade. With a depth test all are -1, because hidden quads are not shaded.
     """
     if frame.viewing is None:
         return count_outline_quads(frame, parts)
@@ -78,7 +83,7 @@ def compute_outline_bounds(
     return np.where(is_loose, count_quads(frame, parts), count_outline_quads(frame, parts))
 
 
-def estimate_seconds(frame: Frame) -> NDArray[np.float64]:
+def estimate_search_seconds(frame: Frame) -> NDArray[np.float64]:
     """Return the estimated seconds to find the minimum quad count of each polygon, (p,).
 
     The estimate is infinite for polygons that a tile's edge cuts, as these are not solved.
@@ -105,7 +110,7 @@ def compute_min_quads(frame: Frame, database: Path | None) -> NDArray[np.int64]:
     unknown = np.full(len(frame.polygons), -1)
     if frame.viewing is not None:
         return unknown
-    seconds = estimate_seconds(frame)
+    seconds = estimate_search_seconds(frame)
     order = np.argsort(seconds, kind="stable")
     solvable = np.sort(order[np.cumsum(seconds[order]) <= MAX_SEARCH_S])
     if not len(solvable):

@@ -37,7 +37,7 @@ from triangulators.errors import truncate
 SCRIPT = Path(__file__).with_name("other_version_script.py")
 
 FOLDER = "base"
-"""Name of BASE's run folder inside HEAD's."""
+"""Name of the baseline's run folder inside the run's folder."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,8 @@ class OtherVersion:
     name : the user's name for the version
     commit : commit of the version, or ""
     folder : top folder of the code or the environment
-    instead_of : folder of HEAD, whose code must not be imported, or ""
-    cwd, path, python : current folder, entries of PYTHONPATH and interpreter
+    instead_of : folder of the current code (HEAD), which must not be imported instead, or ""
+    cwd, path, python : current folder, entries of PYTHONPATH and interpreter of its processes
     twice : True to time both versions even if their triangulations are equal
     """
 
@@ -63,7 +63,7 @@ class OtherVersion:
 
     @cached_property
     def has_same_builtins(self) -> bool:
-        """True if the version's package `triangulators` has the same source files as HEAD's."""
+        """True if the version's package `triangulators` has the same source files as this one."""
         if self.python != sys.executable:
             return False
         file = _run_script(self, {"triangulator": None})["file"]
@@ -72,7 +72,7 @@ class OtherVersion:
 
 
 def make_base_facts(facts: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the content of BASE's `run.json`, given HEAD's."""
+    """Return the content of the baseline's `run.json`, from the content of the run's, `facts`."""
     baseline = facts["beside"]
     environment = dict(facts["environment"])
     project = {**(environment.get("project") or {}), "commit": baseline["commit"], "dirty": False}
@@ -81,7 +81,7 @@ def make_base_facts(facts: Mapping[str, Any]) -> dict[str, Any]:
 
 
 @contextmanager
-def open_version(reference: str, triangulators: Sequence[str]) -> Iterator[OtherVersion]:
+def open_other_version(reference: str, triangulators: Sequence[str]) -> Iterator[OtherVersion]:
     """Yield another version of the user's code, which exists until the end of the block.
 
     reference : a commit, branch or tag of the user's repository, which is checked out into a
@@ -112,7 +112,7 @@ def open_version(reference: str, triangulators: Sequence[str]) -> Iterator[Other
 
 
 def _make_version(name: str, commit: str, folder: Path, top: Path) -> OtherVersion:
-    """Return the version in `folder` of the code in `top`.
+    """Return the version of the code in `folder`; `top` is the folder of the current code.
 
     Import paths inside `top` are replaced by the same paths inside `folder`, in the same order;
     paths that do not exist in `folder`, such as an environment, stay the same.
@@ -135,13 +135,13 @@ def _make_version(name: str, commit: str, folder: Path, top: Path) -> OtherVersi
     )
 
 
-def triangulate_elsewhere(
+def triangulate_with_other_version(
     recipe: Recipe, polygons: Sequence[Polygon], other: OtherVersion
 ) -> FrameTriangulation:
     """Run another version's triangulator over polygons in px, and verify the triangles here.
 
-    Raises TaskError if the triangulator cannot be imported or run, or if HEAD's code would run
-    instead.
+    Raises TaskError if the triangulator cannot be imported or run, or if the current code (HEAD)
+    would run instead.
     """
     answer = _run_script(
         other,
@@ -168,15 +168,18 @@ def triangulate_elsewhere(
 
 
 def _run_script(other: OtherVersion, question: Mapping[str, Any]) -> dict[str, Any]:
-    """Run `other_version_script.py` in the other version's interpreter; return the answer."""
+    """Run `other_version_script.py`, which documents question and answer, with the other version.
+
+    Raises TaskError if the script fails.
+    """
     with tempfile.TemporaryDirectory(prefix="harness-beside-") as folder:
         question_file, answer_file = Path(folder, "question"), Path(folder, "answer")
         question_file.write_bytes(pickle.dumps(question))
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(other.path)}
         command = [other.python, "-P", str(SCRIPT), str(question_file), str(answer_file)]
         process = subprocess.run(command, cwd=other.cwd, env=environment, stdout=2, check=False)
-        if process.returncode or not answer_file.exists():
-            raise TaskError(f"{other.name}: the code ended with exit code {process.returncode}")
+        if (code := process.returncode) or not answer_file.exists():
+            raise TaskError(f"{other.name}: the triangulating process ended with exit code {code}")
         answer: dict[str, Any] = pickle.loads(answer_file.read_bytes())
     if "error" in answer:
         raise TaskError(f"{other.name}: {truncate(answer['error'])}")
@@ -184,7 +187,10 @@ def _run_script(other: OtherVersion, question: Mapping[str, Any]) -> dict[str, A
 
 
 def _refuse_head_code(other: OtherVersion, name: str, file: str | None) -> None:
-    """Raise TaskError if `file`, from which the other version imported `name`, is HEAD's."""
+    """Raise TaskError if the other version imported `name` from the current code (HEAD).
+
+    file : file of the imported module, or None if it has no file
+    """
     if not file or not other.instead_of:
         return
     source = Path(file).resolve()

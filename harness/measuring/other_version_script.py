@@ -24,10 +24,12 @@ def main(question_file: str, answer_file: str) -> None:
 
 
 def _make_answer(question: dict[str, Any]) -> dict[str, Any]:
-    """Run the question's triangulator over polygons (WKB); return results and CPU seconds.
+    """Run a triangulator over polygons; return "results", CPU "seconds" and the module's "file".
 
-    The answer also has the file of the triangulator's module; without a triangulator it has only
-    the file of the package `triangulators`.
+    question : "triangulator", its "parameters", and "polygons" and "warm_up", lists of WKB; if the
+        triangulator is None, the answer is only the "file" of the package `triangulators`
+
+    A result is ("triangles", array), ("skipped", reason) or ("failed", reason).
     """
     name = question["triangulator"]
     if name is None:

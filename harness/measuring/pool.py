@@ -13,7 +13,7 @@ from shapely import Polygon
 
 from harness.frame import Frame
 from harness.measuring import tasks
-from harness.measuring.other_version import OtherVersion, triangulate_elsewhere
+from harness.measuring.other_version import OtherVersion, triangulate_with_other_version
 from harness.measuring.timing import Times
 from harness.rasterisers import BUILT_IN
 from harness.rasterisers.base import Counters, Device, Options, Triangles
@@ -43,13 +43,13 @@ COMPILE_TIMEOUT_S = 900.0
 """Time limit for compiling a built-in triangulator, which does not count as triangulating."""
 
 COMPILED_LATE = "triangulators.geometry.order"
-"""Module whose kernels are compiled late: if these are cached, so are the optimum's kernels."""
+"""Module whose kernels are compiled after the optimum's: if it is cached, so are the optimum's."""
 
 TRIANGULATORS = WorkerSpec("triangulators")
-"""Runs all built-in triangulators."""
+"""Worker that runs all built-in triangulators."""
 
-SECOND = WorkerSpec("second process")
-"""Compiles and computes bounds while `TRIANGULATORS` triangulates."""
+SECOND_PROCESS = WorkerSpec("second process")
+"""Worker that compiles, and computes lower bounds, while `TRIANGULATORS` triangulates."""
 
 
 def get_rasteriser_worker(name: str) -> WorkerSpec:
@@ -118,15 +118,20 @@ class MeasuringPool(WorkerPool):
             self._compiled.add(recipe.base)
 
     def compile_ahead(self, recipes: Sequence[Recipe]) -> None:
-        """Start compiling in the second process, last recipe first, if not everything is cached.
+        """Start compiling built-in recipes in the second process, last first, unless cached.
 
         Meanwhile `compile` compiles from the first recipe on, and loads kernels that the second
         process has already written to disk.
         """
         builtin = [recipe for recipe in reversed(recipes) if recipe.builtin]
-        if self.is_used(SECOND) or len(builtin) < 2 or cores() < 2 or is_cached(COMPILED_LATE):
+        if (
+            self.is_used(SECOND_PROCESS)
+            or len(builtin) < 2
+            or cores() < 2
+            or is_cached(COMPILED_LATE)
+        ):
             return
-        self.compute(warm_up, *builtin)
+        self.compute_in_second_process(warm_up, *builtin)
 
     def triangulate(
         self,
@@ -146,7 +151,7 @@ class MeasuringPool(WorkerPool):
             "scene (limit=)"
         )
         if recipe.other:
-            task = (triangulate_elsewhere, recipe, polygons, self.other)
+            task = (triangulate_with_other_version, recipe, polygons, self.other)
             return self._run_recipe("triangulate", message, *task, tick=tick)
         arguments = (triangulate_polygons, recipe, polygons, self.database)
         result = self._run_recipe("triangulate", message, *arguments, tick=tick)
@@ -209,13 +214,13 @@ class MeasuringPool(WorkerPool):
                 seconds |= dict(zip(group, samples, strict=True))
         return seconds
 
-    def compute(self, function: Callable[..., T], *arguments: Any) -> Future[T]:
-        """Start a built-in function in the second process, with the time limit of compiling."""
+    def compute_in_second_process(self, function: Callable[..., T], *arguments: Any) -> Future[T]:
+        """Start a function of this package in the second process, with compiling's time limit."""
         timeout_s = max(COMPILE_TIMEOUT_S, self.timeout_s)
-        return self.submit(SECOND, function, *arguments, timeout_s=timeout_s)
+        return self.submit(SECOND_PROCESS, function, *arguments, timeout_s=timeout_s)
 
     def open(self, backend: Backend) -> tasks.Opened:
-        """Return the details of a device, which the first call opens and whose timer it tests.
+        """Open a device and test its timer on the first call; return the device's details.
 
         Raises HarnessError if the device cannot be opened.
         """
@@ -291,17 +296,19 @@ class MeasuringPool(WorkerPool):
         return dict.fromkeys(candidates, group), {}
 
     def describe(self) -> dict[str, Any]:
-        """Return details and timer of each opened device, JSON-ready, by label of the backend."""
+        """Return the driver's details and the timer test of each opened device, by label."""
         return {
             label: {"details": opened.details, "timer": opened.timer and asdict(opened.timer)}
             for label, opened in self._opened.items()
         }
 
-    def close(self, *, at_once: bool = False, abandoned: Sequence[str] = (SECOND.name,)) -> None:
+    def close(
+        self, *, at_once: bool = False, abandoned: Sequence[str] = (SECOND_PROCESS.name,)
+    ) -> None:
         """End all processes, by default without waiting for the second process's task."""
         super().close(at_once=at_once, abandoned=abandoned)
 
     def _forget(self, spec: WorkerSpec) -> None:
-        """Let `compile` compile again after the worker failed: a new process has no kernels."""
+        """Let `compile` compile again after a worker ended: its new process has no kernels."""
         if spec == TRIANGULATORS:
             self._compiled.clear()

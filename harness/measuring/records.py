@@ -33,7 +33,7 @@ from harness.triangulating.result import FrameTriangulation
 SHORT_DRAW_S = 20e-6
 """Duration of a draw below which the cost of the draw call dominates."""
 
-SCATTER = 0.10
+MAX_SCATTER = 0.10
 """Maximum interquartile range of times, relative to the median, without a warning."""
 
 Columns = Mapping[str, NDArray[Any]]
@@ -138,7 +138,7 @@ def get_covered_fragments(counters: Counters, drawn: NDArray[np.bool_]) -> NDArr
     return np.where(drawn, fragments, -1)
 
 
-def make_counted(
+def make_counted_record(
     case: CaseId,
     frame: Frame,
     triangulation: FrameTriangulation,
@@ -174,7 +174,7 @@ def make_counted(
         coverage_error=_compute_coverage_error(triangulation, counters, covered),
         outline_quads=_sum_outline_quads(triangulation.drawn, limits.get(OUTLINE)),
         least=_sum_least_quads(triangulation.drawn, counters, limits.get(MIN_QUADS)),
-        views=_sum_views(frame, counters),
+        views=_sum_counters_per_view(frame, counters),
     )
 
 
@@ -205,8 +205,8 @@ def _compute_coverage_error(
     return int(np.abs(counters["fragments"] - covered)[compared].sum())
 
 
-def _sum_views(frame: Frame, counters: Counters) -> ViewCounters | None:
-    """Return the sums of each counter over each tile or view, or None without tiles or views."""
+def _sum_counters_per_view(frame: Frame, counters: Counters) -> ViewCounters | None:
+    """Return each counter's sum in each tile or view, or None if the frame has neither."""
     if frame.tiles is None:
         return None
     sums = {
@@ -218,7 +218,7 @@ def _sum_views(frame: Frame, counters: Counters) -> ViewCounters | None:
 
 
 def _sum_outline_quads(drawn: NDArray[np.bool_], outline: NDArray[np.int64] | None) -> int | None:
-    """Return the sum of the outlines' quads over drawn polygons, or None if any is unknown."""
+    """Return the sum of `outline`, quads (p,), over `drawn` polygons, or None if any is -1."""
     if outline is None or (outline[drawn] < 0).any():
         return None
     return int(outline[drawn].sum())
@@ -227,7 +227,10 @@ def _sum_outline_quads(drawn: NDArray[np.bool_], outline: NDArray[np.int64] | No
 def _sum_least_quads(
     drawn: NDArray[np.bool_], counters: Counters, minima: NDArray[np.int64] | None
 ) -> LeastQuads | None:
-    """Return sums of minimum quads, quads and fragments over drawn polygons with known minima."""
+    """Return sums over the `drawn` polygons with known minima, or None if nothing is known.
+
+    minima : proven minimum quads (p,), -1 if unknown; quads and fragments are also summed
+    """
     quads, fragments = counters.get("quads"), counters.get("fragments")
     if minima is None or quads is None or fragments is None or not (quads.ndim and fragments.ndim):
         return None
@@ -257,7 +260,7 @@ def make_time(
     """
     times, reference = group[key], _round_seconds(group[REFERENCE].samples_s)
     return replace(
-        make_samples(times, test.timer),
+        make_time_without_median(times, test.timer),
         median_s=times.median_s,
         ci95_s=times.ci95_s,
         repeats=times.repeats,
@@ -271,7 +274,7 @@ def make_time(
     )
 
 
-def make_samples(times: Times, timer: str) -> Time:
+def make_time_without_median(times: Times, timer: str) -> Time:
     """Return a `Time` with samples only, without a median.
 
     For the CPU timer also with wall time, time of waiting for a core, and other programs' CPU time.
@@ -306,7 +309,7 @@ def list_time_warnings(times: Times) -> list[str]:
     low, high = np.percentile(times.undisturbed_s, [25, 75])
     if median < SHORT_DRAW_S:
         warnings.append(f"draws are short ({median * 1e6:.1f} us): mostly the cost of a draw call")
-    if high - low > SCATTER * median:
+    if high - low > MAX_SCATTER * median:
         warnings.append(f"times scatter by {(high - low) / median:.0%} of their median")
     if not times.precision_reached:
         warnings.append(f"precision not reached in {len(times.samples_s)} rounds")

@@ -36,7 +36,7 @@ def get_default_path() -> Path:
 
 
 def update_reference_draws(records: Iterable[Record], path: Path) -> list[dict[str, Any]]:
-    """Add a run's reference draws to the file `path`; compare them with those of earlier runs.
+    """Add a run's reference draws (of a half-viewport triangle) to a file; compare earlier runs.
 
     Returns a dictionary for each `DrawId` with its fields and: `reference_s`, the median of the
     run's reference draws; `best_s`, the minimum of such medians on this machine, including this
@@ -68,7 +68,7 @@ def update_reference_draws(records: Iterable[Record], path: Path) -> list[dict[s
 
 
 def _update_file(draws: Mapping[DrawId, float], path: Path) -> dict[DrawId, tuple[float, int]]:
-    """Add the times (s) to the file; return each draw's minimum (s) and number of runs so far.
+    """Add the median times (s) to the file; return each draw's minimum (s) and number of runs.
 
     An unreadable file is replaced, and an unwritable file is ignored, as counters and times do not
     depend on this file.

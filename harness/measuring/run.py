@@ -24,7 +24,7 @@ from harness.errors import (
 from harness.frame import ITS_OWN_VIEW, OWN_VIEWS, View, get_scene_view
 from harness.machine import environment, system
 from harness.machine.environment import describe_processor
-from harness.measuring.loading import find_backends, find_broken, load_scene
+from harness.measuring.loading import find_backends, import_third_party_triangulators, load_scene
 from harness.measuring.other_version import FOLDER as BASE_FOLDER
 from harness.measuring.other_version import OtherVersion
 from harness.measuring.plan import Plan
@@ -56,7 +56,7 @@ from scenes.spec import format_label as scene_label
 SCENE_FIELDS = ("name", "units", "description", "licence", "credit", "dropped", "repaired", "notes")
 """Fields of a scene that are copied into a run's facts."""
 
-_CLOSED_TRIANGLE = 4
+_CLOSED_TRIANGLE_COORDINATES = 4
 """Number of coordinates of a triangle in shapely, which repeats the first vertex at the end."""
 
 
@@ -116,7 +116,7 @@ class RunOptions:
     baseline : other version of the code to measure in the same rounds, or None
     base : triangulator to which tables and reports compare the others
     profile : content of a profile to store with the run, or None
-    calibrate : see `SceneRun`
+    calibrate : function that chooses optimal:calibrated's criterion in each frame, or None
     """
 
     resume: bool = False
@@ -166,9 +166,11 @@ def run(
     pool = MeasuringPool(open_worker, plan.timeout_s, options.database, options.baseline)
     try:
         # Names are checked first: loading a scene may take long.
-        broken = find_broken(plan.triangulators, pool)
+        broken = import_third_party_triangulators(plan.triangulators, pool)
         scene = load_scene(plan.scene, plan.seed, reporter, open_worker)
-        if all(shapely.get_num_coordinates(p) == _CLOSED_TRIANGLE for p in scene.polygons):
+        if all(
+            shapely.get_num_coordinates(p) == _CLOSED_TRIANGLE_COORDINATES for p in scene.polygons
+        ):
             raise NothingMeasuredError(
                 f"{plan.scene}: nothing to measure (every polygon is a triangle); for a model, "
                 "raster-harness triangulate MODEL --check reports what flipping edges would save"
@@ -186,9 +188,9 @@ def run(
 
 
 def _set_scene_view(plan: Plan, scene: Scene) -> Plan:
-    """Return the plan with the view that map tiles or a model define.
+    """Return the plan; if the scene is map tiles or a model with views, with the scene's own view.
 
-    For a model, the triangulation in its file is added.
+    For a model, the triangulation in its file (ORIGINAL) is added to the triangulators.
     """
     view = get_scene_view(scene)
     if view.fit not in OWN_VIEWS:
@@ -224,7 +226,7 @@ def _measure_parts(
     recipes = dict.fromkeys(chain.from_iterable(part.triangulators for part in plans))
     plan = replace(plan, triangulators=tuple(recipes))
     usable = find_backends(plan, pool, reporter)
-    broken |= find_broken(set(plan.triangulators) - loaded, pool)
+    broken |= import_third_party_triangulators(set(plan.triangulators) - loaded, pool)
     base = options.base or (
         ORIGINAL if get_viewing(scene) is not None and not options.split else None
     )

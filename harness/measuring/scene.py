@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from harness.errors import HarnessError
 from harness.frame import Frame, View, make_scene_frame
 from harness.measuring import lower_limits, records
-from harness.measuring.loading import Usable
+from harness.measuring.loading import UsableBackend
 from harness.measuring.plan import Plan
 from harness.measuring.pool import Backend, MeasuringPool
 from harness.metrics.registry import PREDICTED
@@ -27,7 +27,7 @@ from harness.triangulating.result import FrameTriangulation
 from harness.workers.worker import TaskError, TaskTimeoutError
 from scenes import Scene
 
-DONE = ("ok", "skipped")
+DONE_STATUSES = ("ok", "skipped")
 """Statuses of records that a resumed run does not measure again."""
 
 COVERAGE_RECIPE = Recipe("delaunay")
@@ -49,12 +49,12 @@ class Group:
 
 
 @dataclass
-class _View:
-    """State that all groups of a view share.
+class _ViewState:
+    """Frame of one view, and results in that frame that all groups share.
 
     triangulations, triangles : by recipe, the result, and the result's triangles (m, 3)
     limits : lower bounds of quads, (p,) by name, see `lower_limits`; {} if `COVERAGE_RECIPE` failed
-    vertices : counters of the index buffer by recipe, order and seed
+    vertices : vertex batches and transformed vertices by recipe, order and seed
     calibrated : by recipe of the plan, the recipe that `SceneRun.calibrate` chose for this view
     """
 
@@ -66,7 +66,7 @@ class _View:
     calibrated: dict[Recipe, Recipe] = field(default_factory=dict)
 
     def count_vertices(self, recipe: Recipe, options: Options) -> Counters:
-        """Return the counters of a recipe's index buffer, which all rasterisers share."""
+        """Return a recipe's vertex batches and transformed vertices, equal in all rasterisers."""
         key = (recipe, options.order, options.seed)
         if key not in self.vertices:
             ordered = order_submission(self.frame, self.triangles[recipe], options)
@@ -99,7 +99,7 @@ class SceneRun:
     plan: Plan
     label: str
     scene: Scene
-    usable: Sequence[Usable]
+    usable: Sequence[UsableBackend]
     broken: Mapping[Recipe, str]
     pool: MeasuringPool
     reporter: Reporter
@@ -114,7 +114,7 @@ class SceneRun:
             groups = [group for group in self._make_groups(view) if group.cases]
             if not groups or self.pool.stopping:
                 continue
-            current = _View(make_scene_frame(self.scene, view))
+            current = _ViewState(make_scene_frame(self.scene, view))
             self._report_snapping(current.frame)
             self.writer.add_frame(current.frame)
             self._triangulate_all(current, groups)
@@ -150,7 +150,7 @@ class SceneRun:
 
     def _is_done(self, case: CaseId) -> bool:
         record = self.writer.records.get(case.key)
-        return record is not None and record.status in DONE
+        return record is not None and record.status in DONE_STATUSES
 
     def _add_unmeasured(self, case: CaseId, status: Status, reason: str) -> None:
         self.writer.add_finished(Record(case, status, reason))
@@ -166,8 +166,8 @@ class SceneRun:
 
     # -- triangulations --------------------------------------------------------------------------
 
-    def _triangulate_all(self, current: _View, groups: Sequence[Group]) -> None:
-        """Triangulate with `COVERAGE_RECIPE` and the groups' recipes, and start lower bounds.
+    def _triangulate_all(self, current: _ViewState, groups: Sequence[Group]) -> None:
+        """Triangulate with `COVERAGE_RECIPE` and the groups' recipes, and compute lower bounds.
 
         Cases whose recipe gives no triangles are recorded as failed or skipped.
         """
@@ -204,7 +204,7 @@ class SceneRun:
             current.limits = lower_limits.collect_bounds(limits)
 
     def _triangulate_one(
-        self, current: _View, recipe: Recipe, tick: Callable[[float], None]
+        self, current: _ViewState, recipe: Recipe, tick: Callable[[float], None]
     ) -> FrameTriangulation | tuple[Status, str]:
         """Compile and run a triangulator; return its result, or (status, reason) without a result.
 
@@ -230,7 +230,7 @@ class SceneRun:
                 self.pool.compile(recipe, report_wait)
             if self.calibrate is not None and recipe.calibration is not None:
                 current.calibrated[recipe], result = self.calibrate(
-                    current.frame, recipe, lambda each: self._triangulate(current.frame, each, tick)
+                    current.frame, recipe, lambda r: self._triangulate(current.frame, r, tick)
                 )
             else:
                 result = self._triangulate(current.frame, recipe, tick)
@@ -273,7 +273,7 @@ class SceneRun:
         before = self.pool.triangulate(plain_recipe, upright.polygons, tick)
         return carry_to_rotated_frame(before, upright, frame)
 
-    def _time_triangulating(self, current: _View) -> None:
+    def _time_triangulating(self, current: _ViewState) -> None:
         """Triangulate again in rounds, to measure the variation of the triangulation time."""
         plan_recipes = {
             current.calibrated.get(recipe, recipe): recipe
@@ -293,7 +293,7 @@ class SceneRun:
 
     # -- counts and times ------------------------------------------------------------------------
 
-    def _measure_group(self, current: _View, group: Group) -> None:
+    def _measure_group(self, current: _ViewState, group: Group) -> None:
         """Count the group's cases, then time all cases together."""
         try:
             opened = self.pool.open(group.backend)
@@ -316,7 +316,9 @@ class SceneRun:
             self._time_group(current, group, in_order)
             self.pool.is_timing = False
 
-    def _count_group(self, current: _View, group: Group, *, timed: bool) -> dict[Recipe, Record]:
+    def _count_group(
+        self, current: _ViewState, group: Group, *, timed: bool
+    ) -> dict[Recipe, Record]:
         """Count the group's cases, store the counters; return the records to be timed.
 
         `COVERAGE_RECIPE` is counted first, even if not a case, to get each polygon's fragments.
@@ -325,13 +327,13 @@ class SceneRun:
         covered = None
         frame, backend, options, cases = current.frame, group.backend, group.options, group.cases
         limits = current.limits if options.samples == 1 else {}  # bounds are for pixel centres
-        names = [
+        recipes = [
             recipe
             for recipe in dict.fromkeys([COVERAGE_RECIPE, *cases])
             if recipe in current.triangulations
         ]
-        with self.reporter.stage(f"counting: {backend.label}", len(names)) as stage:
-            for recipe in names:
+        with self.reporter.stage(f"counting: {backend.label}", len(recipes)) as stage:
+            for recipe in recipes:
                 triangulation, triangles = current.triangulations[recipe], current.triangles[recipe]
                 try:
                     counters = self.pool.count(backend, frame, triangles, options)
@@ -345,7 +347,7 @@ class SceneRun:
                         if self.pool.open(backend).draws_indexed:
                             counters |= current.count_vertices(recipe, options)
                         fields = (frame, triangulation, counters, covered, limits)
-                        record = records.make_counted(cases[recipe], *fields)
+                        record = records.make_counted_record(cases[recipe], *fields)
                         columns = _make_columns(current, triangulation, counters, limits)
                         if timed:
                             ready[recipe] = record
@@ -354,7 +356,9 @@ class SceneRun:
                 stage.advance()
         return ready
 
-    def _time_group(self, current: _View, group: Group, ready: Mapping[Recipe, Record]) -> None:
+    def _time_group(
+        self, current: _ViewState, group: Group, ready: Mapping[Recipe, Record]
+    ) -> None:
         """Time the counted cases together, and store their records.
 
         ready : records of the counted cases, without times
@@ -386,7 +390,7 @@ class SceneRun:
                 self.writer.add_finished(replace(record, time=time))
 
     def _choose_drawing(
-        self, current: _View, recipe: Recipe, ready: Mapping[Recipe, Record]
+        self, current: _ViewState, recipe: Recipe, ready: Mapping[Recipe, Record]
     ) -> Recipe:
         """Return the recipe whose triangles are drawn and timed for a case.
 
@@ -401,7 +405,7 @@ class SceneRun:
 
 
 def _make_columns(
-    current: _View,
+    current: _ViewState,
     triangulation: FrameTriangulation,
     counters: Counters,
     limits: Mapping[str, NDArray[np.int64]],

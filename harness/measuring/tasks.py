@@ -110,6 +110,7 @@ def time_group(
     with contextlib.ExitStack() as stack:
 
         def prepare(order: Sequence[str]) -> dict[str, Drawing]:
+            """Free all drawings, then prepare them again in `order`: memory layouts vary."""
             stack.close()
             prepared = {}
             for name in order:
@@ -122,6 +123,7 @@ def time_group(
 
 
 def _get_rasteriser(name: str, device: Device) -> Rasteriser:
+    """Return this process's rasteriser `name` on `device`, opened on the first call."""
     key = (name, device.name)
     if key not in _rasterisers:
         _rasterisers[key] = rasterisers.get(name)(device)

@@ -47,8 +47,8 @@ MAX_TIMER_DIFFERENCE = 0.30
 """Tolerated relative difference of GPU timer and wall clock in the self-test."""
 
 MAX_BATCHES = 10
-"""Maximum duration of a slow drawing's batch, in durations of a usual batch: slow drawings get as
-many draws per batch as the faster drawings that they are compared with, up to this limit."""
+"""Maximum duration of a batch, in durations of a usual batch: slow drawings get as many draws per
+batch as the faster drawings that they are compared with, up to this limit."""
 
 MIN_ROUNDS = 12
 """Minimum number of rounds for a 95 % interval of the median narrower than the sample's range."""
@@ -284,7 +284,7 @@ class _Epochs:
     """Schedule of epochs; at the beginning of each, the drawings are prepared again.
 
     min_epochs, min_rounds : lower bounds of the number of epochs, and of rounds per epoch
-    seconds : minimum duration of an epoch
+    seconds : planned duration of an epoch
     until : time of `clock` before which the current epoch does not end
     rounds : rounds of each epoch, the current epoch last
     """
@@ -323,7 +323,9 @@ def _find_precise(
     settings: TimingSettings,
     epochs: Sequence[int],
 ) -> Sequence[str]:
-    """Return the names of drawings with a precise ratio to the geometric mean of `compared`.
+    """Return the names of drawings whose ratio to the geometric mean of `compared` is precise.
+
+    epochs : rounds of each epoch
 
     Unlike medians, ratios become precise even while the machine drifts. The reference draw shows
     that drift, so its median may never become precise; it counts as precise if all ratios are.
@@ -368,6 +370,7 @@ def _warm_up(
 
 
 def _get_seconds(sample: Sample, timer: Timer) -> float:
+    """Return the sample's seconds by `timer`, or by the wall clock if `timer` gave none."""
     if timer == "gpu" and sample.gpu is not None:
         return sample.gpu
     if timer == "cpu" and sample.cpu is not None:

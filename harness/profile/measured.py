@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from harness.errors import InconclusiveError, NothingMeasuredError
 from harness.measuring.pool import Backend, MeasuringPool
-from harness.measuring.records import make_samples
+from harness.measuring.records import make_time_without_median
 from harness.measuring.timing import EMPTY, Times
 from harness.profile.placing import Draw
 from harness.rasterisers.base import Options
@@ -157,5 +157,5 @@ def normalise_times(times: Mapping[str, Times], names: Sequence[str]) -> Measure
 
 def _make_time(times: Times) -> Time:
     """Convert the times of a drawing to the `Time` of a record."""
-    time = make_samples(times, "cpu" if times.wall_s else "wall")
+    time = make_time_without_median(times, "cpu" if times.wall_s else "wall")
     return replace(time, stolen_s=times.stolen_s, timing_s=times.timing_s)

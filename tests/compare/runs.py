@@ -31,7 +31,7 @@ def make_case(
 ) -> dict[str, Any]:
     """Return the record of a default case; `noise` is the scatter of the samples."""
     quads, helpers, seconds = TRIANGULATORS[triangulator]
-    times = make_samples(f"{triangulator} {seed}", seconds / speed, noise)
+    times = make_time_without_median(f"{triangulator} {seed}", seconds / speed, noise)
     return {
         "key": f"{list(TRIANGULATORS).index(triangulator):016x}",
         "scene": "city",
@@ -59,13 +59,13 @@ def make_case(
             "samples_s": times,
             "median_s": statistics.median(times),
             "ci95_s": [sorted(times)[9], sorted(times)[20]],
-            "reference_s": make_samples(f"reference {seed}", 1.0e-3 / speed, noise),
-            "empty_s": make_samples(f"empty {seed}", 1.0e-5 / speed, noise),
+            "reference_s": make_time_without_median(f"reference {seed}", 1.0e-3 / speed, noise),
+            "empty_s": make_time_without_median(f"empty {seed}", 1.0e-5 / speed, noise),
         },
     }
 
 
-def make_samples(seed: str, seconds: float, noise: float) -> list[float]:
+def make_time_without_median(seed: str, seconds: float, noise: float) -> list[float]:
     """Return simulated times, which other programs lengthen but never shorten."""
     generator = random.Random(seed)
     return [

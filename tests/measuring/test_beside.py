@@ -14,7 +14,7 @@ from harness.compare.comparison import compare_runs
 from harness.errors import IncompatibleRunsError
 from harness.frame import View
 from harness.measuring import run as running
-from harness.measuring.other_version import open_version, triangulate_elsewhere
+from harness.measuring.other_version import open_other_version, triangulate_with_other_version
 from harness.measuring.plan import Plan
 from harness.measuring.pool import MeasuringPool
 from harness.measuring.timing import TimingSettings
@@ -71,7 +71,7 @@ def measure(
         sys.modules.pop(name, None)
     registry.load.cache_clear()
     MockRasteriser.begin_run()
-    with open_version(reference, [recipe.base for recipe in plan.triangulators]) as other:
+    with open_other_version(reference, [recipe.base for recipe in plan.triangulators]) as other:
         running.run(
             plan,
             Path(out),
@@ -189,8 +189,8 @@ def test_the_baseline_may_be_a_folder_or_an_environment(tmp_path, monkeypatch):
     python.chmod(0o755)
     parts = []
     for reference in (str(other), str(environment)):
-        with open_version(reference, ["theirs:cut"]) as other:
-            result = triangulate_elsewhere(THEIRS, POLYGONS, other)
+        with open_other_version(reference, ["theirs:cut"]) as other:
+            result = triangulate_with_other_version(THEIRS, POLYGONS, other)
         assert not result.failed
         assert result.conforming
         parts.append(np.concatenate(result.parts))
@@ -199,10 +199,10 @@ def test_the_baseline_may_be_a_folder_or_an_environment(tmp_path, monkeypatch):
 
 def test_an_editable_install_that_hides_base_is_reported(measured):
     """If BASE's name led to HEAD's code, HEAD would be compared with itself."""
-    with open_version("main", ["theirs:cut"]) as other:
+    with open_other_version("main", ["theirs:cut"]) as other:
         hidden = replace(other, path=(str(measured), *other.path))
         with pytest.raises(TaskError, match=r"is imported from HEAD .*editable"):
-            triangulate_elsewhere(THEIRS, POLYGONS, hidden)
+            triangulate_with_other_version(THEIRS, POLYGONS, hidden)
 
 
 @pytest.mark.parametrize(
@@ -221,9 +221,9 @@ def test_only_the_created_work_tree_is_removed(measured, tmp_path):
     """A lost folder and an inaccessible work tree of another project do not matter."""
     git(measured, "worktree", "add", "-q", "--detach", str(tmp_path / "another"))
     (tmp_path / "another").rename(tmp_path / "out of reach")
-    with open_version("main", []) as base:
+    with open_other_version("main", []) as base:
         shutil.rmtree(base.folder)
-    with open_version("main", []) as base:
+    with open_other_version("main", []) as base:
         assert Path(base.folder, "theirs.py").is_file()
     listed = git(measured, "worktree", "list").splitlines()
     assert [Path(line.split()[0]).name for line in listed] == [measured.name, "another"]

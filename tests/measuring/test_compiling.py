@@ -9,7 +9,7 @@ from rich.console import Console
 from shapely import box
 
 from harness.measuring import pool as measuring_pool
-from harness.measuring.pool import COMPILE_TIMEOUT_S, SECOND
+from harness.measuring.pool import COMPILE_TIMEOUT_S, SECOND_PROCESS
 from harness.measuring.run import run
 from harness.progress import Reporter
 from harness.triangulating.recipes import parse_all
@@ -95,7 +95,7 @@ class Recorded(InlineWorker):
 def test_a_second_process_compiles_in_reverse_order_if_nothing_is_compiled(monkeypatch):
     recipes = parse_all(["fan", "refined", "optimal", "tests.broken:triangulate_clockwise"])
     for is_cached, cores, expected in (
-        (False, 2, [(SECOND.name, ["optimal:overdraw", "refined:half-perimeter", "fan"])]),
+        (False, 2, [(SECOND_PROCESS.name, ["optimal:overdraw", "refined:half-perimeter", "fan"])]),
         (True, 2, []),
         (False, 1, []),
     ):
@@ -108,7 +108,7 @@ def test_a_second_process_compiles_in_reverse_order_if_nothing_is_compiled(monke
         for thread in pool._threads.values():
             thread.shutdown()
         pool.close()
-        assert log == [*expected, *[(f"{SECOND.name} closed", ["True"])] * len(expected)]
+        assert log == [*expected, *[(f"{SECOND_PROCESS.name} closed", ["True"])] * len(expected)]
 
 
 def test_the_late_module_has_kernels():

@@ -40,7 +40,7 @@ def test_minimum_quads_are_between_outline_and_triangulations():
 
 def test_the_quickest_polygons_are_solved_within_the_budget(monkeypatch):
     frame = make_frame(load("city:buildings=25").polygons, View(200))
-    seconds = lower_limits.estimate_seconds(frame)
+    seconds = lower_limits.estimate_search_seconds(frame)
     monkeypatch.setattr(lower_limits, "MAX_SEARCH_S", seconds.sum() / 2)
     has_minimum = get_limits(frame)[MIN_QUADS] >= 0
     assert has_minimum.any()
@@ -57,11 +57,12 @@ def test_the_quickest_polygons_are_solved_within_the_budget(monkeypatch):
 def test_seconds_grow_with_height_vertices_and_holes():
     square = shapely.box(0, 0, 100, 100)
     one, larger = (
-        lower_limits.estimate_seconds(make_frame([square], View(size))).item() for size in (64, 640)
+        lower_limits.estimate_search_seconds(make_frame([square], View(size))).item()
+        for size in (64, 640)
     )
     assert larger == pytest.approx(10 * one, rel=0.2)
     with_hole = square.difference(shapely.box(40, 40, 60, 60))
-    assert lower_limits.estimate_seconds(make_frame([with_hole], View(64))).item() > 8 * one
+    assert lower_limits.estimate_search_seconds(make_frame([with_hole], View(64))).item() > 8 * one
 
 
 class Failing(InlineWorker):
@@ -105,7 +106,7 @@ COUNTED = {"quads": [10, 20, 40], "fragments": [30, 70, 110]}
 def test_a_triangulators_timeout_does_not_limit_bounds():
     pool = MeasuringPool(Worker, 0.05)
     try:
-        assert pool.compute(time.sleep, 0.3).result() is None
+        assert pool.compute_in_second_process(time.sleep, 0.3).result() is None
     finally:
         pool.close(at_once=True)
 

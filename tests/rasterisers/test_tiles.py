@@ -9,7 +9,7 @@ import shapely
 from harness.errors import UsageError
 from harness.frame import Frame
 from harness.heatmaps import make_lane_maps
-from harness.measuring.records import _sum_views
+from harness.measuring.records import _sum_counters_per_view
 from harness.rasterisers import Options, Rasteriser, get
 from harness.rasterisers.base import order_submission
 from harness.rasterisers.opengl import Mesh
@@ -151,8 +151,8 @@ def test_record_has_the_sum_of_each_counter_by_tile(tiles):
     frame, triangles = tiles
     cut = replace(frame, tiles=np.array([0, 100, 100, 160]))
     counters = Reference().count(cut, triangles, NATIVE)
-    sums = _sum_views(cut, counters).counters
+    sums = _sum_counters_per_view(cut, counters).counters
     assert set(sums) == set(counters)
     for name, values in counters.items():
         assert sums[name] == (values[:100].sum(), 0, values[100:].sum())
-    assert _sum_views(replace(frame, tiles=None), counters) is None
+    assert _sum_counters_per_view(replace(frame, tiles=None), counters) is None
