@@ -23,7 +23,7 @@ from docs.figures import ALIASES, ROOT, Interval, format_value
 from harness.frame import Frame, View, make_frame
 from harness.metrics.per_polygon import compute_spearman
 from harness.profile.report import format_seconds
-from harness.rasterisers.reference import predict
+from harness.rasterisers.reference import count_per_triangle
 from harness.stats.intervals import Ratio, add_run_scatter
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
@@ -123,7 +123,11 @@ def triangulate_frame(frame: Frame, triangulator: str) -> NDArray[np.int32]:
 
 def count_helper_lanes(frame: Frame, triangulator: str) -> int:
     """Return the helper lanes of a frame of one polygon."""
-    return int(sum(predict(frame.points, triangulate_frame(frame, triangulator))["helper_lanes"]))
+    return int(
+        sum(
+            count_per_triangle(frame.points, triangulate_frame(frame, triangulator))["helper_lanes"]
+        )
+    )
 
 
 def picture(scene: str, quantile: float, triangulator: str = "ear-clipping") -> int:

@@ -124,10 +124,10 @@ def _try_device(rasteriser: str, device: Device) -> tuple[str, list[str]]:
     half = SUBPIXEL // 2  # many edges pass through pixel centres
     corners = np.random.default_rng(0).integers(2, 254, (300, 2), np.int32) * half
     frame, rows = make_bare_frame(128, corners, 3), np.arange(300, dtype=np.int32).reshape(-1, 3)
-    drawn = opened.count(frame, rows, Options())
+    drawn = opened.draw_and_count(frame, rows, Options())
     if "hits" in drawn:
         drawn["fragments"] = drawn["hits"]
-    differs = find_disagreements(frame, drawn, Reference().count(frame, rows, Options()))
+    differs = find_disagreements(frame, drawn, Reference().draw_and_count(frame, rows, Options()))
     details = opened.device.details
     detail = f"{details['renderer']}, {details.get('version', '')}".rstrip(", ")
     timer = choose_timer(opened)

@@ -29,7 +29,7 @@ MARGIN_STEP_PX = 64
 OWN_VIEWS = {"tile": "map tiles", "view": "a model's views"}
 """Fits of scenes that define the view, and names of such scenes for messages."""
 
-ITS_OWN_VIEW = (
+OWN_VIEW_MESSAGE = (
     "--sizes, --resolution, --rotation and --fit are unsupported for {}; set the resolution by "
     "pixels="
 )
@@ -136,7 +136,7 @@ class Frame:
 
     @cached_property
     def polygons(self) -> PolygonArray:
-        """Polygons (p) in px; coordinates are multiples of 1/256 px inside the viewport."""
+        """The p polygons in px; coordinates are multiples of 1/256 px inside the viewport."""
         return replace(self.grid, coords=self.grid.coords / SUBPIXEL)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -162,7 +162,10 @@ class Frame:
     def join_triangles(
         self, triangulations: Sequence[NDArray[np.int32] | None]
     ) -> NDArray[np.int32]:
-        """Concatenate the triangles of each polygon, (m_k, 3) or None, as vertices of `points`."""
+        """Concatenate triangulations into triangles (m, 3), rows of three vertices of `points`.
+
+        triangulations : for each polygon its triangles (m_k, 3), vertices of the polygon, or None
+        """
         starts = self.grid.vertex_offsets[:-1]
         parts = [
             part + np.int32(start)
@@ -177,7 +180,7 @@ class Frame:
 def make_bare_frame(
     resolution: int, points: NDArray[np.int32], vertices: int | None = None
 ) -> Frame:
-    """Return a frame of polygons without holes, whose vertices are `points` (n, 2) in 1/256 px.
+    """Return a frame, without a scene, of polygons without holes; `points` (n, 2) in 1/256 px.
 
     vertices : number of vertices of each polygon, or None for one polygon of all points
     """
@@ -198,7 +201,7 @@ def make_scene_frame(scene: Scene, view: View) -> Frame:
     """
     fit = get_scene_view(scene).fit
     if view.fit != fit and fit in OWN_VIEWS:
-        raise UsageError(f"{scene.name}: {ITS_OWN_VIEW.format(OWN_VIEWS[fit])}")
+        raise UsageError(f"{scene.name}: {OWN_VIEW_MESSAGE.format(OWN_VIEWS[fit])}")
     if scene.tiling is not None:
         return _make_tiles_frame(scene, scene.tiling, view)
     viewing = get_viewing(scene)
@@ -287,7 +290,7 @@ def _fit_to_view(polygons: Sequence[Polygon], view: View) -> tuple[NDArray[Any],
         shift = np.array([(low_x + high_x) / 2, (low_y + high_y) / 2])
         extent = float(max(high_x - low_x, high_y - low_y))
     if not (math.isfinite(extent) and extent > 0):
-        raise InputError("the scene's polygons have no extent")
+        raise InputError("the scene's polygons have no extent (all vertices are equal)")
     scale = (view.resolution - 2 * MARGIN_PX) / extent
     middle = view.resolution / 2
     return shapely.transform(moved, lambda xy: (xy - shift) * scale + middle), scale

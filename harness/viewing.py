@@ -15,6 +15,7 @@ from scenes.spec import is_path, parse_name
 from triangulators.polygon_arrays import PolygonArray, offsets_of
 
 Rows = NDArray[np.int32]
+"""Triangles (m, 3), rows of three vertex indices."""
 
 VIEW_OPTIONS = ("views", "pixels", "distance", "depth")
 """Parameters of a scene that make a model's file a model with views."""

@@ -13,7 +13,7 @@ import argparse
 import numpy as np
 
 from harness.frame import View, make_frame
-from harness.rasterisers.reference import predict
+from harness.rasterisers.reference import count_per_triangle
 from scenes import load
 from triangulators import triangulate_many, vertices
 
@@ -43,7 +43,7 @@ def main() -> None:
             counts = {}
             for name in (BASELINE, *CANDIDATES):
                 pairs = zip(points, triangulate_many(shapes, name), strict=True)
-                predictions = [predict(*pair) for pair in pairs]
+                predictions = [count_per_triangle(*pair) for pair in pairs]
                 sums = [[counted[c].sum() for c in COUNTERS] for counted in predictions]
                 counts[name] = np.array(sums, float)
             has_helpers = counts[BASELINE][:, 0] > 0

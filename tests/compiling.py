@@ -67,7 +67,7 @@ def _compile_scenes(candidates: list[str], order: int = 1) -> None:
 
 def _rasterise(frame: Frame, triangles: NDArray[np.int32]) -> None:
     for rasteriser in (get(name)(find_device(name)) for name in ("reference", "binning")):
-        rasteriser.count(frame, triangles, Options())
+        rasteriser.draw_and_count(frame, triangles, Options())
         if rasteriser.name == "reference":
             with rasteriser.prepare(frame, triangles, Options()) as drawing:
                 drawing.sample(1)

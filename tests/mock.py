@@ -97,7 +97,7 @@ class MockRasteriser(Rasteriser):
     def __init__(self, device: Device) -> None:
         self.device = device
 
-    def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
+    def _draw_and_count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         _raise_fault("count", len(triangles))
         corners = frame.points[triangles].astype(np.int64)
         a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]

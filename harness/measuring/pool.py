@@ -232,7 +232,7 @@ class MeasuringPool(WorkerPool):
                 )
         return self._opened[backend.label]
 
-    def count(
+    def draw_and_count(
         self, backend: Backend, frame: Frame, triangles: Triangles, options: Options
     ) -> Counters:
         """Return the counters of drawing `triangles`.
@@ -241,7 +241,7 @@ class MeasuringPool(WorkerPool):
         """
         with self.time_stage("count"):
             arguments = (backend.rasteriser, backend.device, frame, triangles, options)
-            return self.run(backend.worker, tasks.count, *arguments)
+            return self.run(backend.worker, tasks.draw_and_count, *arguments)
 
     def time(
         self,

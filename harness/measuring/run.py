@@ -21,7 +21,7 @@ from harness.errors import (
     NothingMeasuredError,
     UsageError,
 )
-from harness.frame import ITS_OWN_VIEW, OWN_VIEWS, View, get_scene_view
+from harness.frame import OWN_VIEW_MESSAGE, OWN_VIEWS, View, get_scene_view
 from harness.machine import environment, system
 from harness.machine.environment import describe_processor
 from harness.measuring.loading import find_backends, import_third_party_triangulators, load_scene
@@ -196,7 +196,7 @@ def _set_scene_view(plan: Plan, scene: Scene) -> Plan:
     if view.fit not in OWN_VIEWS:
         return plan
     if plan.views not in ((view,), (View(),)):
-        raise UsageError(ITS_OWN_VIEW.format(OWN_VIEWS[view.fit]))
+        raise UsageError(OWN_VIEW_MESSAGE.format(OWN_VIEWS[view.fit]))
     if get_viewing(scene) is not None:
         first = Recipe(ORIGINAL)
         plan = replace(plan, triangulators=tuple(dict.fromkeys([first, *plan.triangulators])))

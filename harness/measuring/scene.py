@@ -15,7 +15,7 @@ from harness.measuring.pool import Backend, MeasuringPool
 from harness.metrics.registry import PREDICTED
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters, Options, order_submission
-from harness.rasterisers.vertex_batches import count_vertices
+from harness.rasterisers.vertex_batches import sum_batches_of_draws
 from harness.results.record import CaseId, Record, Status
 from harness.triangulating.carrying import (
     carry_to_rotated_frame,
@@ -65,12 +65,12 @@ class _ViewState:
     vertices: dict[tuple[Recipe, str, int], Counters] = field(default_factory=dict)
     calibrated: dict[Recipe, Recipe] = field(default_factory=dict)
 
-    def count_vertices(self, recipe: Recipe, options: Options) -> Counters:
+    def get_batch_counters(self, recipe: Recipe, options: Options) -> Counters:
         """Return a recipe's vertex batches and transformed vertices, equal in all rasterisers."""
         key = (recipe, options.order, options.seed)
         if key not in self.vertices:
             ordered = order_submission(self.frame, self.triangles[recipe], options)
-            counts = count_vertices(self.frame, ordered)
+            counts = sum_batches_of_draws(self.frame, ordered)
             self.vertices[key] = {name: np.array(value) for name, value in counts.items()}
         return self.vertices[key]
 
@@ -336,7 +336,7 @@ class SceneRun:
             for recipe in recipes:
                 triangulation, triangles = current.triangulations[recipe], current.triangles[recipe]
                 try:
-                    counters = self.pool.count(backend, frame, triangles, options)
+                    counters = self.pool.draw_and_count(backend, frame, triangles, options)
                 except HarnessError as error:
                     if recipe in cases:
                         self._add_unmeasured(cases[recipe], "failed", str(error))
@@ -345,7 +345,7 @@ class SceneRun:
                         covered = records.get_covered_fragments(counters, triangulation.drawn)
                     if recipe in cases:
                         if self.pool.open(backend).draws_indexed:
-                            counters |= current.count_vertices(recipe, options)
+                            counters |= current.get_batch_counters(recipe, options)
                         fields = (frame, triangulation, counters, covered, limits)
                         record = records.make_counted_record(cases[recipe], *fields)
                         columns = _make_columns(current, triangulation, counters, limits)

@@ -75,11 +75,11 @@ def open_device(name: str, device: Device) -> Opened:
     return Opened(dict(rasteriser.device.details), timer, rasteriser.draws_indexed)
 
 
-def count(
+def draw_and_count(
     name: str, device: Device, frame: Frame, triangles: Triangles, options: Options
 ) -> Counters:
     """Return the counters of drawing `triangles` (m, 3) on the device."""
-    return _get_rasteriser(name, device).count(frame, triangles, options)
+    return _get_rasteriser(name, device).draw_and_count(frame, triangles, options)
 
 
 def time_group(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.models.flat_faces import ModelMesh
-from harness.rasterisers.reference import predict
+from harness.rasterisers.reference import count_per_triangle
 
 VIEWS = 24
 PIXELS = (256, 1024)
@@ -162,6 +162,6 @@ def _count_front_faces(grid: NDArray[np.int32], triangles: NDArray[np.int64]) ->
     for part in np.split(triangles, range(_CHUNK_TRIANGLES, len(triangles), _CHUNK_TRIANGLES)):
         a, b, c = np.moveaxis(grid[part].astype(np.int64), 1, 0)
         doubled = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-        counters = predict(grid, np.ascontiguousarray(part[doubled > 0], dtype=np.int32))
+        counters = count_per_triangle(grid, np.ascontiguousarray(part[doubled > 0], dtype=np.int32))
         counted += [counters["helper_lanes"].sum(), counters["quads"].sum()]
     return counted

@@ -31,7 +31,7 @@ from harness.page.saved import (
     list_warnings,
 )
 from harness.page.saved import Times as SavedTimes
-from harness.rasterisers.reference import predict
+from harness.rasterisers.reference import count_per_triangle
 from harness.results import drawings
 from harness.results.drawings import Geometry
 from harness.results.parsing import parse_record, record_to_json
@@ -94,7 +94,7 @@ RECORD_FIELDS, COUNTERS = tuple(_Record.model_fields), tuple(_Counters.model_fie
 
 def count_exactly(geometry: Geometry, rows: NDArray[Any]) -> tuple[NDArray[np.int64], ...]:
     """Return the exact `COUNTERS` of each polygon, (p,) each; rows : (m, 3) vertex indices."""
-    predicted = predict(geometry.points, rows)
+    predicted = count_per_triangle(geometry.points, rows)
     owner = np.searchsorted(geometry.grid.vertex_offsets, rows[:, 0], side="right") - 1
     size = len(geometry.grid)
     return tuple(np.bincount(owner, predicted[name], size).astype(np.int64) for name in COUNTERS)

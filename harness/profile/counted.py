@@ -10,7 +10,7 @@ from harness.frame import Frame
 from harness.grid import SUBPIXEL
 from harness.profile.placing import Draw
 from harness.rasterisers import reference
-from harness.rasterisers.vertex_batches import count_vertices
+from harness.rasterisers.vertex_batches import sum_batches_of_draws
 
 COARSE = 16
 """Size in px of triangles up to which a rasteriser may scan differently, as llvmpipe does
@@ -84,7 +84,7 @@ def count_triangles(frame: Frame, triangles: NDArray[np.int32], work: int = 0) -
     triangles, vertices : number of triangles, and of distinct vertices
     set_up : triangles whose bounding box contains a pixel centre
     covering : triangles that cover a pixel centre
-    fragments, quads, helper_lanes, blocks, bbox_tests : see `harness.rasterisers.reference.predict`
+    fragments, quads, helper_lanes, blocks, bbox_tests : see `reference.count_per_triangle`
     near : width and height of each triangle, clamped to `COARSE` px
     coarse_blocks : 4x4 blocks of triangles whose box is wider or higher than `COARSE` px
     rows : rows of pixels whose centres lie between a triangle's lowest and highest corner
@@ -94,7 +94,7 @@ def count_triangles(frame: Frame, triangles: NDArray[np.int32], work: int = 0) -
     work : rounds of arithmetic in all lanes
     """
     points = frame.points
-    counts = reference.predict(points, triangles)
+    counts = reference.count_per_triangle(points, triangles)
     corners = points[triangles].astype(np.int64)
     sides = np.ptp(corners, axis=1)
     # Rows whose centre, half a pixel above the row's edge, satisfies `first <= centre <= last`.
@@ -102,7 +102,7 @@ def count_triangles(frame: Frame, triangles: NDArray[np.int32], work: int = 0) -
     first = -((centre - corners[:, :, 1].min(axis=1)) // SUBPIXEL)  # rounded up
     last = (corners[:, :, 1].max(axis=1) - centre) // SUBPIXEL
     limit = COARSE * SUBPIXEL
-    tiles = reference.predict_tiles(points, triangles)
+    tiles = reference.count_tiles_per_triangle(points, triangles)
     covering = counts["fragments"] > 0
     sums = {name: int(values.sum()) for name, values in counts.items()}
     return {
@@ -117,7 +117,7 @@ def count_triangles(frame: Frame, triangles: NDArray[np.int32], work: int = 0) -
         "coarse_blocks": int(counts["blocks"][(sides > limit).any(axis=1)].sum()),
         "further_tiles": int(np.maximum(tiles["tiles_64_exact"] - 1, 0).sum()),
         "tile_pairs": int(tiles["tiles_16_exact"][covering].sum()),
-        **count_vertices(frame, triangles),
+        **sum_batches_of_draws(frame, triangles),
         "work": 4 * sums["quads"] * work,
     }
 

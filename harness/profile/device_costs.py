@@ -19,7 +19,7 @@ from harness.profile.counted import TERMS, count_triangles, make_design_rows
 from harness.profile.law import FORMS, VERTICES, Law, compute_stage_times
 from harness.profile.profile import describe_origin, is_of_this_machine, read_law, read_profile
 from harness.rasterisers.base import Options, order_submission
-from harness.rasterisers.vertex_batches import count_vertices
+from harness.rasterisers.vertex_batches import sum_batches_of_draws
 from triangulators.errors import suggest
 
 CONTRIBUTED = Path(__file__).parents[2] / "results" / "reference" / "profiles"
@@ -100,7 +100,7 @@ def _make_costs(profile: Any) -> DeviceCosts:
 
 def count_native_and_walk(frame: Frame, triangles: NDArray[np.int32]) -> dict[str, int]:
     """Return the counters of triangles (m, 3), and NAME_walk, vertex counters in a walk's order."""
-    walked = count_vertices(frame, order_submission(frame, triangles, WALK))
+    walked = sum_batches_of_draws(frame, order_submission(frame, triangles, WALK))
     counts = count_triangles(frame, triangles)
     return counts | {f"{name}_walk": value for name, value in walked.items()}
 

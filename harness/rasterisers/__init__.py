@@ -49,6 +49,7 @@ BUILT_IN = {
 
 @cache
 def _find_plugins() -> dict[str, EntryPoint]:
+    """Return the entry points of installed third-party rasterisers, by name."""
     return {point.name: point for point in entry_points(group=GROUP)}
 
 
@@ -58,7 +59,7 @@ def names() -> list[str]:
 
 
 def get(name: str) -> type[Rasteriser]:
-    """Return the rasteriser class called `name`, or given as "module:class".
+    """Return the rasteriser class called `name`, or given as "module:class"; register its counters.
 
     Raises
     ------

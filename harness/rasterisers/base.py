@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
 Triangles = NDArray[np.int32]
 Counters = dict[str, NDArray[np.int64]]
-"""Counter name -> exact integers: one per polygon of the frame, (p,), or the frame's total, (), if
-the device reports only a total."""
+"""Name, e.g. "quads" -> exact counts: one per polygon of the frame, (p,), or the frame's total, (),
+if the device reports only a total."""
 
 
 @dataclass(frozen=True, order=True)
@@ -152,13 +152,13 @@ class Drawing(ABC):
 class Rasteriser(ABC):
     """A rasteriser of triangles on a device.
 
-    Class attributes declare capabilities: `name`; `counters`, the names that `count` returns;
-    `new_counters`, the display properties of counters that no built-in rasteriser has; `timed`,
-    whether `prepare` works. Construct a rasteriser only inside a worker process with the device's
-    environment.
+    Class attributes declare capabilities: `name`; `counters`, the names that `draw_and_count`
+    returns; `new_counters`, the display properties of counters that no built-in rasteriser has;
+    `timed`, whether `prepare` works. Construct a rasteriser only inside a worker process with the
+    device's environment.
 
-    An implementation overrides `_count` and, if it can be timed, `_prepare`; both get validated
-    triangles in submission order.
+    An implementation overrides `_draw_and_count` and, if it can be timed, `_prepare`; both get
+    validated triangles in submission order.
     """
 
     name: ClassVar[str]
@@ -240,8 +240,10 @@ class Rasteriser(ABC):
             if the device cannot be opened, or another device opens instead
         """
 
-    def count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
-        """Return the exact counters of drawing `triangles` (m, 3) over `frame.points`.
+    def draw_and_count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
+        """Draw `triangles` (m, 3), rows of three vertices of `frame.points`, and count the work.
+
+        Returns exact counts of the rasteriser's `counters`, e.g. shaded quads, for each polygon.
 
         Raises
         ------
@@ -250,7 +252,9 @@ class Rasteriser(ABC):
         ValueError
             if `triangles` is not an integer (m, 3) array of vertices of the frame
         """
-        return self._count(frame, self._check_and_order(frame, triangles, options), options)
+        return self._draw_and_count(
+            frame, self._check_and_order(frame, triangles, options), options
+        )
 
     def prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         """Upload `triangles` to be drawn repeatedly for timing, without counting.
@@ -258,7 +262,7 @@ class Rasteriser(ABC):
         Raises
         ------
         harness.errors.UsageError
-            as for `count`, or if the rasteriser is not timed
+            as for `draw_and_count`, or if the rasteriser is not timed
         """
         if not self.timed:
             raise UsageError(
@@ -284,7 +288,7 @@ class Rasteriser(ABC):
         """Close the device."""
 
     @abstractmethod
-    def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters: ...
+    def _draw_and_count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters: ...
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         raise NotImplementedError
@@ -308,14 +312,14 @@ class CpuRasteriser(Rasteriser):
 def sum_per_polygon(
     frame: Frame, triangles: Triangles, values: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Return the sum over each polygon's triangles, (p,), of the triangles' `values` (m,)."""
+    """Return the sum of `values` (m,), one per triangle, over each polygon's triangles, (p,)."""
     totals = np.zeros(len(frame.grid), np.int64)
     np.add.at(totals, frame.find_owners(triangles), values)
     return totals
 
 
 def split_batches(frame: Frame, triangles: Triangles, max_lanes: int = 2**32) -> list[Triangles]:
-    """Split `triangles` into batches that shade fewer than `max_lanes` lanes each.
+    """Split `triangles` (m, 3) so that a batch shades fewer than `max_lanes` lanes (4 per quad).
 
     Devices count with 32 bits. A triangle is assumed to shade all quads of its bounding box. With a
     depth test each view is one batch; a view has at most 2^28 pixels.

@@ -39,7 +39,7 @@ JOB_PIXELS = 16384 * LANES
 class BoundingBox(GLRasteriser):
     """Rasteriser that tests every pixel centre of each triangle's bounding box.
 
-    A triangle has a workgroup, or several if it is huge, whose lanes divide the box's pixels.
+    A workgroup draws a triangle, several a huge one; its invocations share the box's pixels.
     """
 
     name = "bounding-box"
@@ -56,7 +56,7 @@ class BoundingBox(GLRasteriser):
         )
         self.context.check("building the shaders")
 
-    def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
+    def _draw_and_count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         self.context.activate()
         totals = np.zeros((len(frame.grid), len(self.counters)), np.int64)
         for part in split_batches(frame, triangles):
@@ -76,7 +76,7 @@ class BoundingBox(GLRasteriser):
 class Scanline(BoundingBox):
     """Rasteriser that computes the span of covered pixels in each row of a triangle.
 
-    A triangle has a workgroup, or several if it is huge, whose lanes divide the rows.
+    A workgroup draws a triangle, several a huge one; its invocations share the rows.
     """
 
     name = "scanline"
@@ -85,7 +85,7 @@ class Scanline(BoundingBox):
 
 
 class _DispatchedJobs(Drawing):
-    """Triangles on the device, cut by rows into jobs of at most JOB_PIXELS."""
+    """Triangles on the device, divided into jobs: rows with at most JOB_PIXELS pixels in all."""
 
     def __init__(self, owner: Context, program: Any, frame: Frame, triangles: Triangles) -> None:
         jobs = split_into_jobs(frame, triangles)
@@ -115,7 +115,7 @@ class _DispatchedJobs(Drawing):
 
 
 def split_into_jobs(frame: Frame, triangles: Triangles) -> NDArray[np.int32]:
-    """Cut bounding boxes of triangles into jobs, (k, 4): triangle, first row, last row, padding."""
+    """Divide triangles' bounding boxes into jobs (k, 4): triangle, first row, last row, padding."""
     corners = frame.points[triangles]
     first = (corners.min(axis=1) + SUBPIXEL // 2 - 1) // SUBPIXEL
     last = (corners.max(axis=1) - SUBPIXEL // 2) // SUBPIXEL

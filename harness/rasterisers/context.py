@@ -33,7 +33,7 @@ DEPTH_BUFFER_BIT = 0x0100
 TEXTURE_PX = 1024
 """Side of the texture of `Options.texture`."""
 
-MODERN = 450
+MODERN_VERSION = 450
 """First OpenGL version whose core has everything that the shaders need."""
 
 OLDER_EXTENSIONS = (
@@ -42,10 +42,10 @@ OLDER_EXTENSIONS = (
     "GL_ARB_derivative_control",
     "GL_ARB_ES3_1_compatibility",
 )
-"""Extensions that a context older than `MODERN` needs."""
+"""Extensions that a context older than `MODERN_VERSION` needs."""
 
 EARLY_EXTENSIONS = ("GL_ARB_shader_image_load_store",)
-"""Extensions that a context older than `MODERN` also needs for a depth test before shading."""
+"""Extensions that such a context also needs for a depth test before shading."""
 
 COMPUTE_EXTENSIONS = (
     "GL_ARB_compute_shader",
@@ -88,6 +88,7 @@ class Context:
         self.statistics = STATISTICS if has_statistics else {}
 
     def _load_function(self, name: str, *kinds: str) -> Any:
+        """Return the OpenGL function `name`, whose parameters have the given kinds of types."""
         types = {"uint": ctypes.c_uint, "int": ctypes.c_int, "pointer": ctypes.c_void_p}
         address = self._backend.load(name)
         if not address:
@@ -110,8 +111,8 @@ class Context:
             )
 
     def make_header(self, *extensions: str) -> str:
-        """Return a shader's first lines: version and `extensions`; more extensions if outdated."""
-        modern = self.ctx.version_code >= MODERN
+        """Return a shader's first lines: version, `extensions`, and an old context's extensions."""
+        modern = self.ctx.version_code >= MODERN_VERSION
         needed = extensions if modern else (*OLDER_EXTENSIONS, *extensions)
         lines = [f"#extension {name} : require" for name in needed]
         return "\n".join(["#version 450 core" if modern else "#version 330 core", *lines, ""])
@@ -218,8 +219,13 @@ class Context:
         self._query_result(query, QUERY_RESULT, ctypes.byref(value))
         return value.value
 
-    def measure(self, targets: Mapping[str, int], draw: Callable[[], None]) -> dict[str, int]:
-        """Call `draw` once; return what each of OpenGL's query `targets` counted, by name."""
+    def count_by_queries(
+        self, targets: Mapping[str, int], draw: Callable[[], None]
+    ) -> dict[str, int]:
+        """Call `draw` once; return the results of OpenGL queries during the call, by name.
+
+        targets : number of an OpenGL query target, such as `SAMPLES_PASSED`, by name
+        """
         with self.create_queries(len(targets)) as queries:
             for target, query in zip(targets.values(), queries, strict=True):
                 self.begin_query(target, query)
@@ -263,7 +269,7 @@ class Context:
         return replace(sample, gpu=elapsed * 1e-9)
 
     def check(self, doing: str) -> None:
-        """Raise RuntimeError if an OpenGL error is pending."""
+        """Raise RuntimeError if an OpenGL error is pending; `doing` is the activity to report."""
         error = self.ctx.error
         if error != "GL_NO_ERROR":
             raise RuntimeError(f"OpenGL error {error} while {doing}")

@@ -110,7 +110,7 @@ def register(counters: Iterable[Counter]) -> None:
 
 
 def get_sort_key(name: str) -> tuple[int, str]:
-    """Return the sort key of a counter: built-in, then registered, then unknown counters."""
+    """Return a key that sorts counters by name: built-in, then third-party, then unknown ones."""
     return list(_registered).index(name) if name in _registered else len(_registered), name
 
 
@@ -139,16 +139,17 @@ ESTIMATES = {
         "helper_lanes", "H + T", {"half_perimeter": 1, "triangles": 1}
     ),
     # Every pixel centre in a bounding box is tested. The boxes' area is the area S of the triangles
-    # plus the overdraw A, the area of the boxes outside the triangles.
+    # plus A, the area of the boxes outside their triangles (the criterion "overdraw").
     "bbox_tests_by_overdraw": Estimate("bbox_tests", "A + S", {"overdraw": 1, "area": 1}),
 }
 """Estimates by column name; of several for a counter, the first is exact on average."""
 
 
 def compute_estimates(columns: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return the values of the estimates whose terms are all in `columns`, by name.
+    """Return the `ESTIMATES`, by name, whose terms (criteria) are all in `columns`.
 
-    prefix : start of the names of columns and of returned names
+    columns : value or array of each criterion, by name
+    prefix : start of the names in `columns` and of the returned names
     """
     estimates = {}
     for name, estimate in ESTIMATES.items():

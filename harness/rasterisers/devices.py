@@ -48,13 +48,13 @@ SWIFTSHADER = (
 """Patterns of manifests, by which Vulkan's loader finds a driver; Chromium includes SwiftShader."""
 
 BACKENDS = {"darwin": ("Metal",), "win32": ("DX12", "Vulkan")}
-LINUX = ("Vulkan", "GL")
-"""Backends of WebGPU, best first, as browsers choose them: by `sys.platform`, or else `LINUX`."""
+LINUX_BACKENDS = ("Vulkan", "GL")
+"""Backends of WebGPU, best first, as browsers choose them: by `sys.platform`, and for Linux."""
 
-REPORTED = {"DX12": "D3D12", "GL": "OpenGL"}
+REPORTED_BACKENDS = {"DX12": "D3D12", "GL": "OpenGL"}
 """Names of backends in an adapter's properties, by requested name, if the two names differ."""
 
-ADAPTERS = {
+SOFTWARE_ADAPTERS = {
     ("llvmpipe", "Vulkan"): "lavapipe",
     ("llvmpipe", "OpenGL"): "llvmpipe",
     ("swiftshader", "Vulkan"): "swiftshader",
@@ -69,7 +69,7 @@ Reports = Sequence[Mapping[str, Any]]
 """Properties of each device that a probe has found."""
 
 
-class Kind(NamedTuple):
+class DeviceKind(NamedTuple):
     """A kind of device to probe for; of kinds with the same name, the first available is used.
 
     environment, arguments : environment variables and arguments of `probe.py`
@@ -85,15 +85,15 @@ def find_vulkan_environment(patterns: Sequence[str]) -> dict[str, str] | None:
 
     patterns : paths of the driver's manifest, with wildcards; the first match is used
     """
-    matches = (sorted(Path("/").glob(pattern.lstrip("/"))) for pattern in patterns)
-    icd = next(chain.from_iterable(matches), None)
+    manifests = (sorted(Path("/").glob(pattern.lstrip("/"))) for pattern in patterns)
+    icd = next(chain.from_iterable(manifests), None)
     if icd is None:
         return None
     # Newer Vulkan loaders read VK_DRIVER_FILES, older loaders VK_ICD_FILENAMES.
     return {"VK_ICD_FILENAMES": str(icd), "VK_DRIVER_FILES": str(icd), "LP_NUM_THREADS": "0"}
 
 
-def _filter_reports(kind: Kind, reports: Reports) -> Reports:
+def _filter_reports(kind: DeviceKind, reports: Reports) -> Reports:
     """Return the reports about devices of a kind; a probe may also report other devices."""
     if kind.arguments[0] == "egl":
         return [report for report in reports if matches(kind.name, report["renderer"])]
@@ -101,33 +101,33 @@ def _filter_reports(kind: Kind, reports: Reports) -> Reports:
         return [report for report in reports if identify_software_adapter(report) == kind.name][:1]
     # A GPU is listed once per backend; the best backend that lists a GPU is used.
     gpus = [report for report in reports if identify_software_adapter(report) is None]
-    for backend in (REPORTED.get(name, name) for name in kind.arguments[1].split(",")):
+    for backend in (REPORTED_BACKENDS.get(name, name) for name in kind.arguments[1].split(",")):
         if matching := [report for report in gpus if report["backend_type"] == backend]:
             return matching
     return []
 
 
-def _list_egl_kinds() -> Iterator[Kind]:
+def _list_egl_kinds() -> Iterator[DeviceKind]:
     software = ("egl", "software")
-    yield Kind("gpu", {}, ("egl", "hardware"))
-    yield Kind("llvmpipe", LLVMPIPE, software)
-    yield Kind("softpipe", {**SOFTWARE, "GALLIUM_DRIVER": "softpipe"}, software)
+    yield DeviceKind("gpu", {}, ("egl", "hardware"))
+    yield DeviceKind("llvmpipe", LLVMPIPE, software)
+    yield DeviceKind("softpipe", {**SOFTWARE, "GALLIUM_DRIVER": "softpipe"}, software)
     if vulkan := find_vulkan_environment(LAVAPIPE):
-        yield Kind("zink", {**SOFTWARE, "GALLIUM_DRIVER": "zink", **vulkan}, software)
+        yield DeviceKind("zink", {**SOFTWARE, "GALLIUM_DRIVER": "zink", **vulkan}, software)
         # Some Mesa versions read only GALLIUM_DRIVER, some only MESA_LOADER_DRIVER_OVERRIDE.
-        yield Kind("zink", {"MESA_LOADER_DRIVER_OVERRIDE": "zink", **vulkan}, software)
+        yield DeviceKind("zink", {"MESA_LOADER_DRIVER_OVERRIDE": "zink", **vulkan}, software)
 
 
-def _list_webgpu_kinds() -> Iterator[Kind]:
-    yield Kind("gpu", {}, ("webgpu", ",".join(BACKENDS.get(sys.platform, LINUX))))
+def _list_webgpu_kinds() -> Iterator[DeviceKind]:
+    yield DeviceKind("gpu", {}, ("webgpu", ",".join(BACKENDS.get(sys.platform, LINUX_BACKENDS))))
     if sys.platform == "win32":
-        yield Kind("warp", {}, ("webgpu", "DX12"))
+        yield DeviceKind("warp", {}, ("webgpu", "DX12"))
     if sys.platform == "linux":
         if vulkan := find_vulkan_environment(LAVAPIPE):
-            yield Kind("lavapipe", vulkan, ("webgpu", "Vulkan"))
-        yield Kind("llvmpipe", LLVMPIPE, ("webgpu", "GL"))
+            yield DeviceKind("lavapipe", vulkan, ("webgpu", "Vulkan"))
+        yield DeviceKind("llvmpipe", LLVMPIPE, ("webgpu", "GL"))
         if vulkan := find_vulkan_environment(SWIFTSHADER):
-            yield Kind("swiftshader", vulkan, ("webgpu", "Vulkan"))
+            yield DeviceKind("swiftshader", vulkan, ("webgpu", "Vulkan"))
 
 
 def identify_software_adapter(adapter: Mapping[str, str]) -> str | None:
@@ -135,7 +135,7 @@ def identify_software_adapter(adapter: Mapping[str, str]) -> str | None:
 
     adapter : properties of the adapter, as reported by WebGPU
     """
-    for (word, backend), name in ADAPTERS.items():
+    for (word, backend), name in SOFTWARE_ADAPTERS.items():
         if word in adapter["device"].lower() and adapter["backend_type"] == backend:
             return name
     software = adapter["adapter_type"] == "CPU" or is_software(adapter["device"])
@@ -144,7 +144,7 @@ def identify_software_adapter(adapter: Mapping[str, str]) -> str | None:
 
 @cache
 def list_egl_devices() -> Devices:
-    """Return the devices that EGL opens, and the problems of the others."""
+    """Return the devices that EGL opens, and the problems of unavailable devices."""
     return _list_devices(list(_list_egl_kinds()))
 
 
@@ -154,8 +154,8 @@ def list_webgpu_devices() -> Devices:
     return _list_devices(list(_list_webgpu_kinds()))
 
 
-def _list_devices(kinds: Sequence[Kind]) -> Devices:
-    """Probe for each kind; return the available devices, and problems of the others."""
+def _list_devices(kinds: Sequence[DeviceKind]) -> Devices:
+    """Probe for each kind of device; return the available devices, and the problems of others."""
     answers = run_probes([(kind.arguments, kind.environment) for kind in kinds])
     devices: list[Device] = []
     problems: list[str] = []
@@ -182,7 +182,7 @@ def _list_devices(kinds: Sequence[Kind]) -> Devices:
     return tuple(devices), tuple(problems)
 
 
-PROBE_SECONDS = 20.0
+PROBE_TIMEOUT_S = 20.0
 
 DRIVER_PATHS = (
     "usr/lib/*-linux-gnu",
@@ -197,7 +197,7 @@ DRIVER_PATHS = (
 )
 """Paths, with wildcards and without "/", that change when drivers or devices are (un)installed."""
 
-VARIABLES = re.compile(
+DRIVER_VARIABLES = re.compile(
     r"(LD|LIBGL|MESA|GALLIUM|EGL|__EGL|__GLX|__NV|NVIDIA|CUDA|VK|LP|ZINK|WGPU|WAYLAND)_|DISPLAY$|"
     r"PYTHONPATH$"
 )
@@ -245,6 +245,7 @@ def clear_cache() -> None:
 
 
 def _read_answer(file: Path) -> dict[str, Any] | None:
+    """Return a probe's cached answer, or None if it is missing or unreadable."""
     try:
         return json.loads(file.read_text()) or None
     except (OSError, ValueError):
@@ -260,7 +261,7 @@ def _hash_inputs(arguments: tuple[str, str], environment: Mapping[str, str]) -> 
         arguments,
         sorted(environment.items()),
         sys.prefix,
-        sorted(item for item in os.environ.items() if VARIABLES.match(item[0])),
+        sorted(item for item in os.environ.items() if DRIVER_VARIABLES.match(item[0])),
         [(str(path), path.stat().st_mtime_ns) for path in paths],
     )
     return hashlib.sha256(repr(content).encode()).hexdigest()[:24]
@@ -269,11 +270,11 @@ def _hash_inputs(arguments: tuple[str, str], environment: Mapping[str, str]) -> 
 def _wait_for_answer(process: subprocess.Popen[str], file: Path) -> dict[str, Any]:
     """Return a probe's answer and cache it; a probe that fails or times out reports a problem."""
     try:
-        out, errors = process.communicate(timeout=PROBE_SECONDS)
+        out, errors = process.communicate(timeout=PROBE_TIMEOUT_S)
     except subprocess.TimeoutExpired:
         process.kill()
         process.communicate()
-        return {"devices": [], "problems": [f"no answer within {PROBE_SECONDS:.0f} s"]}
+        return {"devices": [], "problems": [f"no answer within {PROBE_TIMEOUT_S:.0f} s"]}
     if process.returncode:
         last = errors.strip().splitlines()[-1:] or [f"exit code {process.returncode}"]
         return {"devices": [], "problems": [f"the driver failed: {last[0]}"]}

@@ -26,13 +26,14 @@ from harness.rasterisers.base import (
     sum_per_polygon,
 )
 from harness.rasterisers.context import Context
-from harness.rasterisers.reference import SHADED, predict_visible
+from harness.rasterisers.reference import SHADED, count_visible_per_triangle
 from triangulators.devices import is_software, matches
 
 KEEP_ALPHA = (True, True, True, False)
 WRITE_ALL = (True, True, True, True)
+"""Colour masks for counting and for drawing; `_count_per_polygon` has the reason."""
 
-IN_ORDER = ("softpipe",)
+IN_ORDER_RENDERERS = ("softpipe",)
 """Renderers that finish each triangle before starting the next."""
 
 
@@ -73,7 +74,7 @@ class GLRasteriser(Rasteriser):
             raise NoRasteriserError(
                 f"{device.name}: OpenGL opened '{renderer}' instead; {self.remedy(device.name)}"
             )
-        if self.ctx.version_code < context.MODERN:
+        if self.ctx.version_code < context.MODERN_VERSION:
             self.context.require(*context.OLDER_EXTENSIONS)
         self.device = replace(
             device,
@@ -117,7 +118,7 @@ class OpenGL(GLRasteriser):
 
     def __init__(self, device: Device) -> None:
         super().__init__(device)
-        self._in_order = self.device.details["renderer"] in IN_ORDER
+        self._in_order = self.device.details["renderer"] in IN_ORDER_RENDERERS
         self._programs: dict[tuple[str, ...], Any] = {}
         for counting in (False, True):
             self.get_program(counting=counting)
@@ -134,7 +135,7 @@ class OpenGL(GLRasteriser):
             self._programs[key] = self.context.build_program("draw.vert", fragment, *defines)
         return self._programs[key]
 
-    def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
+    def _draw_and_count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         self.context.activate()
         totals = np.zeros((len(frame.grid), len(SHADED)), np.int64)
         targets = {"samples_passed": context.SAMPLES_PASSED, **self.context.statistics}
@@ -145,7 +146,7 @@ class OpenGL(GLRasteriser):
             # because these writes change which work a driver may skip.
             mesh = Mesh(self, frame, part, options)
             mesh.bind()
-            for name, result in self.context.measure(targets, mesh.draw).items():
+            for name, result in self.context.count_by_queries(targets, mesh.draw).items():
                 driver[name] += result
         self.context.check("counting")
         counters = {name: totals[:, k].copy() for k, name in enumerate(SHADED)}
@@ -156,7 +157,7 @@ class OpenGL(GLRasteriser):
             )
         counters |= {name: np.array(total, np.int64) for name, total in driver.items()}
         if frame.depths is not None:
-            ties = predict_visible(frame, triangles)["depth_ties"]
+            ties = count_visible_per_triangle(frame, triangles)["depth_ties"]
             if (
                 options.samples == 1
                 and abs(fragments.sum() - driver["samples_passed"]) > ties.sum()
@@ -169,11 +170,11 @@ class OpenGL(GLRasteriser):
         return counters
 
     def _count_per_polygon(self, mesh: "Mesh", triangles: Triangles) -> NDArray[np.int64]:
-        """Return (p, 5) counts in the order of SHADED.
+        """Draw, and return the counters `SHADED` of each polygon, (p, 5).
 
-        The first covered lane of each quad counts the quad and sets the triangle's bit. The
-        renderers `IN_ORDER`, whose lanes cannot detect helper lanes, use a buffer with the last
-        triangle of each quad instead.
+        The first covered lane of each quad counts the quad and sets the triangle's bit. With
+        `IN_ORDER_RENDERERS`, whose shaders cannot detect helper lanes, a buffer with the last
+        triangle of each quad is used instead.
         """
         shape = (len(mesh.frame.grid), len(SHADED))
         counts = self.context.create_buffer(np.zeros(shape, np.uint32))

@@ -112,7 +112,7 @@ class Pyrender(Rasteriser):
         """Free the renderer and its context."""
         self.renderer.delete()
 
-    def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
+    def _draw_and_count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         return {}
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:

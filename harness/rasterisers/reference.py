@@ -30,10 +30,11 @@ from triangulators.compute.kernels import njit
 SHADED = ("fragments", "quads", "helper_lanes", "partial_quads", "covering_triangles")
 """Counters of devices that shade quads."""
 
-COUNTED = (*SHADED, "blocks", "bbox_tests")
+REFERENCE_COUNTERS = (*SHADED, "blocks", "bbox_tests")
+"""Counters of `Reference`; `count_per_triangle` defines each."""
 
 
-def predict(
+def count_per_triangle(
     points: NDArray[np.int32], triangles: Triangles, window: NDArray[np.int64] = UNBOUNDED
 ) -> dict[str, NDArray[np.int64]]:
     """Return the exact counters of each triangle, (m,) by name, computed on the CPU.
@@ -48,7 +49,7 @@ def predict(
     - blocks: 4x4 blocks with a covered pixel
     - bbox_tests: pixel centres in the bounding box
     """
-    counts = spans.count_triangles(points, triangles, window).T
+    counts = spans.count_pixels_per_triangle(points, triangles, window).T
     fragments, quads, partial, blocks, tests = counts
     return _derive_shaded(fragments, quads, partial) | {"blocks": blocks, "bbox_tests": tests}
 
@@ -56,13 +57,13 @@ def predict(
 def _derive_shaded(
     fragments: NDArray[np.int64], quads: NDArray[np.int64], partial: NDArray[np.int64]
 ) -> dict[str, NDArray[np.int64]]:
-    """Return all counters of `SHADED`, (m,) by name, given three of them for each triangle."""
+    """Return all counters of `SHADED`, (m,) by name, from three of them, (m,) per triangle."""
     covering = (fragments > 0).astype(np.int64)
     values = (fragments, quads, 4 * quads - fragments, partial, covering)
     return dict(zip(SHADED, values, strict=True))
 
 
-def predict_visible(
+def count_visible_per_triangle(
     frame: Frame, triangles: Triangles, picture: NDArray[np.uint32] | None = None
 ) -> dict[str, NDArray[np.int64]]:
     """Draw triangles (m, 3) in order with a depth test; return their counters, (m,) by name.
@@ -79,7 +80,7 @@ def predict_visible(
         picture = np.zeros((frame.height, frame.width), np.uint32)
     paint = choose_polygon_colours(frame.find_owners(triangles))
     arrays = (frame.points, frame.depths, triangles, begins, paint, frame.window)
-    fragments, quads, partial, ties = spans.count_visible(*arrays, picture).T
+    fragments, quads, partial, ties = spans.count_visible_pixels(*arrays, picture).T
     return _derive_shaded(fragments, quads, partial) | {"depth_ties": ties}
 
 
@@ -90,7 +91,7 @@ def count_outline_quads(
 
     Drawing a polygon in one piece shades these blocks: a lower bound for every triangulation.
 
-    parts : for each polygon any triangulation (m, 3) without gaps, or None
+    parts : for each polygon any triangulation (m, 3) that uses every vertex, or None
     """
     sizes = [0 if part is None else len(part) for part in parts]
     bounds = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
@@ -104,7 +105,7 @@ def count_quads(frame: Frame, parts: Sequence[NDArray[np.int32] | None]) -> NDAr
     """Return the number of quads that each polygon's triangles, `parts[k]` (m, 3), shade, (p,)."""
     triangles = frame.join_triangles(parts)
     return sum_per_polygon(
-        frame, triangles, predict(frame.points, triangles, frame.window)["quads"]
+        frame, triangles, count_per_triangle(frame.points, triangles, frame.window)["quads"]
     )
 
 
@@ -113,16 +114,16 @@ class Reference(CpuRasteriser):
 
     name = "reference"
     limitation = "one sample per pixel, no fragment work and no textures"
-    counters: ClassVar[tuple[str, ...]] = COUNTED
+    counters: ClassVar[tuple[str, ...]] = REFERENCE_COUNTERS
     supports_scissor = True
     supports_depth = True
 
-    def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
+    def _draw_and_count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         if frame.depths is not None:
-            counts = predict_visible(frame, triangles)
+            counts = count_visible_per_triangle(frame, triangles)
             return {name: sum_per_polygon(frame, triangles, n) for name, n in counts.items()}
-        predicted = predict(frame.points, triangles, frame.window)
-        return {name: sum_per_polygon(frame, triangles, predicted[name]) for name in self.counters}
+        counts = count_per_triangle(frame.points, triangles, frame.window)
+        return {name: sum_per_polygon(frame, triangles, counts[name]) for name in self.counters}
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         return _FillDrawing(frame, triangles)
@@ -147,9 +148,9 @@ class _FillDrawing(Drawing):
     def _rasterise(self, triangles: Triangles) -> None:
         frame = self.frame
         if frame.depths is not None:
-            predict_visible(frame, triangles, self.picture)
+            count_visible_per_triangle(frame, triangles, self.picture)
         else:
-            spans.fill(frame.points, triangles, self.colours, self.picture, frame.window)
+            spans.fill_picture(frame.points, triangles, self.colours, self.picture, frame.window)
 
 
 def choose_polygon_colours(polygons: NDArray[np.int32]) -> NDArray[np.uint32]:
@@ -161,7 +162,8 @@ def choose_polygon_colours(polygons: NDArray[np.int32]) -> NDArray[np.uint32]:
 def find_disagreements(frame: Frame, drawn: Counters, expected: Counters) -> list[str]:
     """Return a sentence for each counter that differs for some polygon.
 
-    Only counters that `drawn` and `expected` both have per polygon are compared.
+    drawn, expected : counters of a device and of the reference; those that both have per polygon
+        are compared
     """
     sentences = []
     for name, values in expected.items():
@@ -177,11 +179,11 @@ def find_disagreements(frame: Frame, drawn: Counters, expected: Counters) -> lis
     return sentences
 
 
-TILES = (16, 32, 64)
+TILE_SIDES_PX = (16, 32, 64)
 """Tile sides in px."""
 
 
-def predict_tiles(
+def count_tiles_per_triangle(
     points: NDArray[np.int32], triangles: Triangles, window: NDArray[np.int64] = UNBOUNDED
 ) -> dict[str, NDArray[np.int64]]:
     """Return the number of tiles into which each triangle is binned, (m,) by name.
@@ -190,7 +192,7 @@ def predict_tiles(
     for exact binning. Tiles outside the window (in pixels) do not count.
     """
     counts = {}
-    for side in TILES:
+    for side in TILE_SIDES_PX:
         binned = count_tiles(points, triangles, side * SUBPIXEL, window // side)
         counts[f"tiles_{side}"] = binned[:, 0]
         counts[f"tiles_{side}_exact"] = binned[:, 1]
@@ -204,7 +206,7 @@ def count_tiles(
     side: int,
     window: NDArray[np.int64],
 ) -> NDArray[np.int64]:
-    """Return the number of tiles of `side` (1/256 px) of each triangle, (m, 2).
+    """Return the number of tiles of `side` (1/256 px) into which each triangle is binned, (m, 2).
 
     Column 0 is for binning by bounding box, column 1 for exact binning. Tiles outside the window
     (first column and row, last column and row of tiles) do not count. A triangle without an area is
@@ -286,11 +288,11 @@ class Binning(CpuRasteriser):
 
     name = "binning"
     counters: ClassVar[tuple[str, ...]] = tuple(
-        f"tiles_{side}{suffix}" for side in TILES for suffix in ("", "_exact")
+        f"tiles_{side}{suffix}" for side in TILE_SIDES_PX for suffix in ("", "_exact")
     )
     timed = False
     supports_scissor = True
 
-    def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
-        tiles = predict_tiles(frame.points, triangles, frame.window)
+    def _draw_and_count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
+        tiles = count_tiles_per_triangle(frame.points, triangles, frame.window)
         return {name: sum_per_polygon(frame, triangles, tiles[name]) for name in self.counters}

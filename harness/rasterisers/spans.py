@@ -27,7 +27,7 @@ Window = NDArray[np.int64]
 """First column and row, last column and row of the drawn pixels: `Frame.window`."""
 
 FRAGMENTS, QUADS, PARTIAL_QUADS, BLOCKS, BBOX_TESTS = range(5)
-"""Columns of the result of `count_triangles`."""
+"""Columns of the result of `count_pixels_per_triangle`."""
 
 _UNIT = 256
 _HALF = 128
@@ -96,7 +96,9 @@ def find_span(edges: Edges, y: int, min_x: int, max_x: int) -> tuple[int, int]:
 
 
 @njit(error_model="numpy")
-def count_triangles(points: Points, triangles: Triangles, window: Window) -> NDArray[np.int64]:
+def count_pixels_per_triangle(
+    points: Points, triangles: Triangles, window: Window
+) -> NDArray[np.int64]:
     """Return the counters of each triangle in the window, (m, 5).
 
     Columns: FRAGMENTS, covered pixels; QUADS, 2x2 blocks with a covered pixel; PARTIAL_QUADS, 2x2
@@ -166,14 +168,20 @@ def count_outline_quads(
 
 @njit(inline="always")
 def count_full_quads(spans: NDArray[np.int64]) -> int:
-    """Count the quads that the spans (2, 2) of two rows fully cover; the lower row is even."""
+    """Count the quads that two rows of pixels, the lower one even, fully cover.
+
+    spans : (2, 2) first and last covered pixel of each row
+    """
     low, high = max(spans[0, 0], spans[1, 0]), min(spans[0, 1], spans[1, 1])
     return int(max(0, ((high + 1) >> 1) - ((low + 1) >> 1)))
 
 
 @njit
 def count_touched_cells(spans: NDArray[np.int64], shift: int) -> int:
-    """Count the cells, 2**shift px wide, that any of the spans (k, 2) touches; sorts `spans`."""
+    """Count the cells, 2**shift px wide, that have a covered pixel in any of k rows.
+
+    spans : (k, 2) first and last covered pixel of each row; sorted in place
+    """
     total = 0
     reach = np.int64(-1)
     for i in range(len(spans)):
@@ -189,14 +197,14 @@ def count_touched_cells(spans: NDArray[np.int64], shift: int) -> int:
 
 
 @njit(error_model="numpy")
-def fill(
+def fill_picture(
     points: Points,
     triangles: Triangles,
     colours: NDArray[np.uint32],
     picture: NDArray[np.uint32],
     window: Window,
 ) -> None:
-    """Draw triangle t in `colours[t]` into `picture` (height, width), row 0 at the bottom."""
+    """Draw each triangle t in `colours[t]` into `picture` (height, width), row 0 at the bottom."""
     edges = np.zeros((3, 3), np.int64)
     height, width = picture.shape
     for t in range(len(triangles)):
@@ -218,7 +226,7 @@ def count_lanes_per_pixel(
     helpers: NDArray[np.int64],
     window: Window,
 ) -> None:
-    """Add, at each pixel, the triangles that cover it and the helper lanes shaded for it.
+    """Add to each pixel's counts the triangles that cover the pixel, and its helper lanes.
 
     covered, helpers : (height, width) sums of triangles and of helper lanes; row 0 at the bottom,
         height and width even
@@ -249,21 +257,21 @@ def count_lanes_per_pixel(
 
 
 TIES = 3
-"""Last column of the result of `count_visible`, after FRAGMENTS, QUADS and PARTIAL_QUADS."""
+"""Last column of the result of `count_visible_pixels`, after FRAGMENTS, QUADS and PARTIAL_QUADS."""
 
 DEEPEST = float(1 << 24)
 """Depth of the background; only smaller depths are drawn."""
 
-STEPS = 16.0
+ERROR_STEPS = 16.0
 """Constant term of the tolerated rounding error of a device's depth, in depth-buffer steps."""
 
-SHARE = 2.0**-20
+ERROR_SHARE = 2.0**-20
 """Variable term of that error, as a share of the change of the triangle's depth plane across the
 picture. Single precision has 24 bits; the slope of a plane is accurate to about 22."""
 
 
 @njit(error_model="numpy")
-def count_visible(
+def count_visible_pixels(
     points: Points,
     depths: NDArray[np.int32],
     triangles: Triangles,
@@ -296,7 +304,7 @@ def count_visible(
                 continue
             x0, y0, z0, across, up = _fit_plane(points, depths, triangles[t])
             # Single-precision rounding error at a pixel's centre, in steps of the depth buffer.
-            loose = STEPS + SHARE * 256.0 * (abs(across) * width + abs(up) * height)
+            tolerance = ERROR_STEPS + ERROR_SHARE * 256.0 * (abs(across) * width + abs(up) * height)
             for bottom in range(max(first, 0) & ~1, min(last, height - 1) + 1, 2):
                 low, high = max_x + 1, min_x - 1
                 for k in range(2):
@@ -313,9 +321,11 @@ def count_visible(
                         y = bottom + k
                         z = z0 + across * (256 * x + 128 - x0) + up * (256 * y + 128 - y0)
                         gap = nearest[y, x] - z
-                        counts[t, TIES] += slack[y, x] >= 0.0 and abs(gap) <= loose + slack[y, x]
+                        counts[t, TIES] += (
+                            slack[y, x] >= 0.0 and abs(gap) <= tolerance + slack[y, x]
+                        )
                         if gap > 0.0:
-                            nearest[y, x], slack[y, x] = z, loose
+                            nearest[y, x], slack[y, x] = z, tolerance
                             picture[y, x] = colours[t]
                             passed += 1
                     counts[t, FRAGMENTS] += passed

@@ -30,7 +30,7 @@ UNLIMITED = 2**31 - 1
 
 
 class VertexReuse(NamedTuple):
-    """Limits of a batch, and of the cache within it."""
+    """Maximum vertices and triangles of a batch, and vertices in the cache within a batch."""
 
     max_vertices: int = 32
     max_triangles: int = 32
@@ -71,12 +71,12 @@ def count_batches(
     if not len(triangles):
         return 0, 0
     rows = np.ascontiguousarray(triangles, np.int32)
-    batches, transformed = _count(rows, max_vertices, max_triangles, cache_size)
+    batches, transformed = _count_batches(rows, max_vertices, max_triangles, cache_size)
     return int(batches), int(transformed)
 
 
 @njit(nogil=True)
-def _count(
+def _count_batches(
     triangles: np.ndarray, max_vertices: int, max_triangles: int, cache_size: int
 ) -> tuple[int, int]:
     """Return the numbers of batches and transformed vertices; see the module's "Computation"."""
@@ -102,12 +102,13 @@ def _count(
     return batches, time
 
 
-def count_vertices(
+def sum_batches_of_draws(
     frame: Frame, triangles: NDArray[np.int32], reuse: VertexReuse = NVIDIA
 ) -> dict[str, int]:
-    """Return the batch counters of triangles (m, 3) in submission order, over all draws.
+    """Return the vertex batches and transformed vertices of triangles (m, 3) in submission order.
 
-    Each map tile, and each view of a model, is a separate draw, which begins a batch.
+    Each map tile, and each view of a model, is a separate draw, which begins a batch; counters are
+    summed over draws.
     """
     counts = [count_batches(triangles[rows], *reuse) for rows in frame.split_by_draw(triangles)]
     batches, transformed = np.array(counts, np.int64).sum(axis=0).tolist()

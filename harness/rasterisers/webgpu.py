@@ -27,7 +27,7 @@ from harness.rasterisers.base import (
     read_shader,
     split_batches,
 )
-from harness.rasterisers.reference import SHADED, predict
+from harness.rasterisers.reference import SHADED, count_per_triangle
 from scenes.spec import format_install_command
 
 FORMAT = "rgba8unorm"
@@ -43,7 +43,7 @@ KEEP_ALPHA = 7
 writes when an opaque triangle covers the tile, and a draw that keeps alpha is not opaque."""
 WRITE_ALL = 15
 
-STEPS = (1, 2, 4, 8, 16)
+GRID_STEPS = (1, 2, 4, 8, 16)
 """Steps of the vertex grids that WebGPU's backends allow, in 1/256 px."""
 
 PROBE_PX, PROBES = 64, 80
@@ -112,7 +112,10 @@ class WebGPU(Rasteriser):
 
     @classmethod
     def supports(cls, options: Options) -> bool:
-        """Return whether `options` are supported: WebGPU does not specify sample positions."""
+        """Return whether `options` are supported: one sample per pixel and no texture.
+
+        WebGPU does not specify sample positions, so several samples could not be verified.
+        """
         return options.samples == 1 and options.texture == 0
 
     def __init__(self, device: Device) -> None:
@@ -159,16 +162,16 @@ class WebGPU(Rasteriser):
         rng = np.random.default_rng(7)
         corners = rng.integers(SUBPIXEL, (PROBE_PX - 1) * SUBPIXEL, (3 * PROBES, 2))
         rows = np.arange(3 * PROBES, dtype=np.int32).reshape(-1, 3)
-        for step in STEPS:
+        for step in GRID_STEPS:
             points = coarsen(corners.astype(np.int32), step)
             frame = make_bare_frame(PROBE_PX, points, 3)
-            counted = self._count(frame, rows, Options())
-            expected = predict(points, rows)
+            counted = self._draw_and_count(frame, rows, Options())
+            expected = count_per_triangle(points, rows)
             if all((counted[name] == expected[name]).all() for name in SHADED):
                 return step
         return None
 
-    def _count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
+    def _draw_and_count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         frame = self._snap_to_grid(frame)
         polygons = len(frame.grid)
         totals = np.zeros((polygons, 4), np.int64)

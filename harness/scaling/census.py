@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from harness.frame import MARGIN_STEP_PX, UNBOUNDED
 from harness.grid import SUBPIXEL, snap_polygons
-from harness.rasterisers.reference import predict
+from harness.rasterisers.reference import count_per_triangle
 from harness.scaling.dataset import CHUNK_ROWS, FilePart, PartResult, PartWork
 from harness.scaling.sums import (
     BINS,
@@ -322,7 +322,7 @@ def _count_triangles(
     first = polygons.vertex_offsets[:-1].astype(np.int32)
     triangles = result.triangles + np.repeat(first, sizes)[:, None]
     points = np.rint(polygons.coords * SUBPIXEL).astype(np.int32)
-    counters = predict(points, np.ascontiguousarray(triangles, np.int32), window)
+    counters = count_per_triangle(points, np.ascontiguousarray(triangles, np.int32), window)
     columns: dict[str, NDArray[Any]] = {**counters, "triangles": np.ones(len(triangles))}
     corners = polygons.coords[triangles]
     width, height = np.ptp(corners, axis=1).T

@@ -22,7 +22,7 @@ from harness.errors import InputError
 from harness.frame import View
 from harness.grid import SUBPIXEL
 from harness.metrics.registry import list_predictions
-from harness.rasterisers.reference import Reference, predict
+from harness.rasterisers.reference import Reference, count_per_triangle
 from harness.results import drawings
 from harness.settings import StudySize
 from harness.triangulating.recipes import Recipe, parse_all
@@ -128,7 +128,7 @@ def evaluate_triangulations(geometry: drawings.Geometry, view: View) -> list[dic
     for k in sample_evenly(_select_by_size(sizes, simple, MAX_VERTICES), POLYGONS):
         points, _ = geometry.grid.rings_of(k)
         for name, triangles in _list_triangulations(Polygon(points / SUBPIXEL)):
-            counts = predict(points, triangles)
+            counts = count_per_triangle(points, triangles)
             predicted = criteria.predict(points / SUBPIXEL, triangles)
             rows.append(
                 {

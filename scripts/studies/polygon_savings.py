@@ -12,7 +12,7 @@ import argparse
 import numpy as np
 
 from harness.frame import View, make_scene_frame
-from harness.rasterisers.reference import predict
+from harness.rasterisers.reference import count_per_triangle
 from scenes import load
 from triangulators import triangulate
 
@@ -29,7 +29,7 @@ def main() -> None:
     columns = []
     for name in TRIANGULATORS:
         triangles = frame.join_triangles([triangulate(polygon, name) for polygon in frame.polygons])
-        quads = predict(frame.points, triangles)["quads"]
+        quads = count_per_triangle(frame.points, triangles)["quads"]
         columns.append(
             np.bincount(frame.find_owners(triangles), quads, len(frame.source)).astype(int)
         )

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from harness.frame import Frame, View, make_frame
-from harness.rasterisers.reference import predict
+from harness.rasterisers.reference import count_per_triangle
 from harness.rasterisers.vertex_batches import count_batches
 from scenes import load
 from triangulators import flip, triangulate_many, vertices
@@ -30,7 +30,10 @@ COUNTERS = ("helper_lanes", "covering_triangles", "batches")
 def count(frame: Frame, triangulations: Sequence[np.ndarray]) -> dict[str, int]:
     """Return the sums of COUNTERS of a drawn frame."""
     triangles = frame.join_triangles(triangulations)
-    sums = {name: int(values.sum()) for name, values in predict(frame.points, triangles).items()}
+    sums = {
+        name: int(values.sum())
+        for name, values in count_per_triangle(frame.points, triangles).items()
+    }
     return {name: sums[name] for name in COUNTERS[:-1]} | {"batches": count_batches(triangles)[0]}
 
 

@@ -16,7 +16,7 @@ from harness.frame import Frame, View, make_bare_frame, make_frame
 from harness.grid import SUBPIXEL, to_grid
 from harness.measuring import tasks
 from harness.rasterisers import Device, Options, Triangles, find_device, get
-from harness.rasterisers.reference import find_disagreements, predict
+from harness.rasterisers.reference import count_per_triangle, find_disagreements
 from harness.workers.worker import Worker
 from triangulators import triangulate
 
@@ -37,7 +37,7 @@ def test_reference_fills_100_million_bounding_box_pixels_a_second(benchmark, sid
     points = low * SUBPIXEL + rng.integers(0, side * SUBPIXEL, (number, 3, 2))
     frame = make_bare_frame(1024, points.reshape(-1, 2).astype(np.int32), 3)
     triangles = np.arange(len(frame.points), dtype=np.int32).reshape(-1, 3)
-    tests = int(predict(frame.points, triangles)["bbox_tests"].sum())
+    tests = int(count_per_triangle(frame.points, triangles)["bbox_tests"].sum())
     with REFERENCE.prepare(frame, triangles, Options()) as drawing:
         benchmark(drawing.sample, 1)
         seconds = min(drawing.sample(1).wall for _ in range(5))
@@ -115,9 +115,11 @@ def test_counters_equal_the_reference_for_every_polygon(workers, rasteriser, nam
     frame, triangulations = make_case(scene, size)
     report = []
     for triangulator, triangles in triangulations.items():
-        exact = REFERENCE.count(frame, triangles, Options())
+        exact = REFERENCE.draw_and_count(frame, triangles, Options())
         exact["hits"] = exact["fragments"]
-        counted = workers(device).call(tasks.count, rasteriser, device, frame, triangles, Options())
+        counted = workers(device).call(
+            tasks.draw_and_count, rasteriser, device, frame, triangles, Options()
+        )
         expected = {
             counter: exact[counter] for counter in get(rasteriser).counters if counter in exact
         }

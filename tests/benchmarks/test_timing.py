@@ -78,7 +78,11 @@ def test_three_percent_more_fragment_work_is_detected(llvmpipe):
     device, worker = llvmpipe
     options = Options(work=8)
     fragments = [
-        int(worker.call(tasks.count, "opengl", device, frame, part, options)["fragments"].sum())
+        int(
+            worker.call(tasks.draw_and_count, "opengl", device, frame, part, options)[
+                "fragments"
+            ].sum()
+        )
         for part in (base, extended)
     ]
     extra = fragments[1] / fragments[0] - 1

@@ -13,7 +13,7 @@ from shapely import Polygon, box
 
 from harness.frame import View, make_frame
 from harness.grid import SUBPIXEL
-from harness.rasterisers.reference import SHADED, predict
+from harness.rasterisers.reference import SHADED, count_per_triangle
 from harness.rasterisers.vertex_batches import count_batches
 from scenes import load
 from scenes.files import read
@@ -113,12 +113,16 @@ def test_counts_are_those_of_the_reference():
         points = read_points(result)
         for way in result["ways"].values():
             triangles = np.array(way["rows"], np.int32).reshape(-1, 3)
-            expected = {name: int(each.sum()) for name, each in predict(points, triangles).items()}
+            expected = {
+                name: int(each.sum())
+                for name, each in count_per_triangle(points, triangles).items()
+            }
             counts = way["counts"]
             for name in SHADED:
                 assert counts[name] == expected[name]
             assert (
-                counts["covering_triangles"] == (predict(points, triangles)["fragments"] > 0).sum()
+                counts["covering_triangles"]
+                == (count_per_triangle(points, triangles)["fragments"] > 0).sum()
             )
             assert counts["vertex_batches"] == count_batches(triangles)[0]
             for limit in (5, 32):

@@ -11,7 +11,7 @@ import shapely
 
 from harness.export.export import export_file
 from harness.frame import UNBOUNDED
-from harness.rasterisers.spans import fill
+from harness.rasterisers.spans import fill_picture
 from scenes import load
 from scenes.readers.gltf import GltfFile
 from tests.chromium import WEBGPU_FLAGS, Chromium
@@ -82,7 +82,7 @@ def draw_city(bounds):
         points = (vertices(polygon) - (left, bottom)) * (SIDE * 256 / (right - left))
         triangles = triangulate(polygon, "delaunay")
         colours = np.ones(len(triangles), np.uint32)
-        fill(np.rint(points).astype(np.int32), triangles, colours, image, UNBOUNDED)
+        fill_picture(np.rint(points).astype(np.int32), triangles, colours, image, UNBOUNDED)
     return image > 0
 
 

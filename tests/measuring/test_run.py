@@ -111,7 +111,7 @@ def make_failing(name: str, holes: int, monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_excess_coverage_is_detected_if_the_baseline_skips_polygons(block, tmp_path, monkeypatch):
     make_failing("delaunay", 1, monkeypatch)
-    count = MockRasteriser._count
+    count = MockRasteriser._draw_and_count
 
     def count_too_much(self: MockRasteriser, frame: Frame, *arguments: object) -> Counters:
         counters = count(self, frame, *arguments)  # type: ignore[arg-type]
@@ -120,7 +120,7 @@ def test_excess_coverage_is_detected_if_the_baseline_skips_polygons(block, tmp_p
             counters["fragments"] += [1, 10, 100]
         return counters
 
-    monkeypatch.setattr("tests.mock.MockRasteriser._count", count_too_much)
+    monkeypatch.setattr("tests.mock.MockRasteriser._draw_and_count", count_too_much)
     plan = make_plan(block, triangulators=("fan", "ear-clipping", "delaunay"))
     records = {r["triangulator"]: r for r in get_rows(measure(plan, tmp_path / "out"))}
     errors = {name: r["coverage_error"] for name, r in records.items()}

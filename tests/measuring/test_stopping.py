@@ -50,7 +50,7 @@ def test_counters_of_a_run_stopped_while_timing_are_reused(block, tmp_path, monk
     def count(*_: object) -> None:
         raise AssertionError("counted again")
 
-    monkeypatch.setattr(MockRasteriser, "_count", count)
+    monkeypatch.setattr(MockRasteriser, "_draw_and_count", count)
     resumed = get_rows(measure(make_plan(block), out, resume=True))
     assert [record["status"] for record in resumed] == ["ok"] * len(NAMES)
     for record, other in zip(resumed, complete, strict=True):
@@ -84,7 +84,7 @@ def test_first_interrupt_stops_at_once_while_nothing_is_timed(block, tmp_path, m
 def test_counted_cases_are_stored_at_once(block, tmp_path, monkeypatch):
     """Killed while counting the third case, with a partial line: two are not counted again."""
     out = tmp_path / "out"
-    count = MockRasteriser._count
+    count = MockRasteriser._draw_and_count
     calls = []
 
     def count_twice(self: MockRasteriser, *arguments: object) -> object:
@@ -93,7 +93,7 @@ def test_counted_cases_are_stored_at_once(block, tmp_path, monkeypatch):
             raise KeyboardInterrupt
         return count(self, *arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(MockRasteriser, "_count", count_twice)
+    monkeypatch.setattr(MockRasteriser, "_draw_and_count", count_twice)
     assert measure(make_plan(block), out).interrupted
     with (out / "counted.jsonl").open("a") as file:
         file.write('{"key": "torn')

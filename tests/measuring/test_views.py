@@ -8,7 +8,7 @@ import shapely
 import trimesh
 
 from harness.errors import IncompatibleRunsError, InputError, NothingMeasuredError, UsageError
-from harness.frame import ITS_OWN_VIEW, View, get_scene_view, make_scene_frame
+from harness.frame import OWN_VIEW_MESSAGE, View, get_scene_view, make_scene_frame
 from harness.measuring.lower_limits import compute_min_quads, compute_outline_bounds
 from harness.measuring.plan import Plan
 from harness.metrics.groups import compare_views, describe_views, group_run
@@ -16,7 +16,7 @@ from harness.models.seen import read
 from harness.page.page_data import make_page_content
 from harness.rasterisers import Options
 from harness.rasterisers.reference import Reference, count_outline_quads, count_quads
-from harness.rasterisers.vertex_batches import count_vertices
+from harness.rasterisers.vertex_batches import sum_batches_of_draws
 from harness.results.parsing import FieldError, parse_record
 from harness.results.run_folder import read_arrays, read_run
 from harness.settings import MODEL_TRIANGULATORS
@@ -141,7 +141,7 @@ def test_a_view_of_another_kind_is_refused(model, tmp_path, harness):
     for scene, noun in ((f"{model}:views=4", "a model's views"), (TILES, "map tiles")):
         for option in ("--resolution=512", "--rotation=30", "--fit=box"):
             answer = harness("run", "--scene", scene, option, "--quick")
-            assert_refused(answer, f"error: {ITS_OWN_VIEW.format(noun)}")
+            assert_refused(answer, f"error: {OWN_VIEW_MESSAGE.format(noun)}")
 
 
 def test_models_without_a_choice_are_refused(tmp_path):
@@ -244,10 +244,10 @@ def test_counters_are_sums_over_separately_drawn_tiles(scene, tmp_path, monkeypa
         frame = make_scene_frame(one, get_scene_view(one))
         parts = triangulate_polygons(parse(record["triangulator"]), frame.polygons).parts
         rows = frame.join_triangles(parts)
-        counted = Reference().count(frame, rows, Options())
+        counted = Reference().draw_and_count(frame, rows, Options())
         assert counted["quads"].tolist() == polygons["quads"][start:stop].tolist()
         tile_sums.append({name: int(counted[name].sum()) for name in counted})
-        tile_sums[-1] |= count_vertices(frame, rows)
+        tile_sums[-1] |= sum_batches_of_draws(frame, rows)
     assert len(tile_sums) == 3
     for name in tile_sums[0]:
         assert record["counters"][name] == sum(sums[name] for sums in tile_sums)

@@ -15,7 +15,7 @@ from harness.models.in_place import open_model, retriangulate
 from harness.models.seen import read
 from harness.rasterisers import Options
 from harness.rasterisers.base import order_submission
-from harness.rasterisers.reference import predict
+from harness.rasterisers.reference import count_per_triangle
 from harness.triangulating.carrying import carry_to_views, make_original_triangulation
 from harness.triangulating.recipes import parse
 from harness.triangulating.result import FrameTriangulation
@@ -50,7 +50,7 @@ def test_loose_triangles_have_the_counters_that_check_reports(tmp_path):
     (counts,) = views.count_views(drawn, (256,))
     frame = framed(read(str(path), pixels=256))
     rows = frame.join_triangles(make_original_triangulation(frame).parts)
-    counted = predict(frame.points, rows)
+    counted = count_per_triangle(frame.points, rows)
     assert counted["helper_lanes"].sum() == counts.before[0] > 0
     assert counted["quads"].sum() == counts.before[1]
 
@@ -77,7 +77,7 @@ def test_a_run_draws_the_triangles_that_triangulate_writes(tmp_path, pieces):
         (make_original_triangulation(frame).parts, *counts.before),
         (done.parts, *counts.after),
     ):
-        counted = predict(frame.points, frame.join_triangles(parts))
+        counted = count_per_triangle(frame.points, frame.join_triangles(parts))
         assert counted["helper_lanes"].sum() == lanes
         assert counted["quads"].sum() == quads
     assert counts.after[0] < 0.95 * counts.before[0]

@@ -11,7 +11,7 @@ from harness.models.gltf import GltfModel
 from harness.models.in_place import open_model, retriangulate
 from harness.models.seen import read
 from harness.models.views import DISTANCE, VIEWS, find_bounding_sphere
-from harness.rasterisers.reference import predict
+from harness.rasterisers.reference import count_per_triangle
 from harness.triangulating.carrying import make_original_triangulation
 from tests.conftest import require_ok
 from tests.models.build import KITE, LONG, Builder
@@ -50,9 +50,9 @@ def test_placements_are_counted_together(monkeypatch):
 
     def counted(*arguments):
         calls.append(1)
-        return predict(*arguments)
+        return count_per_triangle(*arguments)
 
-    monkeypatch.setattr(views, "predict", counted)
+    monkeypatch.setattr(views, "count_per_triangle", counted)
     together, ticks = views.count_views(parts, (256,), calls.append), len(calls)
     assert ticks <= views.VIEWS * 4
     monkeypatch.setattr(views, "_CHUNK_TRIANGLES", 1)
@@ -134,7 +134,9 @@ def compute_savings(plates, pixels: int) -> tuple[float, float, float]:
         frame = make_scene_frame(scene, get_scene_view(scene))
         original = make_original_triangulation(frame)
         totals = {name: values.sum() for name, values in original.predicted.items()}
-        counted = predict(frame.points, frame.join_triangles(original.parts))["helper_lanes"].sum()
+        counted = count_per_triangle(frame.points, frame.join_triangles(original.parts))[
+            "helper_lanes"
+        ].sum()
         lanes.append((4 * totals["expected_quads"] - totals["area"], int(counted)))
     (part,) = [part for group in open_model(before)[1] for part in group]
     ball = find_bounding_sphere([part.mesh.positions])

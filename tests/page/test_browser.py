@@ -83,7 +83,7 @@ def test_swiftshader_has_exact_counters_on_its_coarse_grid(undisturbed):
 
 def test_reference_of_the_page_equals_python(browser, page):
     frame, rows = random_triangles(seed=3, size=128, number=200, grid=1)
-    expected = Reference().count(frame, rows, Options())
+    expected = Reference().draw_and_count(frame, rows, Options())
     browser.open(page, MEASUREMENT_ENDED)
     fields = {"points": frame.points.ravel().tolist(), "owner": (np.arange(600) // 3).tolist()}
     arguments = f"{json.dumps({**fields, 'polygons': 200})}, {rows.ravel().tolist()}"

@@ -10,7 +10,7 @@ from harness.errors import InputError
 from harness.frame import View
 from harness.page.page_data import make_page_content
 from harness.page.result import COUNTERS
-from harness.rasterisers.reference import predict
+from harness.rasterisers.reference import count_per_triangle
 from harness.results import drawings
 from tests.conftest import assert_refused, require_ok
 
@@ -32,7 +32,7 @@ def test_page_contains_frames_triangles_and_counts_of_the_run(small_run):
         for name, case in view["cases"].items():
             rows = decode(case["rows"], "<u4").reshape(-1, 3)
             assert np.array_equal(rows, drawing.triangles[name])
-            predicted = predict(points, rows.astype(np.int32))
+            predicted = count_per_triangle(points, rows.astype(np.int32))
             for counter in COUNTERS:
                 assert decode(case[counter], "<u4").sum() == predicted[counter].sum()
             assert case["record"]["triangles"] == len(rows)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from harness.frame import UNBOUNDED
-from harness.rasterisers.spans import FRAGMENTS, QUADS, count_triangles
+from harness.rasterisers.spans import FRAGMENTS, QUADS, count_pixels_per_triangle
 from tests.chromium import REPORT_READY, WEBGPU_FLAGS, Chromium
 from tests.paths import ROOT
 from tests.ports import languages
@@ -102,7 +102,7 @@ def test_page_reports_the_savings_of_flips(page_results):
     costs = []
     for key in ("before", "after"):
         points, triangles = read_arrays(results[key])
-        counts = count_triangles(points, triangles, UNBOUNDED).sum(axis=0)
+        counts = count_pixels_per_triangle(points, triangles, UNBOUNDED).sum(axis=0)
         helper_lanes = int(4 * counts[QUADS] - counts[FRAGMENTS])
         assert len(triangles) == expected["triangles"]
         costs.append((sum_half_perimeters(points, triangles), helper_lanes))

@@ -15,7 +15,7 @@ from harness.profile.design import ASPECTS
 from harness.profile.placing import DIRECTIONS, SIDE, Draw
 from harness.rasterisers import spans
 from harness.rasterisers.base import Options
-from harness.rasterisers.reference import Reference, predict_tiles
+from harness.rasterisers.reference import Reference, count_tiles_per_triangle
 
 CountedDraws = list[tuple[Draw, dict[str, int]]]
 
@@ -54,7 +54,7 @@ def test_draws_are_in_the_viewport_and_cover_no_pixel_twice(counted):
 def test_counters_equal_the_reference(counted):
     reference = Reference()
     for draw, counts in counted[::17]:
-        expected = reference.count(draw.frame, draw.triangles, Options())
+        expected = reference.draw_and_count(draw.frame, draw.triangles, Options())
         for name, values in expected.items():
             assert counts[name] == values.sum(), name
         assert counts["covering"] <= counts["set_up"] <= counts["triangles"] == len(draw.triangles)
@@ -180,7 +180,7 @@ def test_every_triangle_crosses_the_border_of_its_tiles(counted):
     tiles = {8: (1, 1, 1), 16: (2, 1, 1), 32: (2, 2, 1), 64: (2, 2, 2)}
     for index, (draw, _) in enumerate(select_kind(counted, "tiles")):
         expected = list(tiles.values())[index % len(tiles)]
-        touched = predict_tiles(draw.frame.points, draw.triangles)
+        touched = count_tiles_per_triangle(draw.frame.points, draw.triangles)
         for side, count in zip((16, 32, 64), expected, strict=True):
             assert (touched[f"tiles_{side}_exact"] == count).all(), draw.name
 

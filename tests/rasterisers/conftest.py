@@ -57,8 +57,8 @@ def require_reference_counts(on_device: tuple[str, Call], reference: Rasteriser,
     """Check each counter of the device for every polygon; return the reference's counters."""
     rasteriser, call = on_device
     frame, triangles, options = (*case, Options())[:3]
-    drawn = call(tasks.count, frame, triangles, options)
-    exact = reference.count(frame, triangles, options)
+    drawn = call(tasks.draw_and_count, frame, triangles, options)
+    exact = reference.draw_and_count(frame, triangles, options)
     exact["hits"] = exact["fragments"]
     exact = {name: exact[name] for name in get(rasteriser).counters if name in exact}
     assert exact
@@ -79,7 +79,7 @@ def require_covering_triangles(call: Call, *case: Any) -> None:
 def _count_covering(name: str, device: Device, *case: Any) -> tuple[np.ndarray, np.ndarray]:
     """Count covering triangles in the worker: per polygon, and with each triangle as a polygon."""
     opened = tasks._get_rasteriser(name, device)
-    counted = opened.count(*case)["covering_triangles"]
+    counted = opened.draw_and_count(*case)["covering_triangles"]
     frame, triangles, options = case
     rows = order_submission(frame, triangles, options)
     single = make_bare_frame(frame.width, frame.points[rows].reshape(-1, 2), 3)
@@ -88,9 +88,9 @@ def _count_covering(name: str, device: Device, *case: Any) -> tuple[np.ndarray, 
     if viewing is not None and viewing.depths is not None:
         viewing = replace(viewing, depths=viewing.depths[rows.ravel()])
     single = replace(single, scissor=frame.scissor, tiles=tiles, viewing=viewing)
-    fragments = opened._count(single, np.arange(rows.size, dtype=np.int32).reshape(-1, 3), options)[
-        "fragments"
-    ]
+    fragments = opened._draw_and_count(
+        single, np.arange(rows.size, dtype=np.int32).reshape(-1, 3), options
+    )["fragments"]
     return counted, sum_per_polygon(frame, rows, (fragments > 0).astype(np.int64))
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from harness.frame import Frame
 from harness.measuring import tasks
 from harness.rasterisers import Device, Options, Rasteriser, Triangles
-from harness.rasterisers.reference import predict
+from harness.rasterisers.reference import count_per_triangle
 
 Image = NDArray[np.uint8]
 
@@ -116,7 +116,7 @@ def require_exact_counts(corners) -> None:
     """Check all counters of a triangle against an evaluation of every pixel."""
     mask = find_covered(corners)
     points = np.array(corners, np.int32)
-    counts = predict(points, np.array([[0, 1, 2]], np.int32))
+    counts = count_per_triangle(points, np.array([[0, 1, 2]], np.int32))
     assert counts["fragments"][0] == mask.sum()
     assert counts["quads"][0] == count_blocks(mask, 2)
     full = mask.reshape(SIZE // 2, 2, SIZE // 2, 2).all(axis=(1, 3)).sum()

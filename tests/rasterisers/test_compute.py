@@ -20,14 +20,14 @@ def walker(request, opened) -> Rasteriser:
 def test_bounding_box_of_4096_px_is_tested_completely(opened):
     corners = [[0, 0], [4096 * 256, 0], [0, 4096 * 256]]
     frame, triangles = loose_triangles(corners, 4096)
-    counted = opened("bounding-box").count(frame, triangles, Options())
+    counted = opened("bounding-box").draw_and_count(frame, triangles, Options())
     assert counted["bbox_tests"].tolist() == [4096**2]
 
 
 def test_dispatch_splits_more_triangles_than_one_dimension_allows(opened):
     corner = [[256, 256], [768, 256], [256, 768]]
     frame, triangles = loose_triangles(corner * 70_000, 8)
-    counted = opened("bounding-box").count(frame, triangles, Options())
+    counted = opened("bounding-box").draw_and_count(frame, triangles, Options())
     assert counted["bbox_tests"].tolist() == [4] * 70_000
 
 
@@ -37,13 +37,16 @@ def test_dispatch_splits_more_triangles_than_one_dimension_allows(opened):
 @given(st.lists(half_pixel | anywhere, min_size=3, max_size=3))
 def test_hits_of_any_triangle_equal_the_reference(walker, reference, corners):
     frame, triangles = loose_triangles(corners, 32)
-    drawn = walker.count(frame, triangles, Options())["hits"]
-    assert drawn.tolist() == reference.count(frame, triangles, Options())["fragments"].tolist()
+    drawn = walker.draw_and_count(frame, triangles, Options())["hits"]
+    assert (
+        drawn.tolist()
+        == reference.draw_and_count(frame, triangles, Options())["fragments"].tolist()
+    )
 
 
 def test_scanline_counts_the_rows_of_the_box(opened):
     frame, triangles = loose_triangles([[256, 256], [31 * 256, 1024], [512, 20 * 256]], 32)
-    assert opened("scanline").count(frame, triangles, Options())["rows"].tolist() == [19]
+    assert opened("scanline").draw_and_count(frame, triangles, Options())["rows"].tolist() == [19]
 
 
 def test_multisampling_and_work_are_refused(walker):
@@ -52,7 +55,7 @@ def test_multisampling_and_work_are_refused(walker):
         with pytest.raises(
             UsageError, match="neither multisampling nor fragment work nor textures"
         ):
-            walker.count(frame, triangles, options)
+            walker.draw_and_count(frame, triangles, options)
 
 
 @given(

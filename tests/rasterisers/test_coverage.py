@@ -25,7 +25,7 @@ ANGLES = range(0, 180, 10)
 
 
 def fragments(rasteriser, frame, triangles) -> int:
-    return int(rasteriser.count(frame, triangles, Options())["fragments"].sum())
+    return int(rasteriser.draw_and_count(frame, triangles, Options())["fragments"].sum())
 
 
 def test_t_junction_causes_a_coverage_error_under_rotation(llvmpipe, reference):
@@ -69,10 +69,10 @@ def test_every_triangulation_of_real_polygons_covers_the_same_pixels(
     for name in TRIANGULATORS:
         result = triangulate_polygons(parse(name), frame.polygons)
         assert result.failed == []
-        counted = llvmpipe.count(frame, frame.join_triangles(result.parts), Options())
+        counted = llvmpipe.draw_and_count(frame, frame.join_triangles(result.parts), Options())
         fragments, quads = counted["fragments"], counted["quads"]
         assert (4 * quads == fragments + counted["helper_lanes"]).all()
-        exact = reference.count(frame, frame.join_triangles(result.parts), Options())
+        exact = reference.draw_and_count(frame, frame.join_triangles(result.parts), Options())
         assert find_disagreements(frame, counted, exact) == []
         conforming = np.array(
             [p is not None and not t for p, t in zip(result.parts, result.t_junctions, strict=True)]

@@ -35,7 +35,7 @@ def test_no_triangles_count_and_draw_nothing(on_device):
     frame, _ = loose_triangles([[256, 256], [2560, 512], [768, 2048]], 16)
     case = (frame, np.empty((0, 3), np.int32), Options())
     _, call = on_device
-    assert not any(np.any(values) for values in call(tasks.count, *case).values())
+    assert not any(np.any(values) for values in call(tasks.draw_and_count, *case).values())
     assert not call(pictures.draw_image, *case).any()
 
 
@@ -59,9 +59,9 @@ def test_softpipe_counts_consistently_and_differences_are_named(reference):
     """Softpipe rounds edges in floating point, so some pixels on an edge differ."""
     frame, triangles = random_triangles(seed=6, size=128, number=60, grid=128)
     with open_on("opengl", "softpipe") as call:
-        drawn = call(tasks.count, frame, triangles, Options())
+        drawn = call(tasks.draw_and_count, frame, triangles, Options())
     assert np.array_equal(4 * drawn["quads"], drawn["fragments"] + drawn["helper_lanes"])
-    exact = reference.count(frame, triangles, Options())
+    exact = reference.draw_and_count(frame, triangles, Options())
     assert abs(drawn["fragments"] - exact["fragments"]).sum() < 0.01 * exact["fragments"].sum()
     for sentence in find_disagreements(frame, drawn, exact):
         name, polygon, count, expected = SENTENCE.fullmatch(sentence).groups()
@@ -75,7 +75,7 @@ def test_softpipe_counts_the_quads_of_its_own_pictures():
     with open_on("opengl", "softpipe") as call:
         for number, triangle in enumerate(triangles):
             case = (frame, triangle[None], Options())
-            drawn = call(tasks.count, *case)
+            drawn = call(tasks.draw_and_count, *case)
             picture = call(pictures.draw_image, *case)[::-1, :, 3] > 0
             lanes = picture.reshape(32, 2, 32, 2).sum(axis=(1, 3))
             counted = [drawn[name][number] for name in SHADED]

@@ -20,7 +20,7 @@ ELL = Polygon([(40, 0), (60, 0), (60, 8), (48, 8), (48, 20), (40, 20)])
 def test_maps_add_up_to_the_counters(reference, size, grid):
     frame, triangles = random_triangles(seed=size, size=size, number=80, grid=grid)
     covered, helpers = make_lane_maps(frame, triangles)
-    counters = reference.count(frame, triangles, Options())
+    counters = reference.draw_and_count(frame, triangles, Options())
     assert covered.shape == (size, size)
     assert covered.sum() == counters["fragments"].sum()
     assert helpers.sum() <= counters["helper_lanes"].sum()

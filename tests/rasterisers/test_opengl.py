@@ -24,8 +24,8 @@ anywhere = st.tuples(*[st.integers(256, 31 * 256)] * 2)
 @given(st.lists(half_pixel | anywhere, min_size=3, max_size=3))
 def test_counters_of_any_triangle_equal_the_reference(llvmpipe, reference, corners):
     frame, triangles = loose_triangles(corners, 32)
-    drawn = llvmpipe.count(frame, triangles, Options())
-    exact = reference.count(frame, triangles, Options())
+    drawn = llvmpipe.draw_and_count(frame, triangles, Options())
+    exact = reference.draw_and_count(frame, triangles, Options())
     assert [drawn[name].tolist() for name in SHADED] == [exact[name].tolist() for name in SHADED]
 
 
@@ -39,8 +39,8 @@ def test_image_equals_the_reference(llvmpipe, reference):
 
 def test_multisampling_counts_more_fragments_and_softens_edges(llvmpipe):
     frame, triangles = loose_triangles([[300, 300], [15000, 900], [2000, 14000]], 64)
-    one = llvmpipe.count(frame, triangles, Options())
-    four = llvmpipe.count(frame, triangles, Options(samples=4))
+    one = llvmpipe.draw_and_count(frame, triangles, Options())
+    four = llvmpipe.draw_and_count(frame, triangles, Options(samples=4))
     assert four["fragments"][0] > one["fragments"][0]
     assert 4 * four["quads"][0] == four["fragments"][0] + four["helper_lanes"][0]
     area = pictures.read_image(llvmpipe, frame, triangles, Options(samples=4))[..., 3].sum() / 255
@@ -50,7 +50,7 @@ def test_multisampling_counts_more_fragments_and_softens_edges(llvmpipe):
 def test_too_many_samples_are_refused_with_the_maximum(llvmpipe):
     frame, triangles = random_triangles(seed=9, size=64, number=2, grid=64)
     with pytest.raises(UsageError, match="the device has 4"):
-        llvmpipe.count(frame, triangles, Options(samples=8))
+        llvmpipe.draw_and_count(frame, triangles, Options(samples=8))
 
 
 def test_fragment_work_changes_no_pixel(llvmpipe):
@@ -82,7 +82,7 @@ def test_textured_pixels_are_as_bright_as_the_mean_of_the_texture(llvmpipe):
         with llvmpipe.prepare(frame, triangles, options) as drawing:
             drawing.sample(1)
             assert drawing.program["lookups"].value == lookups
-        counted = (llvmpipe.count(frame, triangles, each) for each in (Options(), options))
+        counted = (llvmpipe.draw_and_count(frame, triangles, each) for each in (Options(), options))
         assert find_disagreements(frame, *counted) == []
 
 
@@ -104,7 +104,7 @@ def test_every_repeat_is_drawn(llvmpipe, monkeypatch, software, calls):
 def test_two_rasterisers_share_a_process(opened, reference):
     """Each makes its own context current, also while the other's drawings are alive."""
     frame, triangles = random_triangles(seed=13, size=128, number=30, grid=1)
-    exact = reference.count(frame, triangles, Options())
+    exact = reference.draw_and_count(frame, triangles, Options())
     with (
         opened("opengl").prepare(frame, triangles, Options()) as drawn,
         opened("bounding-box").prepare(frame, triangles, Options()) as walked,
@@ -112,8 +112,8 @@ def test_two_rasterisers_share_a_process(opened, reference):
         for _ in range(3):
             assert drawn.sample(1).wall > 0
             assert walked.sample(1).wall > 0
-        counted = opened("opengl").count(frame, triangles, Options())
-        tested = opened("bounding-box").count(frame, triangles, Options())
+        counted = opened("opengl").draw_and_count(frame, triangles, Options())
+        tested = opened("bounding-box").draw_and_count(frame, triangles, Options())
     assert np.array_equal(counted["fragments"], exact["fragments"])
     assert np.array_equal(tested["bbox_tests"], exact["bbox_tests"])
 
@@ -124,17 +124,17 @@ def test_driver_statistics_are_of_one_draw(llvmpipe, monkeypatch):
         64, (8192 + 7000 * np.column_stack([np.cos(angles), np.sin(angles)])).astype("i4")
     )
     fan = np.array([(0, k, k + 1) for k in range(1, 99)], np.int32)
-    whole = llvmpipe.count(frame, fan, Options())
+    whole = llvmpipe.draw_and_count(frame, fan, Options())
     assert whole["clipping_input_primitives"] == 98
     assert whole["clipping_output_primitives"] <= 98
     assert 100 <= whole["vertex_shader_invocations"] <= 3 * 98
     # Batches do not change what is counted.
     monkeypatch.setattr(opengl, "split_batches", lambda _, rows: np.split(rows, [7, 40]))
-    parts = llvmpipe.count(frame, fan, Options())
+    parts = llvmpipe.draw_and_count(frame, fan, Options())
     for name in (*SHADED, "samples_passed", "clipping_input_primitives"):
         assert parts[name].tolist() == whole[name].tolist(), name
     monkeypatch.setattr(llvmpipe.context, "statistics", {})
-    assert set(llvmpipe.count(frame, fan, Options())) == {*SHADED, "samples_passed"}
+    assert set(llvmpipe.draw_and_count(frame, fan, Options())) == {*SHADED, "samples_passed"}
 
 
 def test_batches_cannot_overflow_32_bits():
@@ -150,7 +150,7 @@ def test_a_frame_larger_than_the_device_is_refused(llvmpipe):
     frame, triangles = random_triangles(seed=1, size=64, number=2, grid=1)
     huge = type(frame)(**{**vars(frame), "width": 40000, "height": 40000})
     with pytest.raises(UsageError, match="40000x40000 px exceeds the device's maximum of"):
-        llvmpipe.count(huge, triangles, Options())
+        llvmpipe.draw_and_count(huge, triangles, Options())
 
 
 def test_unexpected_renderer_is_refused(llvmpipe):
@@ -183,7 +183,7 @@ def test_a_thousand_frames_leak_nothing(opened, reference, name):
         # Sizes change, so that framebuffers are made and freed too.
         size = int(rng.integers(32, 128)) * 2
         frame, triangles = random_triangles(seed=number, size=size, number=20, grid=1)
-        rasteriser.count(frame, triangles, Options())
+        rasteriser.draw_and_count(frame, triangles, Options())
         pictures.read_image(rasteriser, frame, triangles, Options())
         with rasteriser.prepare(frame, triangles, Options()) as drawing:
             drawing.sample(2)

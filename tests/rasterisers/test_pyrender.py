@@ -58,7 +58,7 @@ def test_it_draws_and_times_but_does_not_count(frame, name):
         other = worker.call(
             pictures.draw_image, "pyrender", device, frame, joined(frame, "ear-clipping"), Options()
         )
-        assert worker.call(tasks.count, *arguments) == {}
+        assert worker.call(tasks.draw_and_count, *arguments) == {}
         assert get("pyrender").counters == ()
         assert worker.call(seconds_of_frames, device, frame, triangles, 2, timeout_s=120) > 0
     assert picture.shape == (128, 128, 4)

@@ -10,7 +10,12 @@ from shapely import Polygon, box
 from harness.errors import UsageError
 from harness.frame import UNBOUNDED
 from harness.rasterisers import Options, find_device, get, spans
-from harness.rasterisers.reference import TILES, choose_polygon_colours, count_tiles, predict
+from harness.rasterisers.reference import (
+    TILE_SIDES_PX,
+    choose_polygon_colours,
+    count_per_triangle,
+    count_tiles,
+)
 from tests.rasterisers import pictures
 from tests.rasterisers.conftest import loose_triangles, random_triangles
 from tests.rasterisers.pictures import SIZE, find_covered, require_exact_counts
@@ -37,17 +42,17 @@ def test_expected_quads_are_the_mean_over_all_positions_in_a_quad(corners):
     expected = criteria.predict(points / 256, np.array([[0, 1, 2]], np.int32))["expected_quads"]
     places = np.stack(np.meshgrid(np.arange(512), np.arange(512)), axis=-1).reshape(-1, 1, 2)
     moved = (points + places).reshape(-1, 2).astype(np.int32)
-    counts = predict(moved, np.arange(len(moved), dtype=np.int32).reshape(-1, 3))
+    counts = count_per_triangle(moved, np.arange(len(moved), dtype=np.int32).reshape(-1, 3))
     # Only pixel centres on an edge, which the fill rule assigns to one side, cause a difference.
     assert counts["quads"].mean() == pytest.approx(expected, abs=0.01)
 
 
 def test_counts_are_per_polygon_and_do_not_depend_on_order(reference):
     frame, triangles = random_triangles(seed=3, size=64, number=50, grid=1)
-    exact = reference.count(frame, triangles, Options())
+    exact = reference.draw_and_count(frame, triangles, Options())
     assert exact["fragments"].shape == (50,)
     for order in ("walk", "morton", "shuffled"):
-        other = reference.count(frame, triangles, Options(order=order, seed=5))
+        other = reference.draw_and_count(frame, triangles, Options(order=order, seed=5))
         for name, values in exact.items():
             assert np.array_equal(values, other[name]), name
 
@@ -66,7 +71,8 @@ def test_no_triangles_have_zero_counters(reference):
     frame, _ = loose_triangles([[256, 256], [2560, 512], [768, 2048]], SIZE)
     nothing = np.empty((0, 3), np.int32)
     assert all(
-        values.tolist() == [0] for values in reference.count(frame, nothing, Options()).values()
+        values.tolist() == [0]
+        for values in reference.draw_and_count(frame, nothing, Options()).values()
     )
     assert not pictures.read_image(reference, frame, nothing, Options()).any()
 
@@ -84,7 +90,7 @@ def test_every_repeat_is_drawn(reference, monkeypatch):
 def test_multisampling_is_refused_in_one_line(reference):
     frame, triangles = random_triangles(seed=4, size=64, number=2, grid=1)
     with pytest.raises(UsageError, match="one sample per pixel"):
-        reference.count(frame, triangles, Options(samples=4))
+        reference.draw_and_count(frame, triangles, Options(samples=4))
 
 
 @pytest.mark.parametrize(
@@ -99,7 +105,7 @@ def test_multisampling_is_refused_in_one_line(reference):
 def test_invalid_triangle_arrays_are_refused(reference, triangles, message):
     frame, _ = loose_triangles([[256, 256], [2560, 512], [768, 2048]], SIZE)
     with pytest.raises(ValueError, match=message):
-        reference.count(frame, triangles, Options())
+        reference.draw_and_count(frame, triangles, Options())
 
 
 of_tiles = st.tuples(*[st.integers(0, 64)] * 2) | st.tuples(
@@ -144,8 +150,8 @@ def test_mean_number_of_squares_follows_half_perimeter_and_area(side):
 
 def test_counts_are_per_polygon_and_larger_tiles_are_fewer():
     frame, triangles = random_triangles(seed=2, size=512, number=40, grid=1)
-    counters = get("binning")(find_device("binning")).count(frame, triangles, Options())
-    for side in TILES:
+    counters = get("binning")(find_device("binning")).draw_and_count(frame, triangles, Options())
+    for side in TILE_SIDES_PX:
         assert counters[f"tiles_{side}"].shape == (40,)
         assert (counters[f"tiles_{side}_exact"] <= counters[f"tiles_{side}"]).all()
     assert counters["tiles_64"].sum() < counters["tiles_32"].sum() < counters["tiles_16"].sum()

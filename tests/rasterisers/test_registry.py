@@ -107,7 +107,7 @@ def test_first_working_environment_is_used(monkeypatch):
         "second": {"devices": [{"renderer": "zink (x)", "egl_index": 0}], "problems": []},
     }
     kinds = [
-        devices.Kind("zink", {"WAY": name}, ("egl", "software"))
+        devices.DeviceKind("zink", {"WAY": name}, ("egl", "software"))
         for name in ("first", "second", "second")
     ]
     monkeypatch.setattr(devices, "_list_egl_kinds", lambda: kinds)
@@ -127,7 +127,7 @@ def test_two_gpus_are_numbered(monkeypatch):
         for k, name in enumerate(["NVIDIA A", "llvmpipe", "AMD B"])
     ]
     monkeypatch.setattr(
-        devices, "_list_egl_kinds", lambda: [devices.Kind("gpu", {}, ("egl", "hardware"))]
+        devices, "_list_egl_kinds", lambda: [devices.DeviceKind("gpu", {}, ("egl", "hardware"))]
     )
     monkeypatch.setattr(devices, "run_probes", lambda probes: [{"devices": cards, "problems": []}])
     gpus, problems = devices.list_egl_devices.__wrapped__()
@@ -142,7 +142,7 @@ def test_hanging_or_crashing_driver_is_reported_as_a_problem(monkeypatch, tmp_pa
     hanging, crashing = tmp_path / "hangs.py", tmp_path / "dies.py"
     hanging.write_text("import time; time.sleep(60)")
     crashing.write_text("import sys; sys.exit('segmentation fault')")
-    monkeypatch.setattr(devices, "PROBE_SECONDS", 0.5)
+    monkeypatch.setattr(devices, "PROBE_TIMEOUT_S", 0.5)
     for program, problem in ((hanging, "no answer within"), (crashing, "segmentation fault")):
         monkeypatch.setattr(devices, "PROBE", program)
         working, problems = devices.list_egl_devices.__wrapped__()

@@ -55,7 +55,7 @@ def test_counters_and_pictures_equal_the_reference(on_device, tiles, reference):
 def test_reference_counts_only_pixels_of_the_window(reference, tiles):
     """Compare with maps of the pixels of each triangle."""
     frame, triangles = tiles
-    counted = reference.count(frame, triangles, NATIVE)
+    counted = reference.draw_and_count(frame, triangles, NATIVE)
     quads = count_outline_quads(frame, [np.array([[0, 1, 2]], np.int32)] * 160)
     for number, rows in enumerate(triangles):
         inside, helpers = make_lane_maps(frame, rows[None])
@@ -71,7 +71,7 @@ def test_window_clips_the_picture_of_edge_functions(reference):
     corners = rng.integers(0, 32, (60, 3, 2)) * 128
     frame, triangles = loose_triangles(corners, 16)
     cut = replace(frame, scissor=(4, 6, 8, 6))
-    counted = reference.count(cut, triangles, NATIVE)
+    counted = reference.draw_and_count(cut, triangles, NATIVE)
     for number in range(60):
         mask = find_covered(corners[number])
         assert counted["fragments"][number] == mask[6:12, 4:12].sum()
@@ -84,8 +84,8 @@ def test_bins_overlap_the_window(tiles):
     big = [[256, 256], [255 * 256, 256], [256, 255 * 256]]
     frame, triangles = loose_triangles(big, 256)
     cut = replace(frame, scissor=(64, 64, 128, 128))
-    assert binning.count(frame, triangles, NATIVE)["tiles_64"].tolist() == [16]
-    counted = binning.count(cut, triangles, NATIVE)
+    assert binning.draw_and_count(frame, triangles, NATIVE)["tiles_64"].tolist() == [16]
+    counted = binning.draw_and_count(cut, triangles, NATIVE)
     assert counted["tiles_64"].tolist() == [4]
     triangle = shapely.Polygon(big)
     bins = [shapely.box(x, y, x + 4096, y + 4096) for x in _bins(16) for y in _bins(16)]
@@ -114,7 +114,7 @@ def test_hidden_tiles_are_drawn(llvmpipe, monkeypatch):
     layer = [[0, 0], [512 * 256, 0], [0, 512 * 256]]
     frame, triangles = loose_triangles(layer * 3, 256)
     cut = replace(frame, scissor=(64, 64, 128, 128), tiles=np.array([0, 1, 2, 3]))
-    assert llvmpipe.count(cut, triangles, NATIVE)["samples_passed"] == 3 * 128**2
+    assert llvmpipe.draw_and_count(cut, triangles, NATIVE)["samples_passed"] == 3 * 128**2
     calls: list[slice] = []
     draw = Mesh.draw_rows
     monkeypatch.setattr(
@@ -141,7 +141,7 @@ class UnclippedRasteriser(Pyrender):
 def test_rasterisers_without_scissor_refuse_tiles(tiles):
     rasteriser: Rasteriser = UnclippedRasteriser()
     with pytest.raises(UsageError, match="pyrender does not support map tiles"):
-        rasteriser.count(*tiles, NATIVE)
+        rasteriser.draw_and_count(*tiles, NATIVE)
     assert (
         rasteriser._check_and_order(replace(tiles[0], scissor=None), tiles[1], NATIVE) is not None
     )
@@ -150,7 +150,7 @@ def test_rasterisers_without_scissor_refuse_tiles(tiles):
 def test_record_has_the_sum_of_each_counter_by_tile(tiles):
     frame, triangles = tiles
     cut = replace(frame, tiles=np.array([0, 100, 100, 160]))
-    counters = Reference().count(cut, triangles, NATIVE)
+    counters = Reference().draw_and_count(cut, triangles, NATIVE)
     sums = _sum_counters_per_view(cut, counters).counters
     assert set(sums) == set(counters)
     for name, values in counters.items():

@@ -76,13 +76,13 @@ def test_counters_with_depth_equal_the_reference_except_ties(on_device, depth_vi
     rasteriser, call = on_device
     frame, triangulations = depth_views
     for rows in triangulations:
-        exact = reference.count(frame, rows, NATIVE)
+        exact = reference.draw_and_count(frame, rows, NATIVE)
         assert exact["depth_ties"].sum() < 0.001 * exact["fragments"].sum()
         if not get(rasteriser).supports_depth:
             with pytest.raises(UsageError, match="does not test depth before shading; use"):
-                call(tasks.count, frame, rows, NATIVE)
+                call(tasks.draw_and_count, frame, rows, NATIVE)
             continue
-        drawn = call(tasks.count, frame, rows, NATIVE)
+        drawn = call(tasks.draw_and_count, frame, rows, NATIVE)
         assert np.array_equal(drawn["depth_ties"], exact["depth_ties"])
         for name in ("fragments", "quads", "partial_quads", "covering_triangles"):
             assert (np.abs(drawn[name] - exact[name]) <= exact["depth_ties"]).all()
@@ -102,12 +102,12 @@ def test_pictures_with_depth_equal_the_reference_except_ties(on_device, depth_vi
         call(pictures.draw_image, frame, rows, NATIVE),
         pictures.read_image(reference, frame, rows, NATIVE),
     ]
-    ties = int(reference.count(frame, rows, NATIVE)["depth_ties"].sum())
+    ties = int(reference.draw_and_count(frame, rows, NATIVE)["depth_ties"].sum())
     assert (images[0] != images[1]).any(axis=2).sum() <= ties
     # A later draw without depths has no depth test.
     flat = replace(frame, viewing=replace(frame.viewing, depths=None))
-    counted = call(tasks.count, flat, rows, NATIVE)
-    assert find_disagreements(flat, counted, reference.count(flat, rows, NATIVE)) == []
+    counted = call(tasks.draw_and_count, flat, rows, NATIVE)
+    assert find_disagreements(flat, counted, reference.draw_and_count(flat, rows, NATIVE)) == []
 
 
 def test_views_are_timed_with_depths_too(on_device, views, depth_views):
@@ -151,14 +151,14 @@ def make_sheets(depths: list[int]) -> tuple[Frame, np.ndarray]:
 )
 def test_hidden_pixels_and_ties(reference, llvmpipe, depths, fragments, ties):
     frame, rows = make_sheets(depths)
-    counted = reference.count(frame, rows, NATIVE)
+    counted = reference.draw_and_count(frame, rows, NATIVE)
     assert counted["fragments"].tolist() == fragments
     assert counted["depth_ties"].sum() == ties
     # Both triangles shade the quads on the diagonal, except the quads of one pixel at its ends.
     quads = 8 * 8 + 6
     assert counted["quads"].tolist() == [quads if count else 0 for count in fragments]
     assert (counted["helper_lanes"] == 4 * counted["quads"] - counted["fragments"]).all()
-    drawn = llvmpipe.count(frame, rows, NATIVE)
+    drawn = llvmpipe.draw_and_count(frame, rows, NATIVE)
     assert drawn["fragments"].tolist() == fragments
 
 
@@ -168,11 +168,11 @@ def test_intersecting_planes_hide_half_of_each_other(reference, llvmpipe):
     sloping = frame.viewing.depths.copy()
     sloping[4:] = [4 << 20, 12 << 20, 12 << 20, 4 << 20]
     frame = replace(frame, viewing=replace(frame.viewing, depths=sloping))
-    counted = reference.count(frame, rows, NATIVE)
+    counted = reference.draw_and_count(frame, rows, NATIVE)
     assert counted["fragments"].tolist() == [196, 98]
     image = pictures.read_image(reference, frame, rows, NATIVE)
     assert (image[1:15, 1:8] != image[1:15, 8:15]).any(axis=2).all()
-    assert llvmpipe.count(frame, rows, NATIVE)["fragments"].tolist() == [196, 98]
+    assert llvmpipe.draw_and_count(frame, rows, NATIVE)["fragments"].tolist() == [196, 98]
 
 
 def make_partly_hidden() -> tuple[Frame, np.ndarray]:
@@ -185,7 +185,9 @@ def make_partly_hidden() -> tuple[Frame, np.ndarray]:
 
 def test_hidden_pixels_of_a_quad_are_not_counted(reference, llvmpipe):
     frame, rows = make_partly_hidden()
-    drawn, exact = (rasteriser.count(frame, rows, NATIVE) for rasteriser in (llvmpipe, reference))
+    drawn, exact = (
+        rasteriser.draw_and_count(frame, rows, NATIVE) for rasteriser in (llvmpipe, reference)
+    )
     assert drawn["fragments"].tolist() == [144, 196 - 144]
     assert find_disagreements(frame, drawn, exact) == []
 
@@ -196,17 +198,17 @@ def test_drivers_with_late_depth_test_or_without_helper_lanes_are_refused(llvmpi
     with monkeypatch.context() as late:
         late.setattr(llvmpipe.context, "read_query", lambda query: result(query) - 1)
         with pytest.raises(NoRasteriserError, match="does not test depth before shading"):
-            llvmpipe.count(*case)
+            llvmpipe.draw_and_count(*case)
     with monkeypatch.context() as without_helpers:
         without_helpers.setattr(
             llvmpipe, "_count_per_polygon", lambda *mesh: count(*mesh) - [0, 0, 1, 0, 0]
         )
         with pytest.raises(NoRasteriserError, match="does not report helper invocations"):
-            llvmpipe.count(*case)
+            llvmpipe.draw_and_count(*case)
 
 
 def test_softpipe_counts_pixels_that_pass_the_depth_test():
     with open_on("opengl", "softpipe") as call:
-        drawn = call(tasks.count, *make_partly_hidden(), NATIVE)
+        drawn = call(tasks.draw_and_count, *make_partly_hidden(), NATIVE)
     assert drawn["fragments"].tolist() == [144, 196 - 144]
     assert drawn["samples_passed"] == 196

@@ -26,9 +26,9 @@ def on_device(request: pytest.FixtureRequest) -> Iterator[Call]:
 
 def test_options_change_no_count_and_no_picture(on_device, reference):
     frame, triangles = random_triangles(seed=250, size=250, number=150, grid=1)
-    exact = reference.count(frame, triangles, Options())
+    exact = reference.draw_and_count(frame, triangles, Options())
     for options in (Options(), Options(work=50), Options(order="shuffled", seed=3)):
-        drawn = on_device(tasks.count, frame, triangles, options)
+        drawn = on_device(tasks.draw_and_count, frame, triangles, options)
         assert set(drawn) == set(SHADED)
         assert find_disagreements(frame, drawn, exact) == []
         drawn = on_device(pictures.draw_image, frame, triangles, options)
@@ -44,8 +44,11 @@ def test_long_slivers_need_more_than_32_bits(on_device, reference):
     ends = rng.integers(256, (size - 1) * 256, (40, 2, 2))
     apexes = np.clip(ends[:, :1] + rng.integers(-300, 300, (40, 1, 2)), 256, (size - 1) * 256)
     frame, triangles = loose_triangles(np.concatenate([ends, apexes], axis=1), size)
-    drawn = on_device(tasks.count, frame, triangles, Options())
-    assert find_disagreements(frame, drawn, reference.count(frame, triangles, Options())) == []
+    drawn = on_device(tasks.draw_and_count, frame, triangles, Options())
+    assert (
+        find_disagreements(frame, drawn, reference.draw_and_count(frame, triangles, Options()))
+        == []
+    )
     assert drawn["fragments"].sum() > 50_000
 
 
@@ -77,7 +80,7 @@ def count_with_limit_of_32_px(name: str, device: Device, *case: Any) -> None:
     opened = tasks._get_rasteriser(name, device)
     before, opened.max_size = opened.max_size, 32
     try:
-        opened.count(*case)
+        opened.draw_and_count(*case)
     finally:
         opened.max_size = before
 
@@ -101,7 +104,7 @@ def count_on_coarse_grid(name: str, device: Device, *case: Any) -> tuple[int, An
     try:
         step = opened._find_step()
         opened._step = step
-        return step, opened.count(*case), pictures.read_image(opened, *case)
+        return step, opened.draw_and_count(*case), pictures.read_image(opened, *case)
     finally:
         opened._step = 1
         del opened._count_batch
@@ -112,7 +115,10 @@ def test_coarse_grid_is_detected_and_used(on_device, reference):
     step, counted, picture = on_device(count_on_coarse_grid, frame, triangles, Options())
     assert step == 16
     coarse = frame.with_points(coarsen(frame.points, 16))
-    assert find_disagreements(coarse, counted, reference.count(coarse, triangles, Options())) == []
+    assert (
+        find_disagreements(coarse, counted, reference.draw_and_count(coarse, triangles, Options()))
+        == []
+    )
     assert np.array_equal(picture, pictures.read_image(reference, coarse, triangles, Options()))
     assert on_device(tasks.open_device).details["subpixel_bits"] == 8
 
@@ -123,9 +129,12 @@ def test_swiftshader_counters_equal_the_reference_on_its_grid(reference):
     with open_on("webgpu", "swiftshader") as call:
         details = call(tasks.open_device).details
         assert (details["step"], details["subpixel_bits"]) == (16, 4)
-        counted = call(tasks.count, frame, triangles, Options())
+        counted = call(tasks.draw_and_count, frame, triangles, Options())
         picture = call(pictures.draw_image, frame, triangles, Options())
-    assert find_disagreements(moved, counted, reference.count(moved, triangles, Options())) == []
+    assert (
+        find_disagreements(moved, counted, reference.draw_and_count(moved, triangles, Options()))
+        == []
+    )
     assert np.array_equal(picture, pictures.read_image(reference, moved, triangles, Options()))
 
 
@@ -134,7 +143,7 @@ def test_unsupported_options_are_refused(on_device):
     for options in (Options(samples=4), Options(texture=1)):
         assert not get("webgpu").supports(options)
         with pytest.raises(UsageError, match=r"one sample per pixel and no textures\); use opengl"):
-            on_device(tasks.count, frame, triangles, options)
+            on_device(tasks.draw_and_count, frame, triangles, options)
     with pytest.raises(UsageError, match="64x64 px exceeds the device's maximum of 32"):
         on_device(count_with_limit_of_32_px, frame, triangles, Options())
 

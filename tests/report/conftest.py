@@ -15,7 +15,7 @@ from harness.measuring.run import run
 from harness.measuring.timing import TimingSettings
 from harness.progress import Reporter
 from harness.rasterisers.base import sum_per_polygon
-from harness.rasterisers.reference import predict
+from harness.rasterisers.reference import count_per_triangle
 from harness.report.page import write_report
 from harness.results import drawings
 from harness.results.run_folder import read_run
@@ -90,7 +90,7 @@ def write_many(path: Path, devices: int) -> Path:
     for name in NAMES:
         parts = triangulate_polygons(parse(name), frame.polygons).parts
         triangles[name] = frame.join_triangles(parts)
-        counted = predict(frame.points, triangles[name])
+        counted = count_per_triangle(frame.points, triangles[name])
         predicted = predict_polygons(frame.polygons, parts)
         columns[name] = {f"predicted_{key}": column for key, column in predicted.items()} | {
             key: sum_per_polygon(frame, triangles[name], column) for key, column in counted.items()

@@ -9,7 +9,7 @@ import shapely
 
 from harness.grid import SUBPIXEL, to_grid
 from harness.progress import Reporter
-from harness.rasterisers.reference import predict
+from harness.rasterisers.reference import count_per_triangle
 from harness.scaling.census import Census, compute_gains, scale_to_pixels
 from harness.scaling.census_report import make_gain_rows
 from harness.scaling.dataset import Dataset
@@ -42,7 +42,7 @@ def count_footprints(footprints, name):
     rows = []
     for footprint in footprints:
         rounded = shapely.transform(footprint, snap)
-        counts = predict(to_grid([rounded]).coords, triangulate(rounded, name))
+        counts = count_per_triangle(to_grid([rounded]).coords, triangulate(rounded, name))
         rows.append([counts[measure].sum() for measure in COUNTED])
     return np.array(rows)
 

@@ -20,7 +20,7 @@ from pmtiles.writer import write
 from harness.frame import get_scene_view, make_scene_frame
 from harness.grid import SUBPIXEL
 from harness.progress import Reporter
-from harness.rasterisers.reference import predict
+from harness.rasterisers.reference import count_per_triangle
 from harness.scaling.census import TileCensus
 from harness.scaling.dataset import Dataset, Summary
 from harness.scaling.executors import Executor
@@ -55,7 +55,7 @@ def sum_scene(text: str, names: tuple[str, ...] = NAMES) -> dict[tuple[str, str]
     sums = {}
     for name in names:
         rows = frame.join_triangles(triangulate_polygons(parse(name), frame.polygons).parts)
-        counted = predict(frame.points, rows, frame.window)
+        counted = count_per_triangle(frame.points, rows, frame.window)
         counted["triangles"] = np.ones(len(rows), np.int64)
         width, height = np.ptp(frame.points[rows] / SUBPIXEL, axis=1).T
         counted["half_perimeter"] = width + height

@@ -9,7 +9,7 @@ import pytest
 from harness.frame import View, make_frame
 from harness.grid import SUBPIXEL
 from harness.metrics.per_polygon import compute_spearman
-from harness.rasterisers.reference import predict
+from harness.rasterisers.reference import count_per_triangle
 from harness.report import matrix
 from harness.report.content import make_content
 from harness.report.matrix import format_best_criterion
@@ -143,7 +143,7 @@ def test_counters_are_those_of_the_polygon_in_its_frame(run_folder):
     for name in ("random#0", "random#1", "optimal:half-perimeter"):
         base, _, seed = name.partition("#")
         parameters = {"seed": int(seed)} if seed else {}
-        counts = predict(points, triangulate(polygon, base, **parameters))
+        counts = count_per_triangle(points, triangulate(polygon, base, **parameters))
         assert rows_of_polygon.loc[name, "helper_lanes"] == counts["helper_lanes"].sum()
 
 

@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from harness.frame import View, make_frame
-from harness.rasterisers.reference import predict as rasterised
+from harness.rasterisers.reference import count_per_triangle as rasterised
 from scenes import load
 from tests.triangulators.cases import (
     brute_cost,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from harness.measuring import tasks
 from harness.rasterisers import Device, Options, find_device
-from harness.rasterisers.reference import SHADED, predict
+from harness.rasterisers.reference import SHADED, count_per_triangle
 from harness.workers.worker import Worker
 from tests.fuzz.target import target
 from tests.rasterisers.conftest import loose_triangles
@@ -48,11 +48,13 @@ def open_llvmpipe() -> tuple[Worker, Device]:
 def check_counters(value: dict[str, Any]) -> None:
     """Compare OpenGL and both compute rasterisers on llvmpipe with the reference, by triangle."""
     frame, triangles = loose_triangles(np.array(value["triangles"]), value["size"])
-    exact = predict(frame.points, triangles)
+    exact = count_per_triangle(frame.points, triangles)
     worker, device = open_llvmpipe()
 
     def count(name: str) -> dict[str, np.ndarray]:
-        return worker.call(tasks.count, name, device, frame, triangles, Options(), timeout_s=60.0)
+        return worker.call(
+            tasks.draw_and_count, name, device, frame, triangles, Options(), timeout_s=60.0
+        )
 
     opengl = count("opengl")
     for name in SHADED:
