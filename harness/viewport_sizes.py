@@ -29,11 +29,11 @@ from harness.metrics.decision import (
 from harness.profile.device_costs import (
     Cost,
     DeviceCosts,
-    compute_saved,
+    compute_saved_shares,
     count_native_and_walk,
     describe_stage,
     format_saving,
-    predict_draws,
+    predict_draw_costs,
 )
 from harness.style import ONE_COLUMN, STYLE, choose_looks, format_count, make_grid, make_plain_table
 from harness.triangulating.recipes import Recipe
@@ -57,8 +57,8 @@ COUNTED = (
     "vertex_batches",
     "transformed_vertices",
 )
-"""Counters in the cost of a triangulator, see `count_triangles`. The cost also has `triangulate_s`,
-in CPU seconds, and the entries of `predict_draws`, which are None without a device."""
+"""Counters in the cost of a triangulator, from `count_cost_terms`. The cost also has
+`triangulate_s`, in CPU seconds, and the entries of `predict_draw_costs`, None without a device."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Size:
     def saved(self) -> dict[str, float]:
         """Share that each triangulator saves of the base's draw time, or without device, lanes."""
         spent = {n: c["quads"] if c["draw"] is None else c["draw"] for n, c in self.costs.items()}
-        return compute_saved(spent)
+        return compute_saved_shares(spent)
 
     @property
     def matters(self) -> bool:
@@ -180,7 +180,7 @@ def _list_costs(
 ) -> list[Cost]:
     """Return the cost of each triangulator from counters and seconds, the base first."""
     unknown: list[Cost] = [dict.fromkeys(("draw", "draw_walk", "stage", "saved_95"))]
-    draws = predict_draws(counters, device) if device else unknown * len(counters)
+    draws = predict_draw_costs(counters, device) if device else unknown * len(counters)
     return [
         {name: counts[name] for name in COUNTED} | {"triangulate_s": cpu_s} | draw
         for counts, cpu_s, draw in zip(counters, seconds, draws, strict=True)

@@ -91,7 +91,9 @@ def add_advice(content: dict[str, Any], pool: MeasuringPool, trouble: str) -> No
     """
     from harness.profile import advice
 
-    content["advice"] = advice.recommend(pool, content["coefficients"], content["seed"])
+    content["advice"] = advice.recommend_triangulator(
+        pool, content["coefficients"], content["seed"]
+    )
     content["refused"] = content["refused"] or bool(trouble)
 
 

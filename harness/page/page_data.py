@@ -19,12 +19,12 @@ from harness.metrics.registry import list_predictions
 from harness.page.device_summaries import CRITERIA as SUMMARISED
 from harness.page.result import RECORD_FIELDS, count_exactly
 from harness.profile import law
-from harness.profile.advice import BASE, CRITERIA, SCENES, predict_terms
+from harness.profile.advice import BASE, CRITERIA, SCENES, sum_scene_features
 from harness.profile.counted import PX_TERMS, TERMS, count_draw
-from harness.profile.design import DESIGN, make_draws, snap_draw
+from harness.profile.design import DESIGN_VERSION, make_draws, snap_draw
 from harness.profile.law import COSTS, make_cost_rows
 from harness.profile.placing import Draw
-from harness.profile.profile import select_fitted
+from harness.profile.profile import select_draws_to_fit
 from harness.rasterisers.base import read_shader
 from harness.report.page import CHARTS, ELEMENTS, SPANS, STYLE
 from harness.report.page import PACKAGE as REPORT
@@ -238,13 +238,15 @@ GRID_STEPS = (1, 2, 4, 8, 16)
 def make_profile_content(pool: MeasuringPool) -> ProfileContent:
     """Return the content of the profiling page, JSON-ready; the page generates the draws."""
     draws = make_draws(SEED)
-    fitted, plain = select_fitted(draws)
-    sums = {name: predict_terms(pool, scene, (BASE, *CRITERIA)) for scene, name in SCENES.items()}
+    fitted, plain = select_draws_to_fit(draws)
+    sums = {
+        name: sum_scene_features(pool, scene, (BASE, *CRITERIA)) for scene, name in SCENES.items()
+    }
     return {
         "format": PROFILE_FORMAT,
         "version": VERSION,
         "harness": __version__,
-        "design": DESIGN,
+        "design": DESIGN_VERSION,
         "seed": SEED,
         "draws": [{name: getattr(draw, name) for name in DRAW_FIELDS} for draw in draws],
         "grids": {

@@ -17,11 +17,11 @@ from harness.page import saved
 from harness.page.saved import Count, Finite, SavedModel, Share, Text, check_rounds
 from harness.profile import design, measured
 from harness.profile.counted import TERMS, count_draw, make_design_rows
-from harness.profile.design import DESIGN
+from harness.profile.design import DESIGN_VERSION
 from harness.profile.law import FORMS, fit_form, predict_times
 from harness.profile.measured import CONTROL, Measured
 from harness.profile.placing import Draw
-from harness.profile.profile import check_profile, make_profile, select_fitted
+from harness.profile.profile import check_profile, make_profile, select_draws_to_fit
 from harness.stats.intervals import MIN_EPOCHS
 from triangulators.devices import is_software
 
@@ -87,9 +87,10 @@ def import_profile(file: Path, result: Result, name: str) -> tuple[dict[str, Any
         if the result contradicts itself, or is incomplete
     """
     page = result.page
-    if page.design != DESIGN:
+    if page.design != DESIGN_VERSION:
         raise IncompatibleRunsError(
-            f"{file}: draws of design {page.design}, expected {DESIGN}; create the page again"
+            f"{file}: draws of design {page.design}, expected {DESIGN_VERSION}; "
+            "create the page again"
         )
     step = result.device.step or 1
     draws = [design.snap_draw(draw, step) for draw in design.make_draws(page.seed)]
@@ -153,7 +154,7 @@ def _check_law(
     if list(result.law.seconds) != list(TERMS) or result.law.form not in FORMS:
         raise InputError(f"{file}: the law has unknown terms or form; create the page again")
     rows, form = make_design_rows(exact), result.law.form
-    fitted, _ = select_fitted(draws)
+    fitted, _ = select_draws_to_fit(draws)
     labels = np.unique([draws[n].group for n in fitted], return_inverse=True)[1]
     costs, _ = fit_form(rows[fitted], measurement.times[fitted], labels, form)
     stated = predict_times(rows, np.array(list(result.law.seconds.values())), form)

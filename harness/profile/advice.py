@@ -36,13 +36,16 @@ CRITERIA = {
 CALIBRATED_OPTIMUM = "optimal:calibrated"
 
 MAX_REGRET = 0.005
-"""Regret up to which a criterion that needs no file replaces `CALIBRATED_OPTIMUM`."""
+"""Maximum modelled extra cost, as a share, at which a criterion that needs no profile is preferred
+to `CALIBRATED_OPTIMUM`."""
 
 
-def recommend(
+def recommend_triangulator(
     pool: MeasuringPool, coefficients: Mapping[str, float], seed: int = 0
 ) -> dict[str, Any] | None:
-    """Return the recommended triangulator for a device with `coefficients` of `COSTS`.
+    """Return the recommended triangulator for a device, as `choose_triangulator` does.
+
+    coefficients : the device's seconds for each of `COSTS`
 
     None if no scene can be loaded, or if the coefficients give no triangle a cost.
     """
@@ -51,7 +54,9 @@ def recommend(
         return None
     costs = {}
     for scene in SCENES:
-        sums = predict_terms(pool, scene, (BASE, *CRITERIA, CALIBRATED_OPTIMUM), seed, coefficients)
+        sums = sum_scene_features(
+            pool, scene, (BASE, *CRITERIA, CALIBRATED_OPTIMUM), seed, coefficients
+        )
         if sums is not None:
             costs[scene] = {name: rows @ weights for name, rows in sums.items()}
     return choose_triangulator(costs) if costs else None
@@ -92,16 +97,17 @@ def choose_triangulator(costs: Mapping[str, Mapping[str, NDArray[np.float64]]]) 
     return {"triangulator": recommended, "regret": regret, "saved": saved}
 
 
-def predict_terms(
+def sum_scene_features(
     pool: MeasuringPool,
     scene: str,
     triangulators: Sequence[str],
     seed: int = 0,
     coefficients: Mapping[str, float] | None = None,
 ) -> dict[str, NDArray[np.float64]] | None:
-    """Return the predicted `COSTS[1:]` of each of a scene's polygons, (p, 8) by triangulator.
+    """Return sums over each polygon's triangles of the features that a device's cost weights.
 
-    Only polygons that all of the triangulators solve are counted; None if there are none.
+    Returns triangulator -> (p, 8): for each polygon that all triangulators solve, the columns
+    `COSTS[1:]` (number of triangles, area, half-perimeters, ...); None without such a polygon.
 
     coefficients : weights that optimal:calibrated minimises
     """
@@ -125,7 +131,7 @@ def predict_terms(
 def compare_aspects(
     draws: Sequence[Draw], design: Design, measured: Measured
 ) -> list[dict[str, Any]]:
-    """Return for each area of the design the cost of thin triangles, a dictionary per area.
+    """Return the relative cost of thin triangles, a dictionary for each triangle area in `AREAS`.
 
     area : px^2; aspects : base / height
     ratios, low, high : time less that of an empty draw, relative to aspect 1, mean over the angles

@@ -1,4 +1,4 @@
-"""Exact counters of each draw of the design, from coordinates: the columns of a law."""
+"""Exact counters of each draw of a profile, from coordinates: the terms of a device's cost."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -20,7 +20,7 @@ COARSE = 16
 class Term(NamedTuple):
     """A possible cost of a device.
 
-    sentence : a sentence about the cost, which replaces {}
+    sentence : a sentence about the cost, with {} for the time
     noun : name in tables
     """
 
@@ -65,20 +65,22 @@ TERMS = {
     "bbox_tests": Term("A pixel of a bounding box costs {}.", "pixels of bounding boxes"),
     "work": Term("A round of arithmetic in a lane costs {}.", "rounds of arithmetic"),
 }
-"""The terms of a law by counter; half-perimeters are in px, all others are counts."""
+"""Possible costs of a draw, by the counter that each is proportional to; half-perimeters and `near`
+are in px, all others are counts."""
 
 PX_TERMS = ("half_perimeter", "near")
 """Terms in px, whose counters are in 1/256 px."""
 
 Design = NDArray[np.float64]
+"""Counters of k draws, (k, t): a column for each of `TERMS`."""
 
 
 def count_draw(draw: Draw) -> dict[str, int]:
-    """Return the exact counters of a draw; see `count_triangles`."""
-    return count_triangles(draw.frame, draw.triangles, draw.work)
+    """Return the exact counters of a draw; see `count_cost_terms`."""
+    return count_cost_terms(draw.frame, draw.triangles, draw.work)
 
 
-def count_triangles(frame: Frame, triangles: NDArray[np.int32], work: int = 0) -> dict[str, int]:
+def count_cost_terms(frame: Frame, triangles: NDArray[np.int32], work: int = 0) -> dict[str, int]:
     """Return exact counters of triangles (m, 3); `half_perimeter` and `near` in 1/256 px.
 
     triangles, vertices : number of triangles, and of distinct vertices

@@ -43,7 +43,7 @@ from harness.profile.placing import (
     make_unshared_triangles,
 )
 
-DESIGN = 4
+DESIGN_VERSION = 4
 """Version of the design: pages of different versions have different draws."""
 
 ASPECTS = (1, 2, 4, 8, 16, 32, 64)
@@ -57,8 +57,8 @@ SIZES = (64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768)
 """Base and height of triangles of one aspect, in 1/256 px: a quarter pixel to 128 px."""
 
 BALANCED_SIZES = ((2560, 1000), (3072, 1000), (3584, 1000))
-"""Likewise, with the numbers of triangles: sizes at which the covering triangles and the quads of a
-draw take about as long on an H200."""
+"""Base and height in 1/256 px, and numbers of triangles, at which the covering triangles and the
+quads of a draw take about as long on an H200."""
 
 SMALL_TRIANGLES = 3000
 """Number of triangles of a draw of small triangles."""
@@ -67,7 +67,7 @@ EQUAL_LANES = ((1024, 2880), (2048, 1440), (4096, 720), (8192, 360), (16384, 180
 """Sizes in 1/256 px and numbers of triangles that have equal helper lanes, within 4 %."""
 
 RINGS = ((12, 16, 1), (48, 16, 1), (48, 64, 1), (192, 16, 1), (192, 64, 1), (192, 32, 8))
-"""Width in px, corners and flatness of convex polygons with several triangulations."""
+"""Width in px, corners, and width / height of convex polygons with several triangulations."""
 
 STRIPS = ((256, 16), (1024, 16), (4096, 16), (512, 64))
 """Step in 1/256 px and height in px of strips as wide as the viewport."""
@@ -76,7 +76,7 @@ SLIVERS = ((64, 16, 2000), (64, 64, 2000), (16, 16, 2000))
 """Length in px, height in 1/256 px and number of triangles thinner than a pixel."""
 
 LONG_THIN = ((256, 256, 200), (256, 2048, 60), (448, 1024, 40))
-"""Likewise for thin triangles as long as those of large polygons.
+"""Length in px, height in 1/256 px and number of thin triangles as long as those of large polygons.
 
 Rotation enlarges their boxes far more than any other term. Without them a law attributes the misfit
 of small triangles to boxes, and is wrong about large triangles.
@@ -161,6 +161,7 @@ def _scatter_triangles(
 
 
 def _yield_aspects(seed: int) -> Iterator[Draw]:
+    """Yield draws of triangles of equal area, from compact to thin, at several angles."""
     variants = product(AREAS.items(), DIRECTIONS, ASPECTS)
     for number, ((area, count), direction, aspect) in enumerate(variants, 101):
         geometry = _scatter_triangles(
@@ -199,7 +200,7 @@ def _yield_positions(seed: int) -> Iterator[Draw]:
 
 
 def _make_rings(seed: int, index: int) -> tuple[Frame, NDArray[np.int32]]:
-    """Return as many copies of one of `RINGS` as fit, and the first point of each, (k,)."""
+    """Return copies of `RINGS[index]` that fill the viewport, and each copy's first point, (k,)."""
     width, corners, flat = RINGS[index]
     size = width * SUBPIXEL, width * SUBPIXEL // flat
     outline = placing.make_ellipse_ring(corners, *size)
@@ -212,6 +213,7 @@ def _make_rings(seed: int, index: int) -> tuple[Frame, NDArray[np.int32]]:
 
 
 def _yield_cuts(seed: int) -> Iterator[Draw]:
+    """Yield draws of the same convex polygons in different triangulations."""
     for index, (width, corners, flat) in enumerate(RINGS):
         frame, starts = _make_rings(seed, index)
         for cut_name, cut in placing.RING_CUTS.items():
@@ -226,6 +228,7 @@ def _yield_cuts(seed: int) -> Iterator[Draw]:
 
 
 def _yield_strips(seed: int) -> Iterator[Draw]:
+    """Yield draws of horizontal strips of triangles, as wide as the viewport."""
     width = (SIDE - 8) * SUBPIXEL
     for number, (step, height) in enumerate(STRIPS):
         steps = width // step
@@ -251,6 +254,7 @@ def _yield_strips(seed: int) -> Iterator[Draw]:
 
 
 def _yield_thin(seed: int) -> Iterator[Draw]:
+    """Yield draws of triangles thinner than a pixel, and of long thin triangles."""
     for kind, sizes, directions, first in (
         ("slivers", SLIVERS, (LEVEL, SLANTED), 601),
         ("long", LONG_THIN, DIRECTIONS, 621),
@@ -276,11 +280,11 @@ def _yield_vertices(seed: int) -> Iterator[Draw]:
     for name, frame, triangles in shared:
         yield Draw("vertices", f"{name}, shared", f"vertices {name}", frame, triangles)
         geometry = make_unshared_triangles(frame.points[triangles])
-        yield Draw("vertices", f"{name}, make_unshared_triangles", f"vertices {name}", *geometry)
+        yield Draw("vertices", f"{name}, unshared", f"vertices {name}", *geometry)
 
 
 def _make_mesh(seed: int, side: int) -> tuple[Frame, NDArray[np.int32]]:
-    """Return a mesh of squares of `side` px."""
+    """Return a mesh of squares of `side` px as a frame, and its triangles (m, 3)."""
     across = min(40, (SIDE - 8) // side)
     numbers = placing.hash_numbers(seed, 650 + side, (across + 1) ** 2)
     points, triangles = make_jittered_mesh(across, across, side * SUBPIXEL, numbers)
@@ -288,6 +292,7 @@ def _make_mesh(seed: int, side: int) -> tuple[Frame, NDArray[np.int32]]:
 
 
 def _yield_work(seed: int) -> Iterator[Draw]:
+    """Yield draws of scattered triangles without and with arithmetic for each fragment."""
     shapes = (("16 px", (4096, 4096), 300), ("8 px^2, 64:1", compute_triangle_sides(8, 64), 800))
     for number, (name, size, count) in enumerate(shapes):
         geometry = _scatter_triangles(*size, SLANTED, count, (seed, 700 + number))
@@ -296,6 +301,7 @@ def _yield_work(seed: int) -> Iterator[Draw]:
 
 
 def _yield_work_in_meshes(seed: int) -> Iterator[Draw]:
+    """Yield draws of meshes with arithmetic for each fragment."""
     for side in WORK_MESHES:
         geometry = _make_mesh(seed, side)
         for work in MESH_ROUNDS:
@@ -304,6 +310,7 @@ def _yield_work_in_meshes(seed: int) -> Iterator[Draw]:
 
 
 def _yield_repeated(seed: int) -> Iterator[Draw]:
+    """Yield draws that contain each triangle once, and draws that contain it twice."""
     for number, (side, count) in enumerate(((1024, 2000), (8192, 300))):
         frame, triangles = _scatter_triangles(side, side, SLANTED, count, (seed, 800 + number))
         for times in (1, 2):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from harness.errors import UsageError
 from harness.frame import Frame
 from harness.metrics.decision import MIN_SAVED_SHARE, choose_cheapest, describe_cheapest
-from harness.profile.counted import TERMS, count_triangles, make_design_rows
+from harness.profile.counted import TERMS, count_cost_terms, make_design_rows
 from harness.profile.law import FORMS, VERTICES, Law, compute_stage_times
 from harness.profile.profile import describe_origin, is_of_this_machine, read_law, read_profile
 from harness.rasterisers.base import Options, order_submission
@@ -37,18 +37,19 @@ the order of triangles."""
 WALK = Options(order="walk")
 
 Cost = dict[str, Any]
-"""Cost of one triangulator's triangles. `predict_draws` returns `draw`, the predicted draw time in
-seconds, and `draw_walk`, that in the order of a walk; `stage`, which of the device's stages is
-slowest; and `saved_95`, the 95 % interval of the saved share of the base's draw time, or None."""
+"""Cost of one triangulator's triangles. `predict_draw_costs` returns `draw`, the predicted draw time
+in seconds; `draw_walk`, the draw time with the triangles in walk order (from neighbour to
+neighbour); `stage`, which of the device's stages is slowest; and `saved_95`, the 95 % interval of
+the saved share of the base's draw time, or None."""
 
 
 @dataclass(frozen=True)
 class DeviceCosts:
-    """A device's law, from a profile.
+    """A device's costs, fitted to measured draw times, from a profile.
 
     costs : seconds for each of `counted.TERMS`, (t,)
     form : one of `law.FORMS`
-    law : the law with its covariance, or None if the profile stores no times
+    law : the fitted costs with their covariance, or None if the profile stores no times
     origin : the device and processor on which the profile was measured
     is_here : True if this machine has the device and processor
     """
@@ -67,7 +68,7 @@ class DeviceCosts:
 
 
 def find_profile(name: str, *folders: Path) -> Path:
-    """Return the file of a profile: a path, or the name of a profile in `folders` or contributed.
+    """Return the file of a profile, given as a path, or by its name in `folders` or `CONTRIBUTED`.
 
     Raises UsageError if there is no such file.
     """
@@ -91,6 +92,7 @@ def read_costs(file: Path) -> DeviceCosts:
 
 
 def _make_costs(profile: Any) -> DeviceCosts:
+    """Return the costs in the content of a profile's file."""
     costs = {term["name"]: float(term["cost"]) for term in profile["terms"]}
     device, law = profile["device"], read_law(profile)
     seconds = np.array([costs[term] for term in TERMS])
@@ -99,16 +101,19 @@ def _make_costs(profile: Any) -> DeviceCosts:
 
 
 def count_native_and_walk(frame: Frame, triangles: NDArray[np.int32]) -> dict[str, int]:
-    """Return the counters of triangles (m, 3), and NAME_walk, vertex counters in a walk's order."""
+    """Return `count_cost_terms` of triangles (m, 3), and vertex counters in walk order.
+
+    The names of the latter end in _walk; triangles in walk order go from neighbour to neighbour.
+    """
     walked = sum_batches_of_draws(frame, order_submission(frame, triangles, WALK))
-    counts = count_triangles(frame, triangles)
+    counts = count_cost_terms(frame, triangles)
     return counts | {f"{name}_walk": value for name, value in walked.items()}
 
 
-def predict_draws(counters: Sequence[Mapping[str, int]], device: DeviceCosts) -> list[Cost]:
-    """Return the predicted cost of each triangulator, the base first.
+def predict_draw_costs(counters: Sequence[Mapping[str, int]], device: DeviceCosts) -> list[Cost]:
+    """Return the predicted draw times and slowest stage of each triangulator, the base first.
 
-    counters : of each triangulator, from `count_native_and_walk`
+    counters : of each triangulator's triangles, from `count_native_and_walk`
     """
     design = make_design_rows(counters)
     walked = make_design_rows(
@@ -130,7 +135,7 @@ def predict_draws(counters: Sequence[Mapping[str, int]], device: DeviceCosts) ->
     ]
 
 
-def compute_saved(spent: Mapping[str, float]) -> dict[str, float]:
+def compute_saved_shares(spent: Mapping[str, float]) -> dict[str, float]:
     """Return the share of the base's cost that each triangulator saves.
 
     spent : cost by triangulator, the base first
@@ -159,7 +164,7 @@ def describe_stage(condition: str, costs: Mapping[str, Cost], device: DeviceCost
             remedy = f"use --order walk, which saves {walk:.1%}" if walk > 0 else "keep its order"
             return f"{text}the order of triangles decides; {remedy}."
         text += f"{REMEDIES[cost['stage']]}; "
-    saved = compute_saved({name: cost["draw"] for name, cost in costs.items()})
+    saved = compute_saved_shares({name: cost["draw"] for name, cost in costs.items()})
     if max(saved.values()) < MIN_SAVED_SHARE:
         return f"{text}keep {base}."
     best = choose_cheapest(saved, {name: c.get("triangulate_s") for name, c in costs.items()})

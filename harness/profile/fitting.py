@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 Design = NDArray[np.float64]
 Seconds = NDArray[np.float64]
 Labels = Sequence[Any] | NDArray[Any]
+"""Counters of k draws, (k, t); times (k,) or coefficients (t,); the group of each draw, (k,)."""
 
 BETWEEN_WEIGHT = 0.3
 """Weight of the differences between sets of polygons; those within a set have weight 1."""
@@ -86,9 +87,12 @@ def compute_loss(seconds: Seconds, predicted: Seconds, labels: NDArray[np.int64]
 
 
 def stack_deviations(shares: Design, labels: NDArray[np.int64]) -> Design:
-    """Return (k, c) rows minus their group's mean, and below these the weighted group means.
+    """Return (k, c) rows minus their group's mean, and below these the scaled means of g groups.
 
-    A group's mean counts `BETWEEN_WEIGHT` times as much as its draws would.
+    shares : (k, c) values of k draws; labels : (k,) group of each draw, 0 to g - 1
+
+    A mean is multiplied by `BETWEEN_WEIGHT` times the square root of the group's size, so that its
+    square counts as much as the squares of that many rows, each scaled by `BETWEEN_WEIGHT`.
     """
     mean = compute_group_means(shares, labels)
     weight = BETWEEN_WEIGHT * np.sqrt(np.bincount(labels))
@@ -96,7 +100,7 @@ def stack_deviations(shares: Design, labels: NDArray[np.int64]) -> Design:
 
 
 def compute_group_means(values: Seconds, labels: NDArray[np.int64]) -> Seconds:
-    """Return the mean of the values of each label, along the first axis of (k,) or (k, c)."""
+    """Return the mean of each group's `values`, (k,) or (k, c): (g,) or (g, c)."""
     members = labels == np.arange(labels.max() + 1)[:, None]
     return np.asarray(members / members.sum(axis=1)[:, None] @ values)
 
@@ -108,7 +112,7 @@ def compute_r_squared(measured: Seconds, predicted: Seconds) -> float:
 
 
 def compute_r_squared_within(measured: Seconds, predicted: Seconds, polygons: Labels) -> float:
-    """Return R2 after each polygon's mean (of logs) is subtracted from both."""
+    """Return R2 of log times after each polygon's mean is subtracted; polygons : (k,) labels."""
     labels = np.unique(np.asarray(polygons, dtype=str), return_inverse=True)[1]
     logs = np.log(measured), np.log(predicted)
     return compute_r_squared(

@@ -108,7 +108,7 @@ START_FACTORS = (1.0, 0.5, 2.0)
 """Factors of each stage's time, from which binding stages are computed to begin with."""
 
 STANDARD_ERRORS = {"maximum of four stages": 1.5}
-"""Standard errors by which a form must predict better than a simpler one, if not 1.
+"""Standard errors by which a form must predict better than a simpler one; 1 for other forms.
 
 Only four groups of draws have arithmetic, so that chance has more influence: with 1, 15 % of
 simulated devices with three stages got a fourth, with 1.5 it is 3 %.
@@ -170,7 +170,7 @@ class Law:
 
     @property
     def significant(self) -> NDArray[np.bool_]:
-        """Whether each cost takes more than `MIN_TIME_SHARE` of some draw's time, (t,)."""
+        """Flags (t,) of costs that significantly exceed `MIN_TIME_SHARE` of some draw's time."""
         low = self._compute_intervals(FAMILY_CONFIDENCE)[:, 0]
         return np.asarray(low * self.shares.max(axis=0) > MIN_TIME_SHARE)
 
@@ -200,7 +200,7 @@ class Law:
 
 
 def compute_interval_reach(groups: int, confidence: float) -> float:
-    """Return the half-width of an interval in standard errors, given the number of groups."""
+    """Return the half-width of a cost's interval in standard errors; groups : number of groups."""
     from scipy.special import stdtrit  # slow to import, not needed to read a profile
 
     return DEVIATION_FACTOR * float(stdtrit(groups / 2, 0.5 + confidence / 2))
@@ -229,8 +229,8 @@ def mask_other_stages(rows: Design, costs: Seconds, form: str) -> Design:
     return np.asarray(rows * make_stage_masks(form)[binding])
 
 
-def fit(design: Design, epochs: Seconds, groups: Sequence[str], form: str | None = None) -> Law:
-    """Fit a law to the `TERMS` of draws, (k, t), and their times in epochs, (e, k) seconds.
+def fit_law(design: Design, epochs: Seconds, groups: Sequence[str], form: str | None = None) -> Law:
+    """Fit the costs of `TERMS`: design, (k, t) their counters in k draws; epochs, (e, k) seconds.
 
     groups : (k,) name of the group of draws that differ only in what their kind isolates
     form : one of `FORMS`; if None, the one that predicts held-out groups best
@@ -274,12 +274,12 @@ def fit_form(
 ) -> tuple[Seconds, Stages]:
     """Fit costs with a given form: return the costs, (t,), and each draw's binding stage, (k,).
 
-    start : binding stages to begin with; those of `make_starts` in turn if None
+    start : binding stages to begin with; those of `yield_initial_stages` in turn if None
     """
     members = make_stage_masks(form)
     best: tuple[float, Seconds, Stages] | None = None
     tried = set()
-    for begin in make_starts(design, seconds, members) if start is None else (start,):
+    for begin in yield_initial_stages(design, seconds, members) if start is None else (start,):
         binding = begin
         for _ in range(MAX_REASSIGNMENTS):
             if binding.tobytes() in tried:
@@ -295,7 +295,7 @@ def fit_form(
     return best[1:]
 
 
-def make_starts(design: Design, seconds: Seconds, members: Design) -> Iterator[Stages]:
+def yield_initial_stages(design: Design, seconds: Seconds, members: Design) -> Iterator[Stages]:
     """Yield binding stages to begin a fit with.
 
     A stage takes at most the time of a draw. So the draw with the least time per count of a term
@@ -313,7 +313,11 @@ def make_starts(design: Design, seconds: Seconds, members: Design) -> Iterator[S
 
 
 def assign_folds(groups: Sequence[str]) -> Groups:
-    """Return a fold number for each draw, (k,): one per group, but -1 for `ALWAYS_FITTED`."""
+    """Return the number of the fit that leaves out each draw, (k,).
+
+    A fit leaves out one group of draws. Draws of the group `ALWAYS_FITTED`, which no fit leaves
+    out, have -1.
+    """
     names = [name for name in sorted(set(groups)) if name != ALWAYS_FITTED]
     return np.array([names.index(name) if name in names else -1 for name in groups])
 
@@ -321,8 +325,9 @@ def assign_folds(groups: Sequence[str]) -> Groups:
 def predict_held_out(
     design: Design, seconds: Seconds, labels: Groups, folds: Groups, form: str, binding: Stages
 ) -> Seconds:
-    """Return (k,) seconds, each predicted by a fit to the draws of the other folds.
+    """Return (k,) seconds, each predicted by a fit that leaves out the draw's group.
 
+    folds : (k,) number of the fit that leaves out each draw, or -1 if none does
     binding : binding stages of a fit to all draws, with which the fits begin
     """
     predicted = np.empty(len(seconds))
@@ -336,15 +341,18 @@ def predict_held_out(
 
 
 def compute_group_errors(seconds: Seconds, predicted: Seconds, folds: Groups) -> Seconds:
-    """Return the mean absolute error of log time of each fold, (f,), except those always fitted."""
+    """Return the mean absolute error of log time over the draws that each fit leaves out, (f,).
+
+    folds : (k,) number of the fit that leaves out each draw; draws with -1 have no error
+    """
     held = folds >= 0
     return compute_group_means(np.abs(np.log(predicted / seconds))[held], folds[held])
 
 
 def choose_form(errors: Mapping[str, Seconds]) -> str:
-    """Return the form to use.
+    """Return the simplest form, or one with more stages that predicts significantly better.
 
-    errors : form -> mean error of each fold, (f,), the simplest form first
+    errors : form -> mean error of each left-out group of draws, (f,), the simplest form first
     """
     form, *further_forms = errors
     for name in further_forms:
@@ -400,6 +408,6 @@ blocks P, and R, the expected number of triangles whose bounding box holds a pix
 
 
 def make_cost_rows(draws: Sequence[tuple[Frame, NDArray[np.int32]]]) -> Design:
-    """Return (k, 9) rows of `COSTS` of draws, from coordinates alone."""
+    """Return the `COSTS` of each draw, (k, 9): a 1 for the draw, and 8 sums over its triangles."""
     predicted = (predict(frame.points / SUBPIXEL, triangles) for frame, triangles in draws)
     return np.array([[1.0, *(sums[name] for name in COSTS[1:])] for sums in predicted])

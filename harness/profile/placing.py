@@ -23,7 +23,7 @@ SIDE = 1024
 """Width and height of the viewport of every draw, px."""
 
 GAP = 2 * SUBPIXEL
-"""Gap between neighbours, which are moved by less than a pixel: none share a pixel."""
+"""Gap between boxes of shapes: no two share a pixel, although each is moved by less than 1 px."""
 
 MARGIN = SUBPIXEL
 """Empty margin at each side of the viewport."""
@@ -57,7 +57,7 @@ class Draw:
 
 
 def make_unshared_triangles(corners: NDArray[np.int32]) -> tuple[Frame, NDArray[np.int32]]:
-    """Return (m, 3, 2) triangles with three separate vertices each."""
+    """Return triangles without shared vertices as frame and (m, 3); corners (m, 3, 2), 1/256 px."""
     rows = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
     return make_bare_frame(SIDE, corners.reshape(-1, 2)), rows
 
@@ -225,7 +225,10 @@ def cut_zigzag(corners: int) -> Triangles:
 
 
 def cut_halves(corners: int) -> Triangles:
-    """Return (corners - 2, 3) triangles of a convex ring: chains are halved recursively."""
+    """Return (corners - 2, 3) triangles of a convex ring.
+
+    The middle vertex of a chain forms a triangle with its ends; both halves are cut recursively.
+    """
 
     def cut(first: int, last: int) -> list[tuple[int, int, int]]:
         if last - first < 2:

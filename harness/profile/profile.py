@@ -18,7 +18,7 @@ from harness.profile import law as laws
 from harness.profile import stage_draws
 from harness.profile.advice import compare_aspects
 from harness.profile.counted import PX_TERMS, TERMS, make_design_rows
-from harness.profile.design import DESIGN
+from harness.profile.design import DESIGN_VERSION
 from harness.profile.fitting import fit_coefficients
 from harness.profile.law import COSTS, FORMS, Law, make_cost_rows
 from harness.profile.measured import Measured
@@ -54,10 +54,10 @@ def make_profile(
     counted : `count_draw` of each draw; device : name and details of the device
     """
     design = make_design_rows(counted)
-    fitted, without_work = select_fitted(draws)
+    fitted, without_work = select_draws_to_fit(draws)
     groups = [draw.group for draw in draws]
     of_fitted = [groups[n] for n in fitted]
-    law = laws.fit(design[fitted], measured.epochs[:, fitted], of_fitted)
+    law = laws.fit_law(design[fitted], measured.epochs[:, fitted], of_fitted)
     # Draws bound by vertices are omitted: their times depend on the triangles' order, not shape.
     of_shape = [n for n in without_work if not law.is_bound_by_vertices[fitted.index(n)]]
     predicted = make_cost_rows([(draws[n].frame, draws[n].triangles) for n in of_shape])
@@ -69,7 +69,7 @@ def make_profile(
         "version": VERSION,
         "schema_version": 1,
         "harness": __version__,
-        "design": DESIGN,
+        "design": DESIGN_VERSION,
         "seed": seed,
         "device": dict(device),
         "unit": "s",
@@ -199,7 +199,7 @@ def read_coefficients(file: Path) -> dict[str, float]:
 
 
 def read_law(content: Mapping[str, Any]) -> Law | None:
-    """Fit the law of a profile's form to the profile's stored times; None without times."""
+    """Fit costs, in the profile's form, to the profile's stored times; None without times."""
     rows = [row for row in content.get("times") or () if row["kind"] != "twice"]
     if not rows:
         return None
@@ -207,7 +207,7 @@ def read_law(content: Mapping[str, Any]) -> Law | None:
     if len(rows) > MAX_DRAWS or epochs.ndim != 2 or not ((epochs > 0) & (epochs < np.inf)).all():
         raise ValueError(f"times: not positive numbers of at most {MAX_DRAWS} draws")
     design = make_design_rows([row["counters"] for row in rows])
-    return laws.fit(design, epochs, [str(row["group"]) for row in rows], content["form"])
+    return laws.fit_law(design, epochs, [str(row["group"]) for row in rows], content["form"])
 
 
 def describe_origin(device: Mapping[str, Any]) -> str:
@@ -228,15 +228,17 @@ def is_of_this_machine(device: Mapping[str, Any]) -> bool:
     return details.get("renderer", details.get("device")) in models
 
 
-def select_fitted(draws: Sequence[Draw]) -> tuple[list[int], list[int]]:
-    """Return the indices of draws to which the law is fitted, and of those for `coefficients`.
+def select_draws_to_fit(draws: Sequence[Draw]) -> tuple[list[int], list[int]]:
+    """Return the indices of draws to which the costs of `TERMS` are fitted, and `coefficients`.
 
-    The law omits draws that a device may skip because later draws cover them. The coefficients also
+    The costs omit draws that a device may skip because later draws cover them. `coefficients` also
     omit draws with arithmetic per fragment, and draws that differ in what no criterion predicts:
     the order of triangles, and the triangles' positions relative to samples and tiles.
     """
     fitted = [n for n, draw in enumerate(draws) if draw.kind != "twice"]
-    plain = [n for n in fitted if draws[n].work == 0 and draws[n].kind not in stage_draws.KINDS]
+    plain = [
+        n for n in fitted if draws[n].work == 0 and draws[n].kind not in stage_draws.STAGE_KINDS
+    ]
     return fitted, plain
 
 

@@ -54,6 +54,7 @@ def format_sentences(profile: Mapping[str, Any]) -> list[str]:
 
 
 def _format_law(profile: Mapping[str, Any]) -> Iterator[str]:
+    """Yield sentences about the device's stages and the cost of each term."""
     yield f"On {describe_origin(profile['device'])}:"
     terms = {term["name"]: term for term in profile["terms"]}
     stages = profile["stages"]
@@ -80,6 +81,7 @@ def _format_costs(terms: Iterable[Mapping[str, Any]]) -> Iterator[str]:
 
 
 def _format_aspects(profile: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a sentence about the cost of thin triangles for each triangle area."""
     for area in profile["aspects"]:
         ratio, low, high = (area[name][-1] for name in ("ratios", "low", "high"))
         text = (
@@ -93,6 +95,7 @@ def _format_aspects(profile: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _format_advice(profile: Mapping[str, Any]) -> Iterator[str]:
+    """Yield sentences about the recommended triangulator and its savings."""
     advice = profile.get("advice")
     if not advice:
         return

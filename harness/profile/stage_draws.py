@@ -22,7 +22,7 @@ from harness.grid import SUBPIXEL
 from harness.profile import placing
 from harness.profile.placing import SIDE, Draw, make_jittered_mesh, make_unshared_triangles
 
-KINDS = ("orders", "samples", "tiles", "mixed")
+STAGE_KINDS = ("orders", "samples", "tiles", "mixed")
 """Kinds whose draws differ in what no criterion predicts."""
 
 MESH_SIDES = (128, 256, 512)
@@ -38,7 +38,7 @@ A patch has 0.78 vertices per triangle. No order has the 0.5 of an infinite mesh
 planar mesh have at least 19 vertices.
 """
 
-RUNS = {
+RUN_LENGTHS = {
     "1.07": (30,),
     "1.5": (4,),
     "2": (2,),
@@ -48,7 +48,7 @@ RUNS = {
 """Lengths of runs of triangles that follow each other in a strip, by transformed vertices per
 triangle: a run of n triangles has n + 2 vertices, and consecutive runs share none."""
 
-STRIDE = 1033
+RUN_STRIDE = 1033
 """Distance of consecutive runs, a prime that divides no number of runs."""
 
 SMALL_SIDE = 128
@@ -60,7 +60,7 @@ in the pixel's centre, or none; jitter moves a triangle by less than `SAMPLE_JIT
 
 SAMPLE_JITTER = 32
 
-SHARES = (0, 1, 2, 3, 4)
+COVERING_QUARTERS = (0, 1, 2, 3, 4)
 """Quarters of the triangles that cover a sample."""
 
 TILE_LINES = {
@@ -87,10 +87,11 @@ def make_stage_draws(seed: int) -> Iterator[Draw]:
 
 
 def _yield_orders(seed: int) -> Iterator[Draw]:
+    """Yield draws of the same meshes in orders with few to many transformed vertices."""
     for number, side in enumerate(MESH_SIDES, 901):
         numbers = placing.hash_numbers(seed, number, (MESH_ACROSS + 1) * (MESH_ALONG + 1))
         points, triangles = make_jittered_mesh(MESH_ACROSS, MESH_ALONG, side, numbers)
-        orders = {"0.78": _order_patches(), **{n: _order_runs(r) for n, r in RUNS.items()}}
+        orders = {"0.78": _order_patches(), **{n: _order_runs(r) for n, r in RUN_LENGTHS.items()}}
         for name, rows in orders.items():
             group = f"orders {side / SUBPIXEL:g}"
             label = f"{name} vertices per triangle, squares of {side / SUBPIXEL:g} px"
@@ -109,7 +110,7 @@ def _order_runs(pattern: Sequence[int]) -> NDArray[np.int64]:
     size = 2 * MESH_ACROSS * MESH_ALONG
     lengths = np.tile(pattern, size // sum(pattern))
     starts = np.cumsum(lengths) - lengths
-    runs = np.arange(len(starts)) * STRIDE % len(starts)
+    runs = np.arange(len(starts)) * RUN_STRIDE % len(starts)
     return np.concatenate([np.arange(starts[k], starts[k] + lengths[k]) for k in runs])
 
 
@@ -156,16 +157,17 @@ def _make_patches(cells: placing.Points, numbers: NDArray[np.int64], quarters: i
 
 
 def _yield_samples(seed: int) -> Iterator[Draw]:
+    """Yield draws of small triangles of which none to all cover a sample."""
     numbers = placing.hash_numbers(seed, 911, 3000)
     cells = _make_grid(3000, 60, (4, 4), (8, 8))
-    for quarters in SHARES:
+    for quarters in COVERING_QUARTERS:
         name = f"{quarters} of 4 isolated triangles on a sample"
         yield _make_draw(
             "samples", name, "samples isolated", _make_small_triangles(cells, numbers, quarters)
         )
     numbers = placing.hash_numbers(seed, 912, 96)
     cells = _make_grid(96, 12, (8, 12), (8, 8))
-    for quarters in SHARES[::2]:
+    for quarters in COVERING_QUARTERS[::2]:
         name = f"{quarters} of 4 patches on samples"
         yield _make_draw(
             "samples", name, "samples patches", _make_patches(cells, numbers, quarters)
@@ -173,6 +175,7 @@ def _yield_samples(seed: int) -> Iterator[Draw]:
 
 
 def _yield_tiles(seed: int) -> Iterator[Draw]:
+    """Yield draws of the same triangles inside tiles, or across lines between tiles."""
     for number, (side, pitch) in enumerate(TILE_BOXES, 921):
         lines, rows = SIDE // 64 - 1, SIDE // pitch - 2
         numbers = placing.hash_numbers(seed, number, lines * rows)

@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.frame import Frame
-from harness.profile.counted import COARSE, TERMS, count_triangles, make_design_rows
+from harness.profile.counted import COARSE, TERMS, count_cost_terms, make_design_rows
 from harness.profile.device_costs import DeviceCosts
 from harness.profile.law import FORMS, VERTICES, compute_stage_times
 from harness.triangulating.recipes import Recipe
@@ -51,12 +51,12 @@ EXPECTED: Mapping[str, Mapping[str, float]] = {
     "covering": COVERING,
     "tile_pairs": COVERING | {"half_perimeter": 1 / COARSE},
 }
-"""Expected counter of a triangle, by term of a law: coefficients of features."""
+"""Expected counter of a triangle, by cost term (`TERMS`): coefficients of triangle features."""
 
 Triangulate = Callable[[Recipe], FrameTriangulation]
 
 
-def weigh_stage(device: DeviceCosts, stage: str) -> dict[str, float]:
+def compute_stage_weights(device: DeviceCosts, stage: str) -> dict[str, float]:
     """Return the expected seconds of a triangle in a stage, as coefficients of features.
 
     {} for the stage of vertices, and for a stage without costs that a triangulation changes.
@@ -72,12 +72,12 @@ def weigh_stage(device: DeviceCosts, stage: str) -> dict[str, float]:
 def minimise_slowest_stage(
     device: DeviceCosts, frame: Frame, recipe: Recipe, triangulate: Triangulate
 ) -> tuple[Recipe, FrameTriangulation]:
-    """Return the optimum of the stage that binds, with the recipe that computes it.
+    """Return the optimum of the stage that takes longest, with the recipe that computes it.
 
     recipe : `optimal:calibrated`; its calibration is replaced by the costs of a stage
     triangulate : returns the triangulation of the frame by a recipe
     """
-    weights = {stage: weigh_stage(device, stage) for stage in device.stages}
+    weights = {stage: compute_stage_weights(device, stage) for stage in device.stages}
     shapes = [stage for stage in device.stages if weights[stage]]
     if not shapes:
         return recipe, triangulate(recipe)
@@ -125,6 +125,7 @@ def order_for_slowest_stage(
 def _predict_stage_times(
     device: DeviceCosts, frame: Frame, result: FrameTriangulation
 ) -> dict[str, float]:
-    design = make_design_rows([count_triangles(frame, frame.join_triangles(result.parts))])
+    """Return the predicted seconds of a triangulation in each stage of the device, by name."""
+    design = make_design_rows([count_cost_terms(frame, frame.join_triangles(result.parts))])
     seconds = compute_stage_times(design, device.costs, device.form)[0]
     return dict(zip(device.stages, seconds.tolist(), strict=True))

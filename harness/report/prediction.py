@@ -11,11 +11,11 @@ from harness.frame import OWN_VIEWS, View, make_grid_frame
 from harness.metrics.decision import Decided
 from harness.profile.device_costs import (
     DeviceCosts,
-    compute_saved,
+    compute_saved_shares,
     count_native_and_walk,
     describe_stage,
     format_saving,
-    predict_draws,
+    predict_draw_costs,
     read_costs,
 )
 from harness.results import drawings
@@ -99,14 +99,14 @@ def _predict_view(
         return None
     names = [base, *(n for n in seconds if n != base and n in drawn)]
     names = [name for name in names if np.array_equal(drawn[name], drawn[base])]
-    draws = predict_draws(
+    draws = predict_draw_costs(
         [count_native_and_walk(frame, geometry.triangles[n]) for n in names], device
     )
     costs: dict[str, dict[str, Any]] = {
         name: draw | {"triangulate_s": seconds.get(name)}
         for name, draw in zip(names, draws, strict=True)
     }
-    saved = compute_saved({name: cost["draw"] for name, cost in costs.items()})
+    saved = compute_saved_shares({name: cost["draw"] for name, cost in costs.items()})
     rotation = f", turned {view.rotation:g}°" if view.rotation else ""
     rows: list[PredictedRow] = [
         {

@@ -39,7 +39,7 @@ from numpy.typing import NDArray
 from harness.frame import View, make_scene_frame
 from harness.measuring.loading import load_scene
 from harness.profile import law
-from harness.profile.counted import TERMS, count_triangles, make_design_rows
+from harness.profile.counted import TERMS, count_cost_terms, make_design_rows
 from harness.progress import Reporter
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
@@ -89,7 +89,7 @@ def count_scene(scene_name: str) -> Path:
                 recipe = parse(name)
                 result = triangulate_polygons(recipe, frame.polygons)
                 case = {"scene": scene_name, "resolution": resolution, "triangulator": str(recipe)}
-                rows.append(case | count_triangles(frame, frame.join_triangles(result.parts)))
+                rows.append(case | count_cost_terms(frame, frame.join_triangles(result.parts)))
     file = H200 / f"counters-{scene_name}.csv"
     pd.DataFrame(rows).to_csv(file, index=False)
     return file
@@ -232,7 +232,7 @@ def compare_forms() -> Iterator[dict[str, object]]:
     rows = make_design_rows([*(row["counters"] for row in stored), *part.to_dict("records")])
     groups = [*(row["group"] for row in stored), *("city " + part["triangulator"])]
     times = np.r_[seconds, part["seconds"]]
-    fitted = law.fit(rows, times[None], groups)
+    fitted = law.fit_law(rows, times[None], groups)
     labels = np.unique(groups, return_inverse=True)[1]
     for form in law.FORMS:
         costs, _ = law.fit_form(rows, times, labels, form)

@@ -38,7 +38,7 @@ from harness.measuring.timing import EMPTY, TimerTest, Times, time_together
 from harness.profile import design, law, measured
 from harness.profile.counted import TERMS, count_draw, make_design_rows
 from harness.profile.placing import Draw
-from harness.profile.profile import select_fitted
+from harness.profile.profile import select_draws_to_fit
 from harness.rasterisers.base import Sample
 
 STEP_S = 1e-4
@@ -145,7 +145,7 @@ def fit_device(layout: Design, seed: int, budget_s: float = 0.3) -> FittedDevice
         speeds += clock.logs[-len(seconds) * sum(process[EMPTY].epochs) :]
     times = {name: Times.concatenate([process[name] for process in processes]) for name in seconds}
     profile_times = measured.normalise_times(times, names)
-    fitted = law.fit(layout.rows, profile_times.epochs, layout.groups)
+    fitted = law.fit_law(layout.rows, profile_times.epochs, layout.groups)
     # The fitted costs refer to the mean speed of the machine in the rounds.
     return FittedDevice(truth * float(np.exp(np.mean(speeds))), "sum", fitted)
 
@@ -161,7 +161,7 @@ def fit_misfitting_device(layout: Design, seed: int) -> FittedDevice:
     common = np.sqrt(shared) * random.standard_normal(labels.max() + 1)[labels]
     errors = misfit * (common + np.sqrt(1.0 - shared) * random.standard_normal(len(labels)))
     times = law.predict_times(layout.rows, truth, form) * np.maximum(1.0 + errors, 0.2)
-    return FittedDevice(truth, form, law.fit(layout.rows, times[None], layout.groups))
+    return FittedDevice(truth, form, law.fit_law(layout.rows, times[None], layout.groups))
 
 
 class Residuals(NamedTuple):
@@ -185,13 +185,13 @@ def recreate_draws(profile: dict[str, Any]) -> tuple[list[Draw], list[dict[str, 
 def compute_residuals(profile: dict[str, Any]) -> Residuals:
     """Fit a law to the draws of a profile again and return the residuals."""
     draws, stored_draws = recreate_draws(profile)
-    indices, _ = select_fitted(draws)
+    indices, _ = select_draws_to_fit(draws)
     retained = [draws[index] for index in indices]
     layout = Design(
         make_design_rows([count_draw(draw) for draw in retained]), [draw.group for draw in retained]
     )
     times = np.array([np.log(stored_draws[index]["epochs"]).mean() for index in indices])
-    fitted = law.fit(layout.rows, np.exp(times)[None], layout.groups)
+    fitted = law.fit_law(layout.rows, np.exp(times)[None], layout.groups)
     predicted = law.predict_times(layout.rows, fitted.costs, fitted.form)
     return Residuals(layout, fitted.form, fitted.costs, np.exp(times) / predicted - 1.0)
 
@@ -202,7 +202,7 @@ def fit_turned_device(residuals: Residuals, seed: int) -> FittedDevice:
     labels = np.unique(layout.groups, return_inverse=True)[1]
     signs = np.random.default_rng(seed).choice((-1.0, 1.0), labels.max() + 1)[labels]
     times = law.predict_times(layout.rows, costs, form) * np.maximum(1.0 + signs * errors, 0.2)
-    return FittedDevice(costs, form, law.fit(layout.rows, times[None], layout.groups))
+    return FittedDevice(costs, form, law.fit_law(layout.rows, times[None], layout.groups))
 
 
 def compute_group_variance_share(residuals: Residuals) -> float:

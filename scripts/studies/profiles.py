@@ -46,8 +46,8 @@ from harness.measuring.loading import load_scene
 from harness.measuring.pool import Backend, MeasuringPool
 from harness.measuring.timing import EMPTY, REFERENCE
 from harness.profile import profile as profiles
-from harness.profile.advice import recommend
-from harness.profile.counted import TERMS, count_draw, count_triangles, make_design_rows
+from harness.profile.advice import recommend_triangulator
+from harness.profile.counted import TERMS, count_cost_terms, count_draw, make_design_rows
 from harness.profile.fitting import compute_r_squared, compute_r_squared_within
 from harness.profile.law import COSTS, make_cost_rows, predict_times
 from harness.profile.measured import Measured
@@ -150,7 +150,9 @@ def refit(profile: dict[str, Any]) -> dict[str, Any]:
     content["advice"] = profile.get("advice")
     if content["form"] != "sum":
         with closing(MeasuringPool(Worker, timeout_s=600)) as pool:
-            content["advice"] = recommend(pool, content["coefficients"], content["seed"])
+            content["advice"] = recommend_triangulator(
+                pool, content["coefficients"], content["seed"]
+            )
     content["refused"] = content["refused"] or bool(times.unreliable_reason)
     return content | {"design": profile["design"]}
 
@@ -180,7 +182,7 @@ def measure_scene(
         table, empty = time_draws(backend, pool, options.budget, draws, polygons)
     step = device["details"].get("step") or 1
     counted = [
-        count_triangles(frame.with_points(coarsen(frame.points, step)), triangles)
+        count_cost_terms(frame.with_points(coarsen(frame.points, step)), triangles)
         for frame, triangles in draws
     ]
     table = table.join(pd.DataFrame(counted)[list(DRAW_COUNTERS)])

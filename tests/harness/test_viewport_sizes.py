@@ -10,7 +10,7 @@ from shapely import Polygon, box
 
 from harness import viewport_sizes as sizes
 from harness.frame import View, make_scene_frame
-from harness.profile.counted import TERMS, count_triangles
+from harness.profile.counted import TERMS, count_cost_terms
 from harness.profile.device_costs import DeviceCosts
 from harness.profile.law import VERTICES
 from harness.rasterisers.reference import SHADED
@@ -72,7 +72,7 @@ def test_the_sentence_reports_that_the_choice_does_not_matter(harness):
 
 def test_laws_convert_counters_to_seconds(city_of_12):
     frame, triangles = city_of_12
-    counts = count_triangles(frame, triangles)
+    counts = count_cost_terms(frame, triangles)
     counters = [counts | {f"{name}_walk": counts[name] // 2 for name in VERTICES}]
 
     def list_cost(form: str, **costs: float) -> sizes.Cost:

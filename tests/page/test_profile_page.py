@@ -87,7 +87,9 @@ def test_law_of_the_page_equals_python(loaded, design_rows, costs, form):
     draws, rows = design_rows
     epochs = make_epochs(rows, costs, form)
     places = loaded.evaluate("state.page.fitted.places")
-    expected = law.fit(rows[places], epochs[:, places], [draws[index].group for index in places])
+    expected = law.fit_law(
+        rows[places], epochs[:, places], [draws[index].group for index in places]
+    )
     argument = json.dumps({"epochs": epochs.tolist()})
     actual = loaded.evaluate(f"{WORLD}; fitAs({argument})")
     assert actual["rows"] == rows.tolist()

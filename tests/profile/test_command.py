@@ -83,7 +83,7 @@ def test_draws_are_snapped_to_a_coarser_grid(harness):
 
 def test_profile_of_a_machine_that_slows_down_is_refused(harness, monkeypatch):
     monkeypatch.setattr(measured, "EPOCHS", 12)
-    monkeypatch.setattr(advice, "recommend", lambda *_: None)
+    monkeypatch.setattr(advice, "recommend_triangulator", lambda *_: None)
     monkeypatch.setattr("harness.profile.report.draw_chart", lambda *_: "none")
     code, out, err = run_profile(harness, "DriftingCharger")
     assert code == INCONCLUSIVE
@@ -107,7 +107,7 @@ def test_too_slow_device_is_an_error(harness, monkeypatch):
 
 
 def test_fewer_parts_are_a_warning(harness, monkeypatch):
-    monkeypatch.setattr(advice, "recommend", lambda *_: None)
+    monkeypatch.setattr(advice, "recommend_triangulator", lambda *_: None)
     monkeypatch.setattr("harness.profile.report.draw_chart", lambda *_: "none")
     measure = measured.measure
     assert measured.make_settings(0.5, 126).limit_s == 126

@@ -13,7 +13,7 @@ from harness.profile.counted import TERMS, count_draw
 from harness.profile.law import COSTS, make_cost_rows
 from harness.profile.measured import CONTROL
 from harness.profile.placing import Draw
-from harness.profile.profile import read_coefficients, select_fitted, write_profile
+from harness.profile.profile import read_coefficients, select_draws_to_fit, write_profile
 from harness.stats.intervals import Ratio
 from scripts.studies.laws import Design, fit_device, make_design
 from tests.paths import ROOT
@@ -25,7 +25,7 @@ TRUE_COSTS = np.array([8e-6, 4e-8, 1.0e-9, 1.0e-8, 0.0, 1e-10, 0.0, 1.2e-8, 2e-8
 def criteria_costs() -> tuple[np.ndarray, np.ndarray]:
     """Return the features of a profile's draws that criteria use, and the groups of draws."""
     draws = design.make_draws()
-    plain = [draws[index] for index in select_fitted(draws)[1]]
+    plain = [draws[index] for index in select_draws_to_fit(draws)[1]]
     groups = np.unique([draw.group for draw in plain], return_inverse=True)[1]
     return make_cost_rows([(draw.frame, draw.triangles) for draw in plain]), groups
 
@@ -168,7 +168,7 @@ def test_form_and_costs_of_a_device_are_found(layout, form):
     truth = np.array([STAGE_COSTS.get(name, 0.0) for name in TERMS])
     times = law.predict_times(layout.rows, truth, form)
     noise = np.exp(0.02 * np.random.default_rng(1).standard_normal(len(times)))
-    fitted = law.fit(layout.rows, (times * noise)[None], layout.groups)
+    fitted = law.fit_law(layout.rows, (times * noise)[None], layout.groups)
     assert fitted.form == form
     assert fitted.errors[form] == min(fitted.errors.values())
     stage_times = law.compute_stage_times(layout.rows, truth, form)
@@ -191,7 +191,7 @@ def test_costs_that_no_draw_determines_are_unknown(layout):
     form = "maximum of three stages"
     times = law.predict_times(rows, truth, form)
     groups = np.array(layout.groups)[retained].tolist()
-    fitted = law.fit(rows, times[None], groups, form)
+    fitted = law.fit_law(rows, times[None], groups, form)
     unknown = {"transformed_vertices", "vertex_batches", "tile_pairs", "covering"}
     assert {name for name in TERMS if not fitted.known[index[name]]} == unknown
     for name in unknown:
@@ -220,7 +220,7 @@ def test_deviations_from_the_law_widen_intervals(layout):
     for deviation in (0.0, 0.05):
         times = layout.rows @ truth * np.exp(deviation * random.standard_normal(len(layout.rows)))
         epochs = times * np.exp(0.005 * random.standard_normal((12, len(times))))
-        fitted = law.fit(layout.rows, epochs, layout.groups)
+        fitted = law.fit_law(layout.rows, epochs, layout.groups)
         widths.append(np.ptp(fitted.intervals[0]) / truth[0])
     assert widths[1] > 3 * widths[0]
 
@@ -303,7 +303,7 @@ def test_unconstrained_cost_may_be_negative():
     rows[:, 0], rows[:, 1] = 1.0, np.arange(24.0)
     seconds = rows[:, :2] @ [10.0, -0.1]
     groups = [str(k // 4) for k in range(24)]
-    fitted = law.fit(rows, np.stack([seconds] * 3), groups, "sum")
+    fitted = law.fit_law(rows, np.stack([seconds] * 3), groups, "sum")
     assert fitted.signed_costs[:2] == pytest.approx([10.0, -0.1], rel=1e-6)
     assert fitted.costs[1] == 0.0
     assert fitted.groups == 6

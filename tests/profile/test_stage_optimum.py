@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from harness.frame import View, make_scene_frame
-from harness.profile.counted import TERMS, count_triangles
+from harness.profile.counted import TERMS, count_cost_terms
 from harness.profile.device_costs import DeviceCosts
 from harness.profile.law import VERTICES
 from harness.profile.stage_optimum import (
     EXPECTED,
+    compute_stage_weights,
     minimise_slowest_stage,
     order_for_slowest_stage,
-    weigh_stage,
 )
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
@@ -75,7 +75,7 @@ def test_expected_counters_are_means_over_positions(frame, name):
 
 def _count(frame, triangles):
     plain = replace(frame, tiles=None)
-    return count_triangles(plain, triangles)
+    return count_cost_terms(plain, triangles)
 
 
 def test_pixels_are_minimised_where_they_bind(frame):
@@ -92,7 +92,7 @@ def test_pixels_are_minimised_where_they_bind(frame):
 def test_triangles_are_minimised_where_they_bind(frame):
     device = make_device(helper_lanes=1e-15, covering=1e-6, tile_pairs=1e-7)
     recipe, result, _ = minimise(frame, device)
-    weights = weigh_stage(device, "triangles")
+    weights = compute_stage_weights(device, "triangles")
     assert dict(recipe.calibration) == weights
     others = ("ear-clipping", "optimal:half-perimeter", "optimal:expected-quads")
     for name in others:
@@ -129,7 +129,7 @@ def test_the_next_stage_is_minimised_if_it_binds_the_result(frame):
     device = make_device(helper_lanes=1e-9, covering=1.001 * covering)
     recipe, result, recipes = minimise(frame, device)
     calibrations = [dict(each.calibration) for each in recipes[1:]]
-    assert calibrations == [weigh_stage(device, name) for name in ("triangles", "pixels")]
+    assert calibrations == [compute_stage_weights(device, name) for name in ("triangles", "pixels")]
     times = [
         compute_time(frame, triangulate_polygons(each, frame.polygons), device)
         for each in recipes[1:]

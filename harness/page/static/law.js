@@ -130,7 +130,7 @@ function computeLoss(seconds, predicted, labels) {
   return sum(errors.map(([error]) => Math.sqrt(1 + (error / LARGE_ERROR) ** 2) - 1));
 }
 
-/* Several initial assignments of draws to binding (slowest) stages; see harness/profile/law.py, make_starts. */
+/* Several initial assignments of draws to binding (slowest) stages; see harness/profile/law.py, yield_initial_stages. */
 function makeStarts(design, seconds, members) {
   const shares = design.map((row, k) => row.map((value) => value / seconds[k]));
   const bounds = transpose(shares).map((column) => Math.max(...column) || 1);
