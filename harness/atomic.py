@@ -29,7 +29,7 @@ def write(path: Path, content: bytes, *, forced: bool = False) -> None:
     Raises OSError if the file cannot be written; an existing file then stays unchanged.
     """
     temporary = path.with_name(f".{path.name}{UNFINISHED}")
-    file = _claim(temporary)
+    file = _open_locked(temporary)
     if file is None:
         descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         file, temporary = os.fdopen(descriptor, "wb"), Path(name)
@@ -38,16 +38,17 @@ def write(path: Path, content: bytes, *, forced: bool = False) -> None:
             file.write(content)
             file.flush()
             temporary.chmod(0o666 & ~system.read_umask())
-            if os.name != "nt":  # while the file is locked
+            if os.name != "nt":
+                # While the file is open and locked, so that no other process claims it.
                 move(temporary, path, forced=forced)
-        if os.name == "nt":
+        if os.name == "nt":  # Windows can only rename a file after it is closed
             move(temporary, path, forced=forced)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
 
 
-def _claim(path: Path) -> IO[bytes] | None:
+def _open_locked(path: Path) -> IO[bytes] | None:
     """Open, lock and empty the temporary file `path`, which a killed process may have left.
 
     Returns None if the file is in use, not this user's regular file, or cannot be locked.
@@ -214,7 +215,6 @@ class Output:
     published by the end of the block, for example after an error, are deleted.
 
     target : path of the export's main file
-
     forced : True if published files must survive a power failure
     """
 
@@ -252,24 +252,24 @@ class Output:
         folder = self.target.with_name(f"{prefix}{crc32(os.fsencode(name)):08x}")
         with suppress(FileExistsError):
             folder.mkdir(0o700)
-        self._lock = None if folder.is_symlink() else _claim(folder / LOCK)
+        self._lock = None if folder.is_symlink() else _open_locked(folder / LOCK)
         if self._lock is None:
             return Path(tempfile.mkdtemp(dir=folder.parent, prefix=prefix))
         _remove_files(folder)
         return folder
 
-    def file(self, suffix: str = "", mode: str = "wb") -> IO[Any]:
+    def open_published(self, suffix: str = "", mode: str = "wb") -> IO[Any]:
         """Open a temporary file, which `publish` moves to the target's path plus `suffix`."""
         target = self.target.with_name(self.target.name + suffix)
         temporary = self._folder / target.name
         self._files.append((temporary, target))
         return self._open(temporary, mode)
 
-    def spool(self, name: str, mode: str = "w+b") -> IO[Any]:
+    def open_unpublished(self, name: str, mode: str = "w+b") -> IO[Any]:
         """Open a temporary file that is not published."""
         return self._open(self._folder / f"spool-{name}", mode)
 
-    def path(self) -> Path:
+    def make_published_path(self) -> Path:
         """Return a temporary path, for libraries that open files themselves.
 
         `publish` moves the file at this path to the target.

@@ -63,7 +63,7 @@ class InconclusiveError(HarnessError):
 
 
 def is_memory_error(error: BaseException) -> bool:
-    """Return whether memory was insufficient, including that for a library or a thread."""
+    """Return whether the cause is too little memory, also for loading a library or a thread."""
     signs = ("failed to map segment", "annot allocate memory", "can't start new thread")
     return isinstance(error, MemoryError) or any(sign in str(error) for sign in signs)
 

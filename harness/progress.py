@@ -170,7 +170,7 @@ class Reporter:
 
     @contextmanager
     def if_long(self, message: str, seconds: float = 3.0) -> Iterator[Callable[[], None]]:
-        """Print `message` if the block takes longer than `seconds`, and again at doubled times.
+        """Print `message` if the block takes longer than `seconds`, and each time that has doubled.
 
         Yields a function that cancels the message.
         """

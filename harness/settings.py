@@ -21,8 +21,8 @@ MODEL_TRIANGULATORS = (
     "optimal:edge-length",
     "optimal:half-perimeter",
 )
-"""Default triangulators for views of a model. The optimum is by edge length as well, because edge
-length is proportional to H averaged over rotations."""
+"""Default triangulators for views of a model. One optimum is that of edge length, because edge
+length is proportional to the half-perimeter averaged over rotations."""
 
 COST_COUNTERS = ("helper_lanes", "quads", "covering_triangles", "bbox_tests")
 """Counters that represent the cost of drawing; a rasteriser's main counter is its first in this
@@ -35,12 +35,13 @@ RESOLUTIONS = (8, 16384)
 """Lower and upper bound of the viewport's side, in pixels."""
 
 Fit = Literal["box", "circle", "tile", "view"]
-"""Names of what fills the viewport, see `View`."""
+"""Names of the shapes by which a scene is fitted to the viewport, see `View`."""
 
 FITS: tuple[Fit, ...] = get_args(Fit)
+"""All values of `Fit`."""
 
 CHOSEN_FITS = Literal["box", "circle"]
-"""Fits that a user can choose; map tiles and models define the others."""
+"""Fits that a user can choose; map tiles have "tile", and models "view"."""
 
 SAMPLES = (1, 4, 8)
 """Numbers of samples per pixel."""
@@ -63,7 +64,7 @@ QUICK_TIMEOUT_S = 60.0
 """Time limit of a triangulator or a device, without and with --quick."""
 
 MAX_REPEATS = 1000
-"""Maximum number of processes in which a run is timed; a thousand take hours."""
+"""Upper bound of `TimingSettings.processes`, as a thousand processes take hours."""
 
 MAX_S = 1e6
 """Upper bound of options in seconds; larger values are mistakes."""

@@ -133,7 +133,7 @@ class _Supervisor:
         for descriptor in (self._from_child, self._from_signals):
             os.set_blocking(descriptor, False)
             poll.register(descriptor, select.POLLIN)
-        while (code := self._reap()) is None:
+        while (code := self._collect_exit_code()) is None:
             time_s = time.monotonic()
             for number in [n for n, due in self._to_forward.items() if due <= time_s]:
                 del self._to_forward[number]
@@ -156,7 +156,7 @@ class _Supervisor:
             f"error: the program was ended by {why}; try a smaller scene", 128 - code
         )
 
-    def _reap(self) -> int | None:
+    def _collect_exit_code(self) -> int | None:
         """Return the child's exit code or negative signal, or None while it runs."""
         code = None
         with suppress(ChildProcessError):
@@ -175,7 +175,10 @@ class _Supervisor:
                 self._deadline = min(self._deadline, time_s + END_TIMEOUT_S)
 
     def _note_child_signals(self) -> bool:
-        """Process the content of the child's pipe; return whether the pipe is still open."""
+        """Apply the signals and requests in the child's pipe; return whether the pipe is open.
+
+        A signal that the child has received is not forwarded; each changes the child's deadline.
+        """
         time_s = time.monotonic()
         content = _read_pipe(self._from_child)
         for number in content or b"":
@@ -198,6 +201,7 @@ class _Supervisor:
             os.write(2, b"\033[?25h\n")  # show the cursor, which progress bars hide
 
     def _kill_descendants(self) -> None:
+        """Kill all descendants repeatedly, as these may start further processes meanwhile."""
         with suppress(ChildProcessError):  # none is left
             for _ in range(KILL_ATTEMPTS):
                 system.kill_descendants(os.getpid())

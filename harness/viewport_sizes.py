@@ -48,7 +48,7 @@ MIN_TIMED_S, TIMED_ROUNDS = 0.2, 3
 """If all triangulators together take less time, they are timed in this number of rounds, and the
 minimum of each triangulator is used."""
 
-COUNTED = (
+COST_TERMS = (
     "fragments",
     "quads",
     "helper_lanes",
@@ -69,7 +69,7 @@ class Size:
     polygons : number of polygons that all triangulators triangulate
     skipped : number of polygons that vanish on the grid, or on which a triangulator fails
     polygon_px : median, over the polygons, of the longer side of the bounding box, in px
-    costs : cost by triangulator, the base first; see `COUNTED`
+    costs : cost by triangulator, the base first; see `COST_TERMS`
     """
 
     resolution: int
@@ -85,7 +85,7 @@ class Size:
 
     @property
     def saved(self) -> dict[str, float]:
-        """Share that each triangulator saves of the base's draw time, or without device, lanes."""
+        """Share of the base's draw time that each triangulator saves; without device, of lanes."""
         spent = {n: c["quads"] if c["draw"] is None else c["draw"] for n, c in self.costs.items()}
         return compute_saved_shares(spent)
 
@@ -110,13 +110,16 @@ class Sizes:
 
     @property
     def largest(self) -> Size | None:
-        """The size with the largest saving, or None if the triangulator does not matter."""
+        """The size with the largest saving, or None if the triangulator matters at no size."""
         mattering = [size for size in self.sizes if size.matters]
         return max(mattering, key=lambda size: max(size.saved.values()), default=None)
 
     @property
     def recommended(self) -> str:
-        """The fastest triangulator with most of the largest saving; the base if none matters."""
+        """The fastest triangulator that reaches nearly the largest saving of all sizes.
+
+        The base if the triangulator matters at no size.
+        """
         if self.largest is None:
             return next(iter(self.sizes[0].costs))
         costs = self.largest.costs
@@ -125,7 +128,7 @@ class Sizes:
 
     @property
     def measure(self) -> str:
-        """Name of the saved quantity."""
+        """Name of the quantity that `Size.saved` is a share of."""
         return f"draw time on {self.device.name}" if self.device else "shaded lanes"
 
     def to_json(self) -> dict[str, Any]:
@@ -178,11 +181,14 @@ def count_size(
 def _list_costs(
     counters: Sequence[dict[str, int]], seconds: Sequence[float], device: DeviceCosts | None
 ) -> list[Cost]:
-    """Return the cost of each triangulator from counters and seconds, the base first."""
+    """Return the cost of each triangulator, the base first.
+
+    counters, seconds : `count_native_and_walk` and triangulation time of each triangulator
+    """
     unknown: list[Cost] = [dict.fromkeys(("draw", "draw_walk", "stage", "saved_95"))]
     draws = predict_draw_costs(counters, device) if device else unknown * len(counters)
     return [
-        {name: counts[name] for name in COUNTED} | {"triangulate_s": cpu_s} | draw
+        {name: counts[name] for name in COST_TERMS} | {"triangulate_s": cpu_s} | draw
         for counts, cpu_s, draw in zip(counters, seconds, draws, strict=True)
     ]
 
@@ -219,7 +225,7 @@ def summarise(sizes: Sizes) -> str:
 def list_stages(sizes: Sizes) -> Iterator[str]:
     """Yield, for each size, a sentence about the base's slowest stage on the device, and a remedy.
 
-    Yields nothing without a device, or if the device's law has a single stage.
+    Yields nothing without a device, or if the device has a single stage.
     """
     if sizes.device is not None and len(sizes.device.stages) > 1:
         for size in sizes.sizes:

@@ -36,14 +36,14 @@ def report(
     If the run has no plots, as after `run --quick`, they are added to its folder.
     """
     from harness.metrics.decision import decide_all
-    from harness.metrics.groups import set_base
+    from harness.metrics.groups import replace_base
     from harness.profile.device_costs import find_profile, read_costs
     from harness.report.page import write_report
     from harness.report.tables import FORMATS, write_table
     from harness.results.run_folder import read_latest
 
     stored = read_latest(run, Reporter().warn)
-    run_with_base = set_base(stored, base) if base else stored
+    run_with_base = replace_base(stored, base) if base else stored
     if out is not None and out.suffix.lower() in FORMATS:
         write_table(decide_all(run_with_base), out)
         return

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.errors import IncompatibleRunsError
-from harness.metrics.processors import may_be_same, read_processor
+from harness.metrics.processors import may_be_same_processor, read_processor
 from harness.results.record import CaseId, Record
 from harness.results.run_folder import Run
 from harness.style import flatten
@@ -162,7 +162,7 @@ def format_machine(facts: Mapping[str, Any]) -> str:
 
 def machines_differ(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
     """Return whether the machines of both runs are known and different."""
-    alike = may_be_same(read_processor(before), read_processor(after))
+    alike = may_be_same_processor(read_processor(before), read_processor(after))
     old, new = (
         format_machine(facts).removeprefix(read_processor(facts)) for facts in (before, after)
     )

@@ -239,7 +239,7 @@ def export_file(
             output = stack.enter_context(Output(target))
             proofs = None if evidence is None else stack.enter_context(Output(evidence))
             if proofs is not None:
-                report.evidence = proofs.file(mode="w")
+                report.evidence = proofs.open_published(mode="w")
             parameters |= {"order": order}
             options = TriangulationOptions(name, parameters, device, say, conforming=polygons)
             writer = add_chunks(chunks, partial(make, output), options, report, progress)

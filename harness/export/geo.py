@@ -29,7 +29,7 @@ class GeoJsonWriter:
 
     def __init__(self, output: Output, about: ExportMetadata, *, collection: bool = False) -> None:
         self._about, self._collection = about, collection
-        self._stream = output.file(mode="w")
+        self._stream = output.open_published(mode="w")
         self._stream.write('{"type":"FeatureCollection",')
         # EPSG:4326 is the default.
         if about.crs and about.crs.startswith("EPSG:") and about.crs != "EPSG:4326":
@@ -85,7 +85,7 @@ class GeoParquetWriter:
 
     def __init__(self, output: Output, about: ExportMetadata, *, collection: bool = False) -> None:
         self._parquet = import_parquet()
-        self._path = output.path()
+        self._path = output.make_published_path()
         self._about, self._collection = about, collection
         self._writer: Any = None
 

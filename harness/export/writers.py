@@ -127,7 +127,7 @@ class ObjWriter:
     """
 
     def __init__(self, output: Output, about: ExportMetadata) -> None:
-        self._stream = output.file(mode="w")
+        self._stream = output.open_published(mode="w")
         self._stream.write(f"# raster-harness, {about.triangulator}, units: {about.units}\n")
         if about.credit:
             self._stream.write(f"# {about.credit}\n")
@@ -150,7 +150,7 @@ class ObjWriter:
         if mesh.attributes.shape[1]:
             numbers = pd.RangeIndex(self._features, self._features + mesh.polygons, name="feature")
             first = self._table is None
-            self._table = self._table or self._output.file(".attributes.csv", "w")
+            self._table = self._table or self._output.open_published(".attributes.csv", "w")
             mesh.attributes.set_index(numbers).to_csv(self._table, header=first)
         self._vertices += len(points)
         self._features += mesh.polygons
@@ -204,12 +204,12 @@ class NpzWriter:
             arrays[f"attribute_{label}".replace("/", "_")] = values
         for fact in ("triangulator", "units", "credit"):
             arrays[fact] = np.array(getattr(self._about, fact))
-        np.savez(self._output.file(), allow_pickle=False, **arrays)
+        np.savez(self._output.open_published(), allow_pickle=False, **arrays)
 
     def _spool(self, name: str, array: NDArray[Any]) -> None:
         """Append rows to the temporary file of the array `name`."""
         if name not in self._spools:
-            self._spools[name] = (self._output.spool(name), array.dtype, array.shape[1:])
+            self._spools[name] = (self._output.open_unpublished(name), array.dtype, array.shape[1:])
         self._spools[name][0].write(np.ascontiguousarray(array).tobytes())
         self._lengths[name] = self._lengths.get(name, 0) + len(array)
 
@@ -281,11 +281,11 @@ class GltfWriter:
         self._about = about
         self._binary = binary
         self._polygons = polygons
-        self._data = output.spool("data") if binary else output.file(".bin")
+        self._data = output.open_unpublished("data") if binary else output.open_published(".bin")
         self._views: list[dict[str, Any]] = []
         self._accessors: list[dict[str, Any]] = []
         self._nodes: list[dict[str, Any]] = []
-        self._meshes = output.spool("meshes", "w+")
+        self._meshes = output.open_unpublished("meshes", "w+")
         self._origin: NDArray[np.float64] | None = None
 
     def add(self, mesh: ExportMesh) -> None:
@@ -369,7 +369,7 @@ class GltfWriter:
         """Splice the spooled meshes into the JSON, and write it before the binary data."""
         self._meshes.seek(0)
         payload = f'{document[:-1]},"meshes":[{self._meshes.read()}]}}'.encode()
-        stream = self._output.file()
+        stream = self._output.open_published()
         if self._binary:
             chunks: list[tuple[bytes, IO[bytes]]] = [
                 (JSON, io.BytesIO(payload)),

@@ -25,7 +25,7 @@ from triangulators.compute import compiled_files
 
 ROOT = compiled_files.SOURCES
 
-PACKAGES = (
+RECORDED_PACKAGES = (
     "glcontext",
     "manifold3d",
     "mapbox-earcut",
@@ -39,7 +39,7 @@ PACKAGES = (
     "shapely",
 )
 
-VARIABLES = (
+RECORDED_VARIABLES = (
     "GALLIUM_DRIVER",
     "LIBGL_ALWAYS_SOFTWARE",
     "LP_NUM_THREADS",
@@ -53,7 +53,7 @@ MAX_LOAD_PER_CORE = 0.5
 """Load per core above which other programs are likely to disturb times."""
 
 
-def collect(seed: int, triangulators: Sequence[str] = ()) -> dict[str, Any]:
+def collect_facts(seed: int, triangulators: Sequence[str] = ()) -> dict[str, Any]:
     """Return facts about this machine, JSON-ready; unknown facts are None.
 
     triangulators : names; the folders of those named as module:function identify the user's
@@ -68,17 +68,17 @@ def collect(seed: int, triangulators: Sequence[str] = ()) -> dict[str, Any]:
         "command": ["harness", *sys.argv[1:]],
         "seed": seed,
         "python": platform.python_version(),
-        "packages": {name: _get_version(name) for name in PACKAGES},
+        "packages": {name: _get_version(name) for name in RECORDED_PACKAGES},
         "kernel": f"{platform.system()} {platform.release()}",
         "cpu": describe_processor()["name"],
         "cores": system.query_psutil(lambda: psutil.cpu_count(logical=False)),
         "threads": os.cpu_count(),
-        "governor": _read(GOVERNOR).strip() or None,
+        "governor": _read_text(GOVERNOR).strip() or None,
         "load": list(system.query_psutil(psutil.getloadavg) or []) or None,
         "memory_gib": round(memory.total / 2**30, 1) if memory else None,
         "memory_free_gib": round(memory.available / 2**30, 1) if memory else None,
         "gpus": _query_nvidia(),
-        "variables": {name: os.environ[name] for name in VARIABLES if name in os.environ},
+        "variables": {name: os.environ[name] for name in RECORDED_VARIABLES if name in os.environ},
     }
 
 
@@ -116,6 +116,7 @@ def hash_sources(*packages: Path) -> str:
 
 
 def _query_nvidia() -> list[dict[str, str]] | None:
+    """Return name, driver and clocks of each NVIDIA GPU, or None without a working nvidia-smi."""
     fields = ("name", "driver_version", "clocks.sm", "clocks.max.sm", "clocks.mem")
     query = f"--query-gpu={','.join(fields)}"
     command = ["nvidia-smi", query, "--format=csv,noheader"]
@@ -138,7 +139,7 @@ CPUINFO = Path("/proc/cpuinfo")
 GOVERNOR = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
 CACHES = Path("/sys/devices/system/cpu/cpu0/cache")
 
-FIELDS = {
+CPUINFO_FIELDS = {
     "vendor": ("vendor_id", "CPU implementer"),
     "name": ("model name",),
     "family": ("cpu family", "CPU architecture"),
@@ -147,7 +148,7 @@ FIELDS = {
 }
 """For each fact, its names in /proc/cpuinfo on x86 and ARM."""
 
-VECTORS = (("avx512f", 512), ("avx2", 256), ("avx", 256), ("sse2", 128), ("asimd", 128))
+VECTOR_FLAGS = (("avx512f", 512), ("avx2", 256), ("avx", 256), ("sse2", 128), ("asimd", 128))
 """(CPU flag, bits of a vector register), widest first."""
 
 
@@ -159,27 +160,29 @@ def describe_processor() -> dict[str, Any]:
     caches : bytes by level and type, e.g. "L2"; vector_bits : width of the widest vectors
     label : short description, e.g. AMD EPYC 25/17, 512-bit
     """
-    facts = _parse_cpuinfo(_read(CPUINFO)) | {"caches": dict(_read_caches(CACHES))}
+    facts = _parse_cpuinfo(_read_text(CPUINFO)) | {"caches": dict(_read_caches(CACHES))}
     facts["name"] = facts["name"] or platform.processor() or None
     return {**facts, "label": _format_label(facts)}
 
 
 def _parse_cpuinfo(text: str) -> dict[str, Any]:
+    """Return the facts of `CPUINFO_FIELDS`, and "vector_bits", of the first core in the file."""
     first = text.split("\n\n", 1)[0]
     pairs = (line.partition(":") for line in first.splitlines())
     fields = {name.strip(): value.strip() for name, _, value in pairs}
     facts: dict[str, Any] = {
         name: next((fields[key] for key in keys if key in fields), None)
-        for name, keys in FIELDS.items()
+        for name, keys in CPUINFO_FIELDS.items()
     }
     flags = (fields.get("flags") or fields.get("Features") or "").split()
-    facts["vector_bits"] = next((bits for flag, bits in VECTORS if flag in flags), None)
+    facts["vector_bits"] = next((bits for flag, bits in VECTOR_FLAGS if flag in flags), None)
     return facts
 
 
 def _read_caches(folder: Path) -> Iterator[tuple[str, int]]:
+    """Yield the name (e.g. L1d) and bytes of each cache of a core, from its folder in /sys."""
     for index in sorted(folder.glob("index*")):
-        level, kind, size = (_read(index / name).strip() for name in ("level", "type", "size"))
+        level, kind, size = (_read_text(index / name).strip() for name in ("level", "type", "size"))
         letter = {"Data": "d", "Instruction": "i"}.get(kind, "")
         if size.endswith("K") and size[:-1].isdigit():
             yield f"L{level}{letter}", int(size[:-1]) * 1024
@@ -192,7 +195,7 @@ def _format_label(facts: Mapping[str, Any]) -> str:
     return ", ".join(part for part in (text, bits) if part) or "unknown processor"
 
 
-def _read(file: Path) -> str:
+def _read_text(file: Path) -> str:
     """Return the text of a file, "" if the file cannot be read."""
     try:
         return file.read_text(encoding="utf-8")

@@ -42,6 +42,7 @@ NO_PROGRAMS = (
     *("-c", "diff.external="),
     *("-c", "diff.ignoreSubmodules=dirty"),  # a submodule's settings could start programs, too
 )
+"""Options of git by which the repository's settings cannot start a program."""
 
 QUERY_TIMEOUT_S = 30.0
 """Time limit of a git command that only reads; a checkout has no limit."""
@@ -70,9 +71,8 @@ def run_git(folder: Path, *arguments: str) -> str:
     }
     environment |= {"GIT_OPTIONAL_LOCKS": "0", "GIT_TERMINAL_PROMPT": "0", "LC_ALL": "C"}
     reads = arguments[0] != "worktree"
-    if (
-        reads
-    ):  # a partial clone would fetch missing objects, by a program that the clone's settings name
+    if reads:
+        # A partial clone would fetch missing objects, by a program that the clone's settings name.
         environment["GIT_ALLOW_PROTOCOL"] = "none"
 
     def call(*parts: str) -> bytes:

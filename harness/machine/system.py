@@ -285,8 +285,8 @@ def read_umask() -> int:
 def lock(descriptor: int, *, wait: bool = True, required: bool = False) -> bool:
     """Lock an open file and return True; closing the file releases the lock.
 
-    wait : True to wait while another process holds the lock; otherwise False is returned then
-    required : without waiting, True to return False if the file system does not support locks
+    wait : True to wait while another process holds the lock; False to return False in this case
+    required : if not `wait`, True to return False if the file system does not support locks
     """
     try:
         import fcntl

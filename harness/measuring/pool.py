@@ -308,7 +308,7 @@ class MeasuringPool(WorkerPool):
         """End all processes, by default without waiting for the second process's task."""
         super().close(at_once=at_once, abandoned=abandoned)
 
-    def _forget(self, spec: WorkerSpec) -> None:
+    def _forget_worker_state(self, spec: WorkerSpec) -> None:
         """Let `compile` compile again after a worker ended: its new process has no kernels."""
         if spec == TRIANGULATORS:
             self._compiled.clear()

@@ -33,7 +33,7 @@ from harness.measuring.records import RunWriter
 from harness.measuring.reference_draws import get_default_path, update_reference_draws
 from harness.measuring.scene import Calibrate, SceneRun
 from harness.metrics.decision import Decided, decide_all
-from harness.metrics.processors import may_be_same, read_processor
+from harness.metrics.processors import may_be_same_processor, read_processor
 from harness.progress import Reporter, detach_terminal
 from harness.results.record import Record, RunFacts
 from harness.results.run_folder import (
@@ -385,7 +385,7 @@ def _refuse_differences(before: RunFacts, facts: RunFacts, out: Path) -> None:
         "the baseline": (before.get("beside"), facts.get("beside")),
     }
     differences += [name for name, (then, new) in compared.items() if then != new]
-    if not may_be_same(read_processor(before), read_processor(facts)):
+    if not may_be_same_processor(read_processor(before), read_processor(facts)):
         differences.append("the machine")
     if differences:
         raise IncompatibleRunsError(
@@ -396,7 +396,7 @@ def _refuse_differences(before: RunFacts, facts: RunFacts, out: Path) -> None:
 
 def _make_facts(plan: Plan, scene: Scene) -> RunFacts:
     """Return the content of a new run.json."""
-    machine = environment.collect(plan.seed, [recipe.base for recipe in plan.triangulators])
+    machine = environment.collect_facts(plan.seed, [recipe.base for recipe in plan.triangulators])
     return {
         "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "plan": plan.to_json(),

@@ -9,7 +9,7 @@ import numpy as np
 from harness.results.record import Record, Time
 from harness.stats.intervals import FASTER, SLOWER, Ratio, compute_student_interval
 
-Kind = Literal["at once", "after", "up to", "not significant", "never"]
+BreakEvenKind = Literal["at once", "after", "up to", "not significant", "never"]
 
 MIN_ROUNDS = 4
 """Minimum number of rounds of triangulation from which an interval is computed."""
@@ -28,7 +28,7 @@ class BreakEven:
         unbounded; None if triangulating was timed once, so that the interval is unknown
     """
 
-    kind: Kind
+    kind: BreakEvenKind
     draws: float | None = None
     low: float | None = None
     high: float | None = None
@@ -81,11 +81,12 @@ class _Estimate(NamedTuple):
 
 
 def compute_break_even(record: Record, base: Record, ratio: Ratio | None) -> BreakEven | None:
-    """Return the break-even of a record against the base, or None if undefined.
+    """Return the draws after which the time saved in drawing exceeds the extra triangulation time.
 
-    It is undefined for the base, and unless drawing and triangulating of both were timed. A draw
-    saves (1 - ratio) times the base's draw. Both are also triangulated in the same rounds: the
-    extra triangulation time is the mean of the rounds' differences, with Student's interval.
+    None for the base itself, and unless drawing and triangulating of both records were timed. A
+    draw saves (1 - ratio) times the base's draw time. If both were triangulated in the same rounds,
+    the extra time is the mean of the rounds' differences, with Student's interval; otherwise it is
+    a difference without an interval.
 
     ratio : `compute_time_ratio` of `record` and `base`
     """
@@ -128,9 +129,11 @@ def _estimate_saving(ratio: Ratio, base: Time) -> _Estimate:
 
 
 def _divide_estimates(
-    kind: Kind, top: _Estimate, bottom: _Estimate, has_interval: bool
+    kind: BreakEvenKind, top: _Estimate, bottom: _Estimate, has_interval: bool
 ) -> BreakEven:
-    """Return `top` over `bottom`, which is above 0, with the interval for independent estimates.
+    """Return the break-even at top / bottom draws, with the interval for independent estimates.
+
+    top, bottom : seconds of extra triangulation, and seconds saved by a draw, which are above 0
 
     The ends of both intervals determine the ratio's interval, by the method MOVER-R (Newcombe,
     Statistical Methods in Medical Research 25, 2016, after Donner and Zou). The number of draws is

@@ -23,6 +23,7 @@ Reason = Literal[
 
 TIME = "draw_ms"
 COVERED = "fragments"
+"""Names of the metrics draw time and number of covered pixels."""
 
 MIN_PIXELS = 64
 """Minimum number of covered pixels for a recommendation: small counters do not scale."""
@@ -97,7 +98,7 @@ class Decision:
 
 
 def decide(group: RecordGroup) -> Decision | None:
-    """Decide about the records of a group, or return None if none was measured."""
+    """Return the recommendation for a group of records, or None if none was measured."""
     base_record = group.base
     if base_record is None:
         return None
@@ -216,7 +217,7 @@ def find_best(saved: Mapping[str, float]) -> str:
 
 
 def choose_cheapest(saved: Mapping[str, float], seconds: Mapping[str, float | None]) -> str:
-    """Return the cheapest triangulator with most of the saving.
+    """Return the triangulator that reaches nearly the largest saving at the lowest cost.
 
     Of the triangulators that save at least `MAIN_PART` of the largest saving, it has the minimum
     triangulation time; if no time is known, it has the largest saving.
@@ -239,7 +240,7 @@ def describe_cheapest(name: str) -> str:
 
 
 def _compute_saved_share(record: Record, base: Record, measure: str | None) -> float:
-    """Return the share of the base's quads that `record` saves, or without quads of `measure`."""
+    """Return the share of the base's quads that `record` saves; of `measure` if none has quads."""
     names = ["quads", *([measure] if measure else [])]
     count, base_count = (get_first_value(r, names) or 0.0 for r in (record, base))
     return 1.0 - count / base_count if base_count else 0.0

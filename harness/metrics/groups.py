@@ -26,7 +26,7 @@ from harness.stats.run_quality import QUIET, STATES, State, select_rounds
 DEFAULT_BASE = "ear-clipping"
 """Default base of ratios: the method that most programs use today."""
 
-IDENTIFYING = ("overdraw", "half_perimeter", "edge_length", "shape")
+IDENTIFYING_CRITERIA = ("overdraw", "half_perimeter", "edge_length", "shape")
 """Criteria whose values are all equal only for the same triangulation of a polygon."""
 
 
@@ -45,7 +45,7 @@ class RecordGroup:
 
     @cached_property
     def measured(self) -> list[Record]:
-        """The records that are ok."""
+        """The records whose case was measured without failure (status "ok")."""
         return [record for record in self.records if record.is_ok]
 
     @cached_property
@@ -84,16 +84,23 @@ def group_run(run: Run) -> list[RecordGroup]:
 
 
 def drop_equal_triangulations(records: Sequence[Record]) -> list[Record]:
-    """Return, of records of one polygon and view, the first of each distinct triangulation."""
+    """Return the first record of each distinct triangulation, from records of one polygon and view.
+
+    Triangulations are equal if all `IDENTIFYING_CRITERIA` are.
+    """
     first: dict[tuple[float, ...], Record] = {}
     for record in records:
         predicted = record.predicted
-        if all(name in predicted for name in IDENTIFYING):  # a damaged record may lack a criterion
-            first.setdefault(tuple(round(predicted[name], 6) for name in IDENTIFYING), record)
+        if all(
+            name in predicted for name in IDENTIFYING_CRITERIA
+        ):  # a damaged record may lack a criterion
+            first.setdefault(
+                tuple(round(predicted[name], 6) for name in IDENTIFYING_CRITERIA), record
+            )
     return list(first.values())
 
 
-def set_base(run: Run, name: str) -> Run:
+def replace_base(run: Run, name: str) -> Run:
     """Return the run with the triangulator `name` as the base of ratios.
 
     Raises
@@ -133,7 +140,7 @@ def compute_time_ratio(
     return ratio
 
 
-DESCRIBED = ("helper_lanes", "quads")
+DESCRIBED_COUNTERS = ("helper_lanes", "quads")
 """Counters that `describe_views` compares in addition to the main counter."""
 
 
@@ -162,7 +169,7 @@ class ViewStatistics:
 
 
 def compare_views(record: Record, base: Record | None, measure: str = "") -> ViewStatistics | None:
-    """Return statistics of a counter over a record's views, and of the ratio to the base.
+    """Return a counter's mean over a record's views and its ratio to the base, with intervals.
 
     None without views, or if the records have different numbers of polygons.
 
@@ -197,7 +204,9 @@ def describe_views(group: RecordGroup) -> list[str]:
     if base is None:
         return []
     main = next(iter(list_costs(base.views.counters if base.views else ())), "")
-    lines = [_describe_counter(group, base, name) for name in dict.fromkeys((main, *DESCRIBED))]
+    lines = [
+        _describe_counter(group, base, name) for name in dict.fromkeys((main, *DESCRIBED_COUNTERS))
+    ]
     if ties := base.counters.get("depth_ties", 0):
         lines.append(f"{ties:,} depth tests of {base.name} are ties: rounding decides them")
     return [line for line in lines if line]

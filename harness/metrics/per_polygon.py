@@ -13,10 +13,11 @@ from harness.results.run_folder import Run, read_arrays
 
 Column = NDArray[np.float64]
 Columns = dict[str, Column]
+"""Criteria and counters of p polygons, (p,), by name."""
 
 
 def read_columns(run: Run, record: Record) -> Columns | None:
-    """Return a case's columns, each (p,), or None if not stored."""
+    """Return the criteria and counters of each polygon in a case, (p,), or None if not stored."""
     arrays = read_arrays(run, record.key)
     if arrays is None or f"{PREDICTED}triangles" not in arrays:
         return None
@@ -25,7 +26,7 @@ def read_columns(run: Run, record: Record) -> Columns | None:
 
 
 def compute_ratios(columns: Columns, base: Columns, name: str) -> Column:
-    """Return ratios (p,) of column `name` to the base's.
+    """Return each polygon's ratio, (p,), of its value in the column `name` to the base's value.
 
     A polygon has NaN if its triangulation is missing or a cost is 0.
     """
@@ -86,7 +87,7 @@ def compute_rms_error(x: Column, y: Column) -> float | None:
 def pair_ratios(
     columns: dict[str, Columns], base: str, criterion: str, measure: str
 ) -> tuple[Column, Column]:
-    """Return the ratios to the base of a criterion and of a counter, per polygon and triangulator.
+    """Return the ratios to the base of a criterion and of a counter, one per polygon and method.
 
     columns : triangulator -> columns, including the columns of the triangulator `base`. The results
         are empty if any triangulator lacks the criterion, or the base lacks the measure

@@ -27,16 +27,16 @@ def read_processor(facts: Mapping[str, Any]) -> str:
     return str(label or name or "")
 
 
-def may_be_same(one: str, other: str) -> bool:
+def may_be_same_processor(one: str, other: str) -> bool:
     """Return whether two labels may name the same processor: one is a prefix of the other."""
     return not one or not other or one.startswith(other) or other.startswith(one)
 
 
-def list_distinct(labels: Iterable[str]) -> list[str]:
+def list_distinct_processors(labels: Iterable[str]) -> list[str]:
     """Return the labels of different processors, or [] if all may name the same processor."""
     distinct: list[str] = []
     for label in sorted(set(labels), key=len, reverse=True):
-        if not any(may_be_same(label, other) for other in distinct):
+        if not any(may_be_same_processor(label, other) for other in distinct):
             distinct.append(label)
     return sorted(distinct) if len(distinct) > 1 else []
 
@@ -59,7 +59,11 @@ def find_mixed_processors(runs: Sequence[Run]) -> dict[str, list[str]]:
     for run in runs:
         for record in _list_timed_in_software(run):
             labels.setdefault(record.id.device_name, set()).add(read_processor(run.facts))
-    return {device: distinct for device in labels if (distinct := list_distinct(labels[device]))}
+    return {
+        device: distinct
+        for device in labels
+        if (distinct := list_distinct_processors(labels[device]))
+    }
 
 
 def mark_processors(runs: Sequence[Run], mark: Callable[[CaseId, str], CaseId]) -> list[Run]:

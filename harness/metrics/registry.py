@@ -21,7 +21,7 @@ from harness.results.record import Record
 from harness.settings import COST_COUNTERS
 from triangulators import criteria
 
-Kind = Literal["counter", "ratio", "prediction", "time", "count"]
+MetricKind = Literal["counter", "ratio", "prediction", "time", "count"]
 Better = Literal["lower", "higher", "none"]
 Read = Callable[[Record], float | None]
 
@@ -58,14 +58,14 @@ class Metric:
     heading, form : str
         Heading and format string in the terminal's table; "" omits the metric.
     gated : bool
-        Whether `compare` gates the metric; False for a driver's statistics, which are not exact.
+        Whether `compare` fails if the metric increases; False for a driver's inexact statistics.
     """
 
     name: str
     label: str
     unit: str
     function: Read
-    kind: Kind
+    kind: MetricKind
     better: Better = "lower"
     best_case: float | None = None
     symbol: str = ""
@@ -144,7 +144,7 @@ METRICS: dict[str, Metric] = {}
 terminal's table."""
 
 
-def _register(label: str, unit: str, kind: Kind, **properties: Any) -> Callable[[Read], Read]:
+def _register(label: str, unit: str, kind: MetricKind, **properties: Any) -> Callable[[Read], Read]:
     """Register a function in `METRICS` by name, with the docstring as description."""
 
     def register(function: Read) -> Read:
@@ -333,7 +333,7 @@ def find_metrics(records: Iterable[Record]) -> dict[str, Metric]:
 
 
 def sort_counters(names: Iterable[str]) -> list[str]:
-    """Return names of counters in display order."""
+    """Return the given names of counters in display order."""
     return sorted(names, key=counters.get_sort_key)
 
 

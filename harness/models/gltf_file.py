@@ -138,7 +138,7 @@ class GltfEditor(GltfFile):
         with Output(out) as output:
             renamed = self._write_buffers(out, output)
             text = self._format_json() if self._grown or renamed else self._text
-            with output.file() as file:
+            with output.open_published() as file:
                 if binary:
                     write_glb(file, self._make_chunks(text), out)
                 else:
@@ -179,7 +179,7 @@ class GltfEditor(GltfFile):
                 description["uri"] = uri.partition(DATA_URI)[0] + DATA_URI + packed
             else:
                 suffix = f".{number}.bin"
-                with output.file(suffix) as file:
+                with output.open_published(suffix) as file:
                     file.write(self.buffers[number])
                 description["uri"] = quote(out.name + suffix)
             renamed = True

@@ -177,7 +177,7 @@ class ObjModel:
             parts += [self._data[done:first], word]
             done = last
         with Output(out) as output:
-            with output.file() as file:
+            with output.open_published() as file:
                 file.write(b"".join([*parts, self._data[done:]]))
             return output.publish()
 

@@ -12,7 +12,7 @@ from harness import atomic
 from harness.errors import IncompatibleRunsError, InputError
 from harness.metrics.groups import RecordGroup, group_run
 from harness.metrics.per_polygon import compute_rank_correlation
-from harness.metrics.processors import is_drawn_in_software, may_be_same, read_processor
+from harness.metrics.processors import is_drawn_in_software, may_be_same_processor, read_processor
 from harness.metrics.registry import list_predictions
 from harness.profile.report import name_device_model
 from harness.results.run_folder import Run
@@ -121,7 +121,7 @@ def write_summary(run: Run, file: Path) -> Path:
                 f"{file}: has {stored['rasteriser']} on {stored['device']}; give another file"
             )
         cpus = [str(part.get("cpu") or "") for part in (stored, summary)]
-        if not may_be_same(*cpus):
+        if not may_be_same_processor(*cpus):
             raise IncompatibleRunsError(
                 f"{file}: measured on {cpus[0]}, this run on {cpus[1]}; give another file"
             )

@@ -37,8 +37,8 @@ the order of triangles."""
 WALK = Options(order="walk")
 
 Cost = dict[str, Any]
-"""Cost of one triangulator's triangles. `predict_draw_costs` returns `draw`, the predicted draw time
-in seconds; `draw_walk`, the draw time with the triangles in walk order (from neighbour to
+"""Cost of one triangulator's triangles. `predict_draw_costs` returns `draw`, the predicted seconds
+of a draw; `draw_walk`, the draw time with the triangles in walk order (from neighbour to
 neighbour); `stage`, which of the device's stages is slowest; and `saved_95`, the 95 % interval of
 the saved share of the base's draw time, or None."""
 

@@ -16,7 +16,7 @@ import pandas as pd
 from harness import atomic
 from harness.errors import InputError
 from harness.frame import View
-from harness.metrics.groups import IDENTIFYING
+from harness.metrics.groups import IDENTIFYING_CRITERIA
 from harness.metrics.registry import find_metric, list_costs, list_predictions
 from harness.results import drawings
 from harness.results.run_folder import Run
@@ -204,7 +204,9 @@ def write_spread(run: Run) -> Path | None:
             if not rows:
                 return None
             # Equal triangulations under several names count once.
-            table = pd.DataFrame(rows).drop_duplicates(["polygon", *IDENTIFYING, *MEASURES])
+            table = pd.DataFrame(rows).drop_duplicates(
+                ["polygon", *IDENTIFYING_CRITERIA, *MEASURES]
+            )
             file = run.path / SPREAD
             atomic.write(file, table.to_csv(index=False, float_format="%.9g").encode())
             return file

@@ -108,7 +108,7 @@ class Counted:
             for name in Sums._fields
         } | {"cells": np.array(cells, np.int64)}
         with Output(path, forced=True) as output:
-            with output.file() as file:
+            with output.open_published() as file:
                 np.savez_compressed(file, allow_pickle=False, content=json.dumps(content), **arrays)
             output.publish()
 

@@ -37,7 +37,7 @@ def compute_median_interval(
     samples' range, whose confidence is lower. Source: David & Nagaraja, Order Statistics, section
     7.1.
     """
-    from scipy.special import bdtr
+    from scipy.special import bdtr  # slow to import
 
     ordered = sorted(samples)
     n = len(ordered)
@@ -60,7 +60,7 @@ def compute_student_interval(
     ValueError
         if there are fewer than two values
     """
-    from scipy.special import stdtrit
+    from scipy.special import stdtrit  # slow to import
 
     count = len(values)
     if count < 2:
@@ -193,7 +193,7 @@ another CPU, and on the runs of docs/findings-tables.md, "What do other programs
 MIN_EPOCHS = 4
 """Minimum number of epochs to estimate the scatter between epochs."""
 
-FOLDS = 6
+SINGLE_EPOCH_PARTS = 6
 """Number of parts into which the rounds of a single epoch are divided."""
 
 
@@ -203,14 +203,14 @@ def split_rounds(
     """Split the `rounds` rounds of a timing into parts that are as independent as possible.
 
     A part is a process if there are several; otherwise an epoch if there are `MIN_EPOCHS`;
-    otherwise every sixth round (`FOLDS`). Returns the indices of each part's rounds.
+    otherwise every sixth round (`SINGLE_EPOCH_PARTS`). Returns the indices of each part's rounds.
 
     processes, epochs : number of rounds of each process, and of each epoch
     """
     for parts, minimum in ((processes, 2), (epochs, MIN_EPOCHS)):
         if len(parts) >= minimum and sum(parts) == rounds:
             return np.split(np.arange(rounds), np.cumsum(parts)[:-1])
-    folds = min(FOLDS, rounds)
+    folds = min(SINGLE_EPOCH_PARTS, rounds)
     return [np.arange(fold, rounds, folds) for fold in range(folds)]
 
 

@@ -209,7 +209,7 @@ def _find_disturbances(drawings: Mapping[str, Time]) -> dict[str, State]:
         problems[share] = UNTRUSTED if has_few else DISTURBED
     bimodal: dict[str, State] = {}
     for name, time in drawings.items():
-        samples, quiet = _level_processes(time), masks[name]
+        samples, quiet = _equalise_process_medians(time), masks[name]
         if modes := find_two_modes(samples[quiet] if quiet.sum() >= MIN_QUIET_ROUNDS else samples):
             low, high = (f"{second * 1e3:.3g}" for second in modes)
             # Other clocks include the time slices of other programs, so their times are untrusted.
@@ -227,7 +227,7 @@ def _find_disturbances(drawings: Mapping[str, Time]) -> dict[str, State]:
     return problems
 
 
-def _level_processes(time: Time) -> NDArray[np.float64]:
+def _equalise_process_medians(time: Time) -> NDArray[np.float64]:
     """Return the samples (r,), scaled so that the samples of each process have the same median.
 
     Processes differ in memory layout, which must not count as two modes.
@@ -255,7 +255,7 @@ def explain_incomparable(base: Time, head: Time, *, machines_differ: bool) -> st
     machines_differ : True if the machines differ, so that different reference draws are expected
     """
     for name, time in (("BASE", base), ("HEAD", head)):
-        if problems := _find_disturbances({"it": time}):
+        if problems := _find_disturbances({"the case": time}):
             return f"{name} was disturbed ({next(iter(problems))}); use run --beside"
     medians = [np.median(time.reference_s or [np.nan]) for time in (base, head)]
     for slow, fast in pairwise([*medians, medians[0]]):

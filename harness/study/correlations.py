@@ -18,7 +18,7 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from harness.metrics.groups import IDENTIFYING
+from harness.metrics.groups import IDENTIFYING_CRITERIA
 from harness.metrics.per_polygon import compute_spearman
 from harness.metrics.registry import find_metric, list_costs, list_predictions
 from harness.results.record import Record
@@ -149,7 +149,7 @@ def make_measure_table(records: Sequence[Record]) -> pd.DataFrame:
     # Drawings that differ in the work per fragment alone are one row, with a column for each time.
     table = pd.DataFrame(rows).groupby(list(KEYS), sort=False, as_index=False).first()
     shared = [name for name in KEYS if name != "triangulator"]
-    criteria = table[list(IDENTIFYING)].round(6)
+    criteria = table[list(IDENTIFYING_CRITERIA)].round(6)
     is_duplicate = pd.concat([table[shared], criteria], axis=1).duplicated()
     return _add_exact_counts(table[~is_duplicate])
 

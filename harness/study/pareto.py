@@ -18,7 +18,7 @@ from shapely import Polygon
 from harness.errors import InputError
 from harness.frame import View, make_frame
 from harness.measuring.run import ScenePart
-from harness.metrics.groups import IDENTIFYING, RecordGroup, group_run
+from harness.metrics.groups import IDENTIFYING_CRITERIA, RecordGroup, group_run
 from harness.metrics.per_polygon import read_columns
 from harness.metrics.registry import PREDICTED
 from harness.results.record import Record
@@ -162,7 +162,7 @@ def _make_row(run: Run, group: RecordGroup, record: Record, base: Record) -> dic
         **{column: predicted[column] for column in ("overdraw", "shape", "half_perimeter")},
         "same_as_end": all(
             abs(predicted[column] - end[column]) <= TOLERANCE * abs(end[column])
-            for column in IDENTIFYING
+            for column in IDENTIFYING_CRITERIA
         ),
         **dict(zip(NORMALISED, _normalise(run, record, base), strict=True)),
         **{counter: record.counters.get(counter) for counter in ("helper_lanes", "bbox_tests")},

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from harness.errors import UsageError
 from harness.frame import Frame
 from harness.triangulating.recipes import ORIGINAL, Recipe
-from harness.triangulating.result import FrameTriangulation, Rows, predict_polygons
+from harness.triangulating.result import FrameTriangulation, Rows, sum_criteria_per_polygon
 from harness.viewing import Viewing
 from triangulators.polygon_arrays import offsets_of
 from triangulators.verify import verify
@@ -39,19 +39,20 @@ def carry_to_rotated_frame(
             # A program would draw the triangulation anyway; the coverage error reports the effect.
             junctions = max(1, len(checked.t_junctions))
         result.add(part, junctions, problem)
-    result.predicted = predict_polygons(turned.polygons, result.parts)
+    result.predicted = sum_criteria_per_polygon(turned.polygons, result.parts)
     return result
 
 
-FLIPPING = ("optimal", "flips")
-"""Triangulators that flip diagonals of faces that are not polygons, as `triangulate` does."""
+FLIPPING_TRIANGULATORS = ("optimal", "flips")
+"""Triangulators that flip diagonals of invalid faces, too, as the command `triangulate` does."""
 
 
 def carry_to_views(frame: Frame, flat: FrameTriangulation, recipe: Recipe) -> FrameTriangulation:
-    """Return the triangulation of a frame's pieces, given the triangulation of its flat faces.
+    """Return the triangulation of a frame's pieces (see `Viewing`) from that of its flat faces.
 
-    A face is triangulated once, in the plane of the face, for all views. Loose triangles are not
-    changed. Recipes of `FLIPPING` treat faces as `triangulate` does, including faces that are not
+    A face is triangulated once, in the plane of the face, for all views. Triangles outside of faces
+    are not changed. Recipes of `FLIPPING_TRIANGULATORS` treat faces as the command `triangulate`
+    does, including faces that are not
     polygons. `seconds` is the time of triangulating the flat polygons once, not once per view.
     """
     viewing = frame.viewing
@@ -59,14 +60,14 @@ def carry_to_views(frame: Frame, flat: FrameTriangulation, recipe: Recipe) -> Fr
     sources = viewing.source.tolist()
     replaced = _replace_faces(frame, viewing, flat.parts, recipe)
 
-    def triangles(piece: int, source: int) -> Rows | None:
+    def get_triangles(piece: int, source: int) -> Rows | None:
         if source in replaced:
             return replaced[source]
         if piece in viewing.other_triangles:
             return viewing.other_triangles[piece]
         return flat.parts[source]
 
-    parts = [triangles(piece, source) for piece, source in enumerate(sources)]
+    parts = [get_triangles(piece, source) for piece, source in enumerate(sources)]
     skipped, failed = dict(flat.skipped), dict(flat.failed)
     gaps: dict[int, float] = {}
     if flat.gaps:
@@ -87,7 +88,7 @@ def carry_to_views(frame: Frame, flat: FrameTriangulation, recipe: Recipe) -> Fr
             for source, part in zip(sources, parts, strict=True)
             if gaps and part is not None
         ],
-        predicted=predict_polygons(frame.polygons, parts),
+        predicted=sum_criteria_per_polygon(frame.polygons, parts),
     )
 
 
@@ -102,7 +103,7 @@ def _replace_faces(
     parts : triangles (m, 3) of each polygon
     """
     method, _, criterion = recipe.base.partition(":")
-    if method not in FLIPPING or recipe.calibration is not None or frame.flat is None:
+    if method not in FLIPPING_TRIANGULATORS or recipe.calibration is not None or frame.flat is None:
         return {}
     from harness.models.diagonals import choose_diagonals, find_cost, is_cheaper  # compiled code
     from harness.models.flat_faces import Faces

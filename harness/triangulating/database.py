@@ -97,26 +97,26 @@ class ModelDatabase:
 
     def find(self, keys: Sequence[bytes]) -> dict[bytes, TimedTriangles]:
         """Return the intact entries by key; keys without an entry are absent."""
-        return self._attempt(lambda: self._read(keys), {})
+        return self._run_or_default(lambda: self._read(keys), {})
 
     def store(self, triangulator: str, key: bytes, model: TimedTriangles) -> None:
         """Store a triangulation; replace an entry with the same key."""
 
         def write() -> None:
             with self._database:
-                row = (key, triangulator, _pack(key, model))
+                row = (key, triangulator, _pack_entry(key, model))
                 self._database.execute("INSERT OR REPLACE INTO model VALUES (?, ?, ?)", row)
 
-        self._attempt(write, None)
+        self._run_or_default(write, None)
 
     def clear(self) -> int:
         """Delete all entries; return their number."""
-        return self._attempt(self._delete_all, 0)
+        return self._run_or_default(self._delete_all, 0)
 
     def count_entries(self) -> dict[str, tuple[int, int]]:
         """Return (number of cached triangulations, bytes) by triangulator."""
         query = "SELECT triangulator, COUNT(*), SUM(LENGTH(value)) FROM model GROUP BY triangulator"
-        rows: list[tuple[str, int, int]] = self._attempt(
+        rows: list[tuple[str, int, int]] = self._run_or_default(
             lambda: self._database.execute(query).fetchall(), []
         )
         return {name: (count, size) for name, count, size in sorted(rows)}
@@ -128,7 +128,7 @@ class ModelDatabase:
             marks = ",".join("?" * len(batch))
             query = f"SELECT key, value FROM model WHERE key IN ({marks})"
             for key, value in self._database.execute(query, batch):
-                model = _unpack(key, value)
+                model = _unpack_entry(key, value)
                 if model is None:
                     self._warn(f"model database {self.path}: damaged entry; computing it again")
                 else:
@@ -141,8 +141,11 @@ class ModelDatabase:
         self._database.execute("VACUUM")
         return count
 
-    def _attempt(self, action: Callable[[], _Result], default: _Result) -> _Result:
-        """Return the result of an action, or `default`; replace a damaged file by a new one."""
+    def _run_or_default(self, action: Callable[[], _Result], default: _Result) -> _Result:
+        """Return the result of an action, or `default` if the file is unusable.
+
+        A damaged file is replaced by a new one.
+        """
         try:
             return action()
         except sqlite3.OperationalError as error:
@@ -291,7 +294,7 @@ def _compute_checksum(key: bytes, data: bytes) -> bytes:
     return hashlib.blake2b(data, digest_size=8, key=key).digest()
 
 
-def _pack(key: bytes, model: TimedTriangles) -> bytes:
+def _pack_entry(key: bytes, model: TimedTriangles) -> bytes:
     """Return the bytes of an entry: checksum, triangles of 12 bytes, and `_FACTS`."""
     data = np.ascontiguousarray(model.triangles, dtype="<i4").tobytes()
     data += _FACTS.pack(
@@ -300,7 +303,7 @@ def _pack(key: bytes, model: TimedTriangles) -> bytes:
     return _compute_checksum(key, data) + data
 
 
-def _unpack(key: bytes, value: Any) -> TimedTriangles | None:
+def _unpack_entry(key: bytes, value: Any) -> TimedTriangles | None:
     """Return the triangles of an entry, or None if the entry is damaged."""
     if not isinstance(value, bytes) or len(value) < 32 or len(value) % 12 != 8:
         return None

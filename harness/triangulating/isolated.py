@@ -89,7 +89,7 @@ def triangulate_many(
 def _join_pieces(
     pieces: list[NDArray[np.int32]], failed: dict[int, str], compiled: NDArray[np.bool_]
 ) -> Triangulations:
-    """Return the triangles (m, 3) of all polygons as `Triangulations`."""
+    """Return the triangles (m_k, 3) of each polygon, `pieces`, as `Triangulations`."""
     triangles = np.concatenate([np.empty((0, 3), np.int32), *pieces])
     return Triangulations(triangles, offsets_of([len(piece) for piece in pieces]), failed, compiled)
 

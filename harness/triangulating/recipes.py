@@ -105,10 +105,10 @@ class Recipe:
                 f"triangulator '{self}' cannot be loaded: {summarize_error(error)}"
             ) from error
 
-    def attempt(
+    def triangulate_batch(
         self, polygons: PolygonArray
     ) -> tuple[Sequence[NDArray[np.int32]], NDArray[np.bool_]]:
-        """Triangulate the polygons of a batch that compiled code can solve, on one thread.
+        """Triangulate those polygons that compiled code can solve, together and on one thread.
 
         Returns triangles (m, 3) of each polygon, and flags (p,) of the polygons that were solved.
         The remaining polygons need `triangulate`; no polygon is solved for a third-party
@@ -127,9 +127,10 @@ class Recipe:
         return self.triangulate_with_gap(polygon)[0]
 
     def get_batch_gap(self, vertices: int) -> float | None:
-        """Return the gap to the optimum of a polygon that `attempt` solved, or None without gaps.
+        """Return the gap to the optimum of a polygon that `triangulate_batch` solved, or None.
 
-        Up to `LIMIT` vertices, a batch has only optima; for larger polygons the gap is unknown.
+        Up to `LIMIT` vertices, a batch has only optima; for larger polygons the gap is unknown
+        (infinite). None for triangulators that compute no gaps.
         """
         name = self.base.partition(":")[0]
         if name not in registry.BUILTIN or registry.BUILTIN[name].with_gap is None:

@@ -15,6 +15,7 @@ from triangulators.verify import verify
 
 Rows = NDArray[np.int32]
 Columns = dict[str, NDArray[np.float64]]
+"""Triangles (m, 3), rows of three vertex indices; values per polygon, (p,), by name."""
 
 
 @dataclass
@@ -65,8 +66,11 @@ class FrameTriangulation:
         self.t_junctions.append(junctions)
 
 
-def predict_polygons(polygons: PolygonArray, parts: Sequence[Rows | None]) -> Columns:
-    """Return each criterion's sum over each polygon's (m, 3) triangles; 0 without triangles."""
+def sum_criteria_per_polygon(polygons: PolygonArray, parts: Sequence[Rows | None]) -> Columns:
+    """Return each criterion's sum over each polygon's triangles, (p,) by column; 0 without any.
+
+    parts : for each polygon its triangles (m, 3), or None
+    """
     if not len(polygons):
         return {}
     empty = np.empty((0, 3), np.int32)
@@ -76,13 +80,13 @@ def predict_polygons(polygons: PolygonArray, parts: Sequence[Rows | None]) -> Co
 
 
 def check_triangles(polygon: Polygon, triangles: Rows) -> tuple[int, str]:
-    """Return the number of T-junctions, and the problems of an invalid triangulation, or ""."""
+    """Return the number of T-junctions, and "" if the triangulation is valid, else its problems."""
     result = verify(polygon, triangles)
     return (len(result.t_junctions), "") if result.ok else (0, "; ".join(result.problems[:3]))
 
 
 LARGE_VERTICES, LARGE_HOLES = 50_000, 5_000
-"""Numbers from which ear clipping of one polygon takes more than about five seconds."""
+"""Numbers at which ear clipping of one polygon begins to take more than about five seconds."""
 
 
 def describe_large_polygon(polygons: Sequence[Polygon] | NDArray[Any]) -> str:

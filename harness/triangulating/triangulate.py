@@ -16,7 +16,7 @@ from harness.triangulating.result import (
     FrameTriangulation,
     Rows,
     check_triangles,
-    predict_polygons,
+    sum_criteria_per_polygon,
 )
 from triangulators.errors import MAX_TRACEBACK, SkippedError, format_error, truncate
 from triangulators.polygon_arrays import PolygonArray
@@ -74,7 +74,7 @@ def triangulate_polygons(
             if result.parts[-1] is not None and gap is not None:
                 result.gaps.append(gap)
     result.notes = cache.notes
-    result.predicted = predict_polygons(arrays, result.parts)
+    result.predicted = sum_criteria_per_polygon(arrays, result.parts)
     return result
 
 
@@ -89,7 +89,7 @@ def run_batch(
         return {}
     start = cpu_clock()
     try:
-        batch, compiled = recipe.attempt(polygons)
+        batch, compiled = recipe.triangulate_batch(polygons)
     except Exception:  # single calls report the problem of each polygon
         return {}
     if compiled.any():
@@ -116,9 +116,8 @@ def time_in_rounds(
             for k, polygon in enumerate(polygons if len(batch) < len(arrays) else ()):
                 if k not in batch:
                     start = cpu_clock()
-                    with suppress(
-                        Exception, SystemExit, GeneratorExit
-                    ):  # triangulate_polygons reported it
+                    # `triangulate_polygons` has already reported the error.
+                    with suppress(Exception, SystemExit, GeneratorExit):
                         recipes[index].triangulate_with_gap(polygon)
                     result.seconds += cpu_clock() - start
             samples[index].append(result.seconds)

@@ -68,7 +68,7 @@ class WorkerPool:
         timeout_s: float | None = None,
         tick: Callable[[float], None] | None = None,
     ) -> Future[T]:
-        """Run a function in a worker, after previously submitted tasks.
+        """Start running a function in a worker, after previously submitted tasks.
 
         timeout_s : time limit, by default the pool's
         tick : called while the function runs, with the seconds so far
@@ -110,7 +110,7 @@ class WorkerPool:
 
     @contextmanager
     def time_stage(self, stage: str) -> Iterator[None]:
-        """Add the time spent inside to `seconds[stage]`."""
+        """Add the duration of the block to `seconds[stage]`."""
         start = time.perf_counter()
         try:
             yield
@@ -137,11 +137,11 @@ class WorkerPool:
             # A lost graphics context does not recover.
             _LOG.info("%s: the next task gets a new process", spec.name)
             self.replace_worker(spec)
-            self._forget(spec)
+            self._forget_worker_state(spec)
             raise
 
-    def _forget(self, spec: WorkerSpec) -> None:
-        """Hook of subclasses: forget the state of a failed worker, which gets a new process."""
+    def _forget_worker_state(self, spec: WorkerSpec) -> None:
+        """Hook of subclasses: forget the state of a worker whose process is replaced."""
 
 
 def wait_for_result(future: Future[T]) -> T:

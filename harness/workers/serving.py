@@ -168,7 +168,7 @@ def _set_up_process(output: str, environment: Mapping[str, str], limits: Limits 
 
 
 def _wait_for_child(connection: Connection) -> None:
-    """Return in a child of this process; this process waits for the child and ends as it does."""
+    """Fork, and return in the child; this process waits for the child and ends in the same way."""
     waiting = os.getpid()
     child = os.fork()
     if child == 0:

@@ -17,7 +17,7 @@ from harness.compare.outputs import to_html, to_json, to_junit, to_markdown
 from harness.compare.times import classify_change
 from harness.compare.wording import build_tables, format_headline
 from harness.errors import IncompatibleRunsError, UsageError
-from harness.metrics.groups import IDENTIFYING
+from harness.metrics.groups import IDENTIFYING_CRITERIA
 from harness.rasterisers.reference import Binning
 from harness.results.run_folder import Run, read_run
 from scripts.repeated_runs import compare_repeated
@@ -334,7 +334,9 @@ def test_repeated_verdicts_are_counted_per_pair():
     def run(**draws):
         records = [base(), *(make_fields(name, verdict) for name, verdict in draws.items())]
         return [
-            make_record(**record | {"predicted": dict.fromkeys(IDENTIFYING, float(number))})
+            make_record(
+                **record | {"predicted": dict.fromkeys(IDENTIFYING_CRITERIA, float(number))}
+            )
             for number, record in enumerate(records)
         ]
 

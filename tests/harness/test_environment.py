@@ -50,7 +50,7 @@ def repository(folder: Path) -> str:
 def test_the_current_folders_repository_is_the_users(tmp_path, monkeypatch):
     commit = repository(tmp_path / "project")
     monkeypatch.chdir(tmp_path / "project/code")
-    facts = {"environment": environment.collect(0)}
+    facts = {"environment": environment.collect_facts(0)}
     assert facts["environment"]["project"] == {"name": "project", "commit": commit, "dirty": False}
     assert get_commit(facts) == commit[:12]
     harness_state = facts["environment"]["git"]
@@ -58,7 +58,7 @@ def test_the_current_folders_repository_is_the_users(tmp_path, monkeypatch):
         "" if harness_state is None else harness_state["commit"][:12]
     )
     (tmp_path / "project/code/of_a_project.py").write_text("changed = True\n")
-    assert get_commit({"environment": environment.collect(0)}).endswith(" with local changes")
+    assert get_commit({"environment": environment.collect_facts(0)}).endswith(" with local changes")
 
 
 def test_otherwise_the_repository_of_a_triangulators_module_is_used(tmp_path, monkeypatch):
@@ -141,11 +141,11 @@ def test_cache_sizes_are_in_bytes(tmp_path):
 
 
 def test_missing_processor_facts_are_compatible():
-    assert processors.may_be_same("AMD EPYC", EPYC)
-    assert processors.may_be_same("", EPYC)
-    assert not processors.may_be_same(XEON, EPYC)
-    assert processors.list_distinct(["AMD EPYC", EPYC]) == []
-    assert processors.list_distinct(["AMD EPYC", EPYC, XEON, XEON]) == [EPYC, XEON]
+    assert processors.may_be_same_processor("AMD EPYC", EPYC)
+    assert processors.may_be_same_processor("", EPYC)
+    assert not processors.may_be_same_processor(XEON, EPYC)
+    assert processors.list_distinct_processors(["AMD EPYC", EPYC]) == []
+    assert processors.list_distinct_processors(["AMD EPYC", EPYC, XEON, XEON]) == [EPYC, XEON]
     assert processors.read_processor({"environment": {"cpu": "AMD EPYC"}}) == "AMD EPYC"
     assert processors.read_processor({"cpu": "damaged", "environment": 3}) == ""
 
@@ -208,7 +208,7 @@ def test_system_without_proc_has_unknown_facts_and_no_error(monkeypatch):
 
     for name in ("virtual_memory", "cpu_times", "cpu_count", "getloadavg", "Process"):
         monkeypatch.setattr(f"psutil.{name}", fail)
-    facts = environment.collect(0)
+    facts = environment.collect_facts(0)
     assert facts["memory_gib"] is facts["cores"] is facts["load"] is None
     assert facts["threads"] >= 1
     assert not any("busy" in line for line in environment.list_warnings(facts))

@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from harness.metrics.decision import decide_all
-from harness.metrics.groups import group_run, set_base
+from harness.metrics.groups import group_run, replace_base
 from harness.results.run_folder import read_run
 from harness.summary import print_summary
 from tests.conftest import assert_refused, require_ok
@@ -162,7 +162,7 @@ def test_readers_of_a_run_use_its_base(harness, no_plots):
     assert "vs delaunay" in out
     stored = read_run(Path("out"))
     assert stored.base == "delaunay"
-    for run, name in ((stored, "delaunay"), (set_base(stored, "ear-clipping"), "ear-clipping")):
+    for run, name in ((stored, "delaunay"), (replace_base(stored, "ear-clipping"), "ear-clipping")):
         assert [group.base.name for group in group_run(run)] == [name]
     assert_refused(
         harness("report", "out", "--base", "ear-cliping"),

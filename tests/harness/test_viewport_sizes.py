@@ -135,7 +135,7 @@ def test_the_sentence_has_the_range_of_sizes_that_matter():
     def cost(lanes: int, draw: float | None = None, cut: float = 0.0) -> sizes.Cost:
         counted = (sizes.MIN_PIXELS, lanes // 4, 1, 1, 1, 1, 3)
         return {
-            **dict(zip(sizes.COUNTED, counted, strict=True)),
+            **dict(zip(sizes.COST_TERMS, counted, strict=True)),
             "triangulate_s": cut,
             "draw": draw,
         }

@@ -106,7 +106,7 @@ def make_failing(name: str, holes: int, monkeypatch: pytest.MonkeyPatch) -> None
         return original(polygon, triangulator, **options)
 
     monkeypatch.setattr(triangulators, "triangulate_with_gap", triangulate)
-    monkeypatch.setattr(Recipe, "attempt", skip_batch)
+    monkeypatch.setattr(Recipe, "triangulate_batch", skip_batch)
 
 
 def test_excess_coverage_is_detected_if_the_baseline_skips_polygons(block, tmp_path, monkeypatch):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from harness.metrics.groups import (
-    IDENTIFYING,
+    IDENTIFYING_CRITERIA,
     compute_time_ratio,
     drop_equal_triangulations,
     group_records,
@@ -50,8 +50,8 @@ def test_round_group_overrides_equal_reference_draws():
 
 
 def test_equal_triangulations_and_damaged_records_are_dropped():
-    record = make_record(predicted=dict.fromkeys(IDENTIFYING, 1.0))
-    twin = make_record(predicted=dict.fromkeys(IDENTIFYING, 1.0 + 1e-9))
-    other = make_record(predicted={**dict.fromkeys(IDENTIFYING, 1.0), "shape": 1.1})
+    record = make_record(predicted=dict.fromkeys(IDENTIFYING_CRITERIA, 1.0))
+    twin = make_record(predicted=dict.fromkeys(IDENTIFYING_CRITERIA, 1.0 + 1e-9))
+    other = make_record(predicted={**dict.fromkeys(IDENTIFYING_CRITERIA, 1.0), "shape": 1.1})
     damaged = make_record(predicted={"shape": 1.0})
     assert drop_equal_triangulations([record, damaged, twin, other]) == [record, other]

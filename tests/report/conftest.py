@@ -21,7 +21,7 @@ from harness.results import drawings
 from harness.results.run_folder import read_run
 from harness.results.run_writer import RunFolder
 from harness.triangulating.recipes import parse, parse_all
-from harness.triangulating.result import predict_polygons
+from harness.triangulating.result import sum_criteria_per_polygon
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load
 from tests.chromium import Chromium
@@ -91,7 +91,7 @@ def write_many(path: Path, devices: int) -> Path:
         parts = triangulate_polygons(parse(name), frame.polygons).parts
         triangles[name] = frame.join_triangles(parts)
         counted = count_per_triangle(frame.points, triangles[name])
-        predicted = predict_polygons(frame.polygons, parts)
+        predicted = sum_criteria_per_polygon(frame.polygons, parts)
         columns[name] = {f"predicted_{key}": column for key, column in predicted.items()} | {
             key: sum_per_polygon(frame, triangles[name], column) for key, column in counted.items()
         }

@@ -68,15 +68,16 @@ def test_temporary_file_of_a_killed_process_is_used_again(tmp_path, state):
 def test_temporary_folder_of_a_killed_process_is_used_again(tmp_path):
     code = "import os, sys; from pathlib import Path; from harness.atomic import Output\n"
     code += "with Output(Path('a.glb')) as output:\n"
-    code += "    output.file().write(b'half'); output.spool('b'); os.kill(os.getpid(), 9)"
+    code += "    output.open_published().write(b'half'); output.open_unpublished('b')\n"
+    code += "    os.kill(os.getpid(), 9)"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     killed = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=environment)
     assert killed.returncode == -9
     assert len(list(tmp_path.iterdir())) == 1
     target = tmp_path / "a.glb"
     with atomic.Output(target) as output, atomic.Output(target) as second:
-        second.file().write(b"second")
-        output.file().write(b"first")
+        second.open_published().write(b"second")
+        output.open_published().write(b"first")
         second.publish()
         output.publish()
     assert target.read_bytes() == b"first"

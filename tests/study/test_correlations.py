@@ -16,7 +16,7 @@ from harness.report.matrix import format_best_criterion
 from harness.results.run_folder import read_run
 from harness.study import subjects
 from harness.study.correlations import (
-    IDENTIFYING,
+    IDENTIFYING_CRITERIA,
     MIN_TRIANGULATIONS,
     NOT_SIGNIFICANT,
     TIME,
@@ -306,5 +306,5 @@ def test_exact_counts_are_of_one_sample_per_pixel():
 def judged() -> list[dict]:
     good = make_cases("p")
     for length, entry in enumerate(good):
-        entry["predicted"] |= dict.fromkeys(IDENTIFYING, float(length))
+        entry["predicted"] |= dict.fromkeys(IDENTIFYING_CRITERIA, float(length))
     return good

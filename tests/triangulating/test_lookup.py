@@ -59,7 +59,7 @@ def computed(monkeypatch) -> list[str]:
         return single(recipe, polygon)
 
     monkeypatch.setattr(Recipe, "triangulate_with_gap", counted)
-    monkeypatch.setattr(Recipe, "attempt", skip_batch)
+    monkeypatch.setattr(Recipe, "triangulate_batch", skip_batch)
     monkeypatch.setattr(triangulate, "warm_up", lambda _: None)
     return calls
 
@@ -120,7 +120,7 @@ def test_quickly_computed_triangulations_are_not_stored(
         return single(recipe, polygon)
 
     monkeypatch.setattr(Recipe, "triangulate_with_gap", timed)
-    monkeypatch.setattr(Recipe, "attempt", skip_batch)
+    monkeypatch.setattr(Recipe, "triangulate_batch", skip_batch)
     triangulate_named("ear-clipping", small, 0, None, database)
     with ModelDatabase(database) as model:
         assert model.count_entries().get("ear-clipping", (0,))[0] == count
@@ -160,7 +160,7 @@ def test_another_version_computes_again(database, monkeypatch):
 
 @pytest.mark.usefixtures("cache_everything")
 def test_another_processor_reads_the_entries_and_reports_their_times(database, monkeypatch):
-    monkeypatch.setattr(Recipe, "attempt", skip_batch)
+    monkeypatch.setattr(Recipe, "triangulate_batch", skip_batch)
     first = triangulate_named("delaunay", POLYGONS[:2], 0, None, database)
     assert triangulate_named("delaunay", POLYGONS[:2], 0, None, database).notes == []
     monkeypatch.setattr(database_module, "describe_processor", lambda: {"name": "another"})
@@ -218,7 +218,7 @@ def test_entries_are_written_at_once(database):
 
 @pytest.mark.usefixtures("cache_everything")
 def test_a_run_reports_the_number_of_cached_polygons(block, database, tmp_path, monkeypatch):
-    monkeypatch.setattr(Recipe, "attempt", skip_batch)
+    monkeypatch.setattr(Recipe, "triangulate_batch", skip_batch)
     plan = make_plan(block)
     options = RunOptions(database=database)
     runs = [
@@ -300,7 +300,7 @@ def test_times_exclude_loading(monkeypatch, clock):
 
 def test_a_batch_is_timed_as_a_unit(monkeypatch, clock):
     small = make_frame(load("city:buildings=9").polygons, View(512)).polygons
-    attempt = Recipe.attempt
+    attempt = Recipe.triangulate_batch
 
     def timed(recipe, arrays):
         clock.spend(0.25)
@@ -312,7 +312,7 @@ def test_a_batch_is_timed_as_a_unit(monkeypatch, clock):
 
     expected = triangulate_named("optimal:half-perimeter", small)
     triangulate.warm_up(parse("optimal:half-perimeter"))
-    monkeypatch.setattr(Recipe, "attempt", timed)
+    monkeypatch.setattr(Recipe, "triangulate_batch", timed)
     monkeypatch.setattr(Recipe, "triangulate_with_gap", spent)
     result = triangulate_named("optimal:half-perimeter", small)
     assert result.seconds == 0.25

@@ -65,7 +65,7 @@ def test_search_results_are_not_proven(polygons, no_proof):
 
 def test_cached_optima_are_proven(polygons, tmp_path, monkeypatch):
     monkeypatch.setattr(database_module, "MIN_CACHED_S", 0.0)
-    monkeypatch.setattr(Recipe, "attempt", skip_batch)
+    monkeypatch.setattr(Recipe, "triangulate_batch", skip_batch)
     database = tmp_path / "kept.sqlite"
     first = triangulate_named("optimal:half-perimeter", polygons, database)
     second = triangulate_named("optimal:half-perimeter", polygons, database)
@@ -75,7 +75,7 @@ def test_cached_optima_are_proven(polygons, tmp_path, monkeypatch):
 
 def test_unproven_results_are_cached_with_their_gaps(polygons, tmp_path, monkeypatch, no_proof):
     monkeypatch.setattr(database_module, "MIN_CACHED_S", 0.0)
-    monkeypatch.setattr(Recipe, "attempt", skip_batch)
+    monkeypatch.setattr(Recipe, "triangulate_batch", skip_batch)
     database = tmp_path / "kept.sqlite"
     first = triangulate_named("optimal:half-perimeter", polygons, database)
     second = triangulate_named("optimal:half-perimeter", polygons, database)
