@@ -58,7 +58,7 @@ def _open_locked(path: Path) -> IO[bytes] | None:
     with suppress(OSError):
         flags = os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
         file = os.fdopen(os.open(path, flags, 0o600), "wb")
-        if system.lock(file.fileno(), wait=False, required=True):
+        if system.lock_file(file.fileno(), wait=False, required=True):
             info = os.fstat(file.fileno())
             is_own = stat.S_ISREG(info.st_mode) and info.st_uid == os.geteuid()
             # Before the lock, another process may have renamed or removed the file.
@@ -166,7 +166,7 @@ def create_folder(path: Path, *, merge: bool = False) -> Iterator[Path]:
     parent = path.with_name(f".{path.name}{UNFINISHED}")
     parent.mkdir(parents=True, exist_ok=True)
     with (parent / LOCK).open("a") as lock:
-        if not system.lock(lock.fileno(), wait=False):
+        if not system.lock_file(lock.fileno(), wait=False):
             raise StorageError(f"{path}: in use (another process is creating the folder)")
         temporary = parent / path.name
         shutil.rmtree(temporary, ignore_errors=True)

@@ -13,7 +13,7 @@ from harness import rasterisers
 from harness.errors import HarnessError
 from harness.frame import make_bare_frame
 from harness.grid import SUBPIXEL
-from harness.measuring.tasks import choose_timer
+from harness.measuring.tasks import select_device_timer
 from harness.rasterisers import Device, Options
 from harness.rasterisers import devices as probed
 from harness.rasterisers.reference import Reference, find_disagreements
@@ -130,5 +130,5 @@ def _try_device(rasteriser: str, device: Device) -> tuple[str, list[str]]:
     differs = find_disagreements(frame, drawn, Reference().draw_and_count(frame, rows, Options()))
     details = opened.device.details
     detail = f"{details['renderer']}, {details.get('version', '')}".rstrip(", ")
-    timer = choose_timer(opened)
+    timer = select_device_timer(opened)
     return f"{detail}; timer: {timer.timer}, as {timer.reason}", differs

@@ -83,7 +83,7 @@ class Stage:
             remaining = "" if seconds is None else f", about {timedelta(seconds=seconds)} left"
             self._say(f"{task.description}: {share} after {elapsed:.0f} s{rate}{remaining}")
 
-    def wait(self, _waited: float) -> None:
+    def refresh(self, _waited: float) -> None:
         """Show the elapsed time again during a long step; workers call this periodically."""
         self.complete(self._task.completed)
 
@@ -169,7 +169,7 @@ class Reporter:
         self.detail(f"{title}: {task.elapsed:.1f} s")
 
     @contextmanager
-    def if_long(self, message: str, seconds: float = 3.0) -> Iterator[Callable[[], None]]:
+    def say_if_long(self, message: str, seconds: float = 3.0) -> Iterator[Callable[[], None]]:
         """Print `message` if the block takes longer than `seconds`, and each time that has doubled.
 
         Yields a function that cancels the message.

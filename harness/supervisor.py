@@ -143,8 +143,8 @@ class _Supervisor:
                 return _print_and_return("stopped", INTERRUPTED)
             due = min([self._deadline, *self._to_forward.values()])
             poll.poll(None if due == inf else 1000 * (due - time_s) + 1)
-            self._note_own_signals()
-            if is_open and not self._note_child_signals():
+            self._schedule_forwarding()
+            if is_open and not self._apply_child_signals():
                 is_open = False  # the child is ending
                 poll.unregister(self._from_child)
         if self._received:
@@ -165,7 +165,7 @@ class _Supervisor:
                     code = os.waitstatus_to_exitcode(ended[1])
         return code
 
-    def _note_own_signals(self) -> None:
+    def _schedule_forwarding(self) -> None:
         """Schedule the forwarding of received signals, and set the deadline for the child's end."""
         time_s = time.monotonic()
         for number in _read_pipe(self._from_signals) or b"":
@@ -174,7 +174,7 @@ class _Supervisor:
                 self._to_forward.setdefault(number, time_s + FORWARD_AFTER_S)
                 self._deadline = min(self._deadline, time_s + END_TIMEOUT_S)
 
-    def _note_child_signals(self) -> bool:
+    def _apply_child_signals(self) -> bool:
         """Apply the signals and requests in the child's pipe; return whether the pipe is open.
 
         A signal that the child has received is not forwarded; each changes the child's deadline.
@@ -260,7 +260,7 @@ def _lock_folder(folder: Path) -> int | None:
     folder and locking it.
     """
     descriptor = os.open(folder / "lock", os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW, 0o600)
-    if system.lock(descriptor, wait=False, required=True):
+    if system.lock_file(descriptor, wait=False, required=True):
         return descriptor
     os.close(descriptor)
     return None

@@ -24,7 +24,7 @@ from typing import Any
 
 from harness.errors import REGRESSION
 from harness.machine.git import run_git
-from harness.metrics.decision import decide_all
+from harness.metrics.decision import decide_run
 from harness.metrics.groups import compute_time_ratio
 from harness.results.run_folder import read_run
 from tests.compare.heavy import EXTRA, WHICH
@@ -214,7 +214,7 @@ def compare(base: Path, head: Path) -> int:
 @cache
 def find_recommendation(folder: Path) -> tuple[str, float, float] | None:
     """Return the triangulator that saves time significantly and its interval in %, or None."""
-    for _, decision in decide_all(read_run(folder)):
+    for _, decision in decide_run(read_run(folder)):
         if decision and (ratio := decision.saving):
             low, high = (round(100 * (1 - end), 1) for end in (ratio.high, ratio.low))
             return decision.choice.name, low, high

@@ -171,7 +171,7 @@ def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
     shorten_runs(monkeypatch)
 
 
-_choose_timer_once = cache(tasks.choose_timer)
+_choose_timer_once = cache(tasks.select_device_timer)
 
 
 def shorten_runs(patch: pytest.MonkeyPatch) -> None:
@@ -186,7 +186,7 @@ def shorten_runs(patch: pytest.MonkeyPatch) -> None:
 
     patch.setitem(run.__kwdefaults__, "open_worker", lambda *_: InlineWorker())
     patch.setattr("harness.measuring.run.assess_records", lambda *_: RunState(QUIET))
-    patch.setattr("harness.measuring.tasks.choose_timer", _choose_timer_once)
+    patch.setattr("harness.measuring.tasks.select_device_timer", _choose_timer_once)
     patch.setattr("harness.measuring.timing.MIN_ROUNDS", 6)
     patch.setattr(_FillDrawing, "sample", sample_once)
 

@@ -158,7 +158,7 @@ def _draw_picture(
     drawn = {}
     for recipe in recipes:
         recipe.load()
-        with Reporter().if_long(f"a first run compiles {recipe.base} ..."):
+        with Reporter().say_if_long(f"a first run compiles {recipe.base} ..."):
             result = triangulate_polygons(recipe, frame.polygons[:1])
         part = result.parts[0]
         if part is None:

@@ -80,7 +80,7 @@ def complete(dataset: Dataset, out: Path, dask: str | None, reporter: Reporter) 
     try:
         with (
             open_executor(dask if dataset.missing else "", reporter) as executor,
-            reporter.if_long(COMPILING, NOTE_AFTER_S) as cancel_note,
+            reporter.say_if_long(COMPILING, NOTE_AFTER_S) as cancel_note,
         ):
             return dataset.complete(executor, reporter, cancel_note)
     except KeyboardInterrupt:

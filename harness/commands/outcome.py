@@ -14,7 +14,7 @@ from harness.errors import INTERRUPTED, InconclusiveError, NothingMeasuredError,
 from harness.measuring.plan import Plan
 from harness.measuring.run import RunOptions, RunResult, ScenePart
 from harness.measuring.run import run as carry_out
-from harness.metrics.decision import COVERED, decide_all
+from harness.metrics.decision import COVERED, decide_run
 from harness.metrics.processors import describe_machine
 from harness.progress import Reporter, Screen
 from harness.results.run_folder import Run, make_file_stem, read_run, translate_errors
@@ -166,7 +166,7 @@ def make_run(folder: Path, write: Callable[[Path], object], *, quiet: bool) -> R
     with translate_errors(folder), atomic.create_folder(folder) as new_folder:
         write(new_folder)
         stored = read_run(new_folder)
-        decided = decide_all(stored)
+        decided = decide_run(stored)
         write_csv(decided, new_folder / "summary.csv")
         write_report(stored, decided=decided)
     stored = read_run(folder)

@@ -57,19 +57,19 @@ def profile(
     kind = rasterisers.get(name)
     draws = [draw for draw in design.make_draws(seed) if kind.supports(Options(work=draw.work))]
     with closing(MeasuringPool(Worker, timeout_s=TIMEOUT_S)) as pool:
-        step = pool.open(backend).details.get("step") or 1
+        step = pool.open_device(backend).details.get("step") or 1
         draws = [design.snap_draw(draw, step) for draw in draws]
-        timing = measured.make_settings(budget, len(draws))
+        timing = measured.make_profile_timing(budget, len(draws))
         length = budget * (len(draws) + 3)
         with reporter.stage(f"timing {len(draws)} draws: {backend.label}", length) as stage:
-            times = measured.measure(backend, pool, draws, timing, seed, stage.complete)
+            times = measured.measure_draws(backend, pool, draws, timing, seed, stage.complete)
         facts = {
             "rasteriser": name,
             "name": backend.device.name,
             "software": backend.device.software,
             "cpu": describe_processor()["label"],
             "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-            **pool.describe()[backend.label],
+            **pool.describe_devices()[backend.label],
         }
         content = profiles.make_profile(
             draws, [count_draw(draw) for draw in draws], times, facts, seed

@@ -35,7 +35,7 @@ def report(
 
     If the run has no plots, as after `run --quick`, they are added to its folder.
     """
-    from harness.metrics.decision import decide_all
+    from harness.metrics.decision import decide_run
     from harness.metrics.groups import replace_base
     from harness.profile.device_costs import find_profile, read_costs
     from harness.report.page import write_report
@@ -45,7 +45,7 @@ def report(
     stored = read_latest(run, Reporter().warn)
     run_with_base = replace_base(stored, base) if base else stored
     if out is not None and out.suffix.lower() in FORMATS:
-        write_table(decide_all(run_with_base), out)
+        write_table(decide_run(run_with_base), out)
         return
     device = read_costs(find_profile(profile, PROFILES)) if profile else None
     file = write_report(run_with_base, out, device=device)

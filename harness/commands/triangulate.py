@@ -167,7 +167,7 @@ def triangulate(
 
     with (
         reporter.stage(f"triangulating {file}") as stage,
-        reporter.if_long(COMPILING, NOTE_AFTER_S) as cancel_note,
+        reporter.say_if_long(COMPILING, NOTE_AFTER_S) as cancel_note,
     ):
         report = export_file(
             join_name(file, layer=layer, where=condition, limit=limit),
@@ -224,7 +224,7 @@ def _retriangulate_model(
 
     with (
         reporter.stage(f"analysing {source}") as stage,
-        reporter.if_long(COMPILING, NOTE_AFTER_S),
+        reporter.say_if_long(COMPILING, NOTE_AFTER_S),
     ):
         result = retriangulate(source, out, criterion or CRITERION, tick=stage.complete)
     for reason, count in sorted(result.unchanged.items()):

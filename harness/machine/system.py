@@ -282,7 +282,7 @@ def read_umask() -> int:
     return mask
 
 
-def lock(descriptor: int, *, wait: bool = True, required: bool = False) -> bool:
+def lock_file(descriptor: int, *, wait: bool = True, required: bool = False) -> bool:
     """Lock an open file and return True; closing the file releases the lock.
 
     wait : True to wait while another process holds the lock; False to return False in this case

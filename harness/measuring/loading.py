@@ -52,7 +52,7 @@ def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker
             except TaskError as error:
                 raise InputError(f"scene {name} cannot be loaded: {error}") from error
     else:
-        with reporter.if_long(f"still loading {name}: {QUADRATIC_TEST}", MESSAGE_AFTER_S):
+        with reporter.say_if_long(f"still loading {name}: {QUADRATIC_TEST}", MESSAGE_AFTER_S):
             scene = _load(name, seed)
     if line := describe_large_polygon(scene.polygons):
         reporter.say(f"{scene.name}: {line}")

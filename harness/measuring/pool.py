@@ -103,10 +103,10 @@ class MeasuringPool(WorkerPool):
         self.database = database
         self.other = other
         self.stopping = self.is_timing = False
-        self._opened: dict[str, tasks.Opened] = {}
+        self._opened: dict[str, tasks.OpenedDevice] = {}
         self._compiled: set[str] = set()
 
-    def compile(self, recipe: Recipe, tick: Callable[[float], None] | None = None) -> None:
+    def compile_kernels(self, recipe: Recipe, tick: Callable[[float], None] | None = None) -> None:
         """Compile or load a triangulator's kernels, once; do nothing for a recipe of the baseline.
 
         Raises TaskError if the process crashed, hung or ran out of memory.
@@ -120,8 +120,8 @@ class MeasuringPool(WorkerPool):
     def compile_ahead(self, recipes: Sequence[Recipe]) -> None:
         """Start compiling built-in recipes in the second process, last first, unless cached.
 
-        Meanwhile `compile` compiles from the first recipe on, and loads kernels that the second
-        process has already written to disk.
+        Meanwhile `compile_kernels` compiles the first recipe first, and loads kernels that the
+        second process has already written to disk.
         """
         builtin = [recipe for recipe in reversed(recipes) if recipe.builtin]
         if (
@@ -145,7 +145,7 @@ class MeasuringPool(WorkerPool):
 
         Raises TaskError if the process crashed, hung or ran out of memory.
         """
-        self.compile(recipe)
+        self.compile_kernels(recipe)
         message = (
             f"triangulation exceeded {self.timeout_s:g} s; increase --timeout, or give a smaller "
             "scene (limit=)"
@@ -219,7 +219,7 @@ class MeasuringPool(WorkerPool):
         timeout_s = max(COMPILE_TIMEOUT_S, self.timeout_s)
         return self.submit(SECOND_PROCESS, function, *arguments, timeout_s=timeout_s)
 
-    def open(self, backend: Backend) -> tasks.Opened:
+    def open_device(self, backend: Backend) -> tasks.OpenedDevice:
         """Open a device and test its timer on the first call; return the device's details.
 
         Raises HarnessError if the device cannot be opened.
@@ -243,7 +243,7 @@ class MeasuringPool(WorkerPool):
             arguments = (backend.rasteriser, backend.device, frame, triangles, options)
             return self.run(backend.worker, tasks.draw_and_count, *arguments)
 
-    def time(
+    def time_drawings(
         self,
         backend: Backend,
         candidates: Mapping[str, tasks.Candidate],
@@ -257,7 +257,7 @@ class MeasuringPool(WorkerPool):
         lost. Returns two dictionaries by candidate: the times, by name, of all drawings timed in
         the same rounds; and the reasons of failures.
         """
-        test = self.open(backend).timer
+        test = self.open_device(backend).timer
         timeout_s = self.timeout_s + 3 * settings.budget_s * (len(candidates) + 2)
         parts: list[dict[str, Times]] = []
         report: Callable[[float], None] = tick or (lambda _: None)
@@ -288,14 +288,14 @@ class MeasuringPool(WorkerPool):
             groups: dict[str, dict[str, Times]] = {}
             failures: dict[str, str] = {}
             for name, candidate in candidates.items():
-                times, failed = self.time(backend, {name: candidate}, settings, seed, tick)
+                times, failed = self.time_drawings(backend, {name: candidate}, settings, seed, tick)
                 groups |= times
                 failures |= failed
             return groups, failures
         group = {name: Times.concatenate([part[name] for part in parts]) for name in parts[0]}
         return dict.fromkeys(candidates, group), {}
 
-    def describe(self) -> dict[str, Any]:
+    def describe_devices(self) -> dict[str, Any]:
         """Return the driver's details and the timer test of each opened device, by label."""
         return {
             label: {"details": opened.details, "timer": opened.timer and asdict(opened.timer)}
@@ -309,6 +309,6 @@ class MeasuringPool(WorkerPool):
         super().close(at_once=at_once, abandoned=abandoned)
 
     def _forget_worker_state(self, spec: WorkerSpec) -> None:
-        """Let `compile` compile again after a worker ended: its new process has no kernels."""
+        """Let `compile_kernels` compile again after a worker ended: the new one has no kernels."""
         if spec == TRIANGULATORS:
             self._compiled.clear()

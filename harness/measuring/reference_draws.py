@@ -78,7 +78,7 @@ def _update_file(draws: Mapping[DrawId, float], path: Path) -> dict[DrawId, tupl
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.with_suffix(".lock").open("a") as stream:
-            system.lock(stream.fileno())
+            system.lock_file(stream.fileno())
             stored = _read(path)
             for draw, second in draws.items():
                 best, runs = stored.get(names[draw], (second, 0))

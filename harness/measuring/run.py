@@ -32,7 +32,7 @@ from harness.measuring.pool import MeasuringPool
 from harness.measuring.records import RunWriter
 from harness.measuring.reference_draws import get_default_path, update_reference_draws
 from harness.measuring.scene import Calibrate, SceneRun
-from harness.metrics.decision import Decided, decide_all
+from harness.metrics.decision import Decided, decide_run
 from harness.metrics.processors import may_be_same_processor, read_processor
 from harness.progress import Reporter, detach_terminal
 from harness.results.record import Record, RunFacts
@@ -102,7 +102,7 @@ class RunResult:
     @cached_property
     def decided(self) -> list[Decided]:
         """Groups of the run with the decision about each group."""
-        return decide_all(self.run)
+        return decide_run(self.run)
 
 
 @dataclass(frozen=True)
@@ -280,7 +280,7 @@ def _measure_parts(
             aborted = pool.stopping = True
         finally:
             facts["frames"] = writer.frames or facts["frames"]
-            facts["devices"] |= pool.describe()
+            facts["devices"] |= pool.describe_devices()
             facts["seconds"] = {**pool.seconds, "all": time.perf_counter() - start}
             facts["interrupted"] = pool.stopping
             draws = update_reference_draws(records.values(), get_default_path())

@@ -188,7 +188,7 @@ class SceneRun:
                     self.broken.get(recipe, ""),
                 )
                 if recipe not in self.broken:
-                    result = self._triangulate_one(current, recipe, stage.wait)
+                    result = self._triangulate_one(current, recipe, stage.refresh)
                 if isinstance(result, FrameTriangulation):
                     current.triangulations[recipe] = result
                     current.triangles[recipe] = current.frame.join_triangles(result.parts)
@@ -200,7 +200,7 @@ class SceneRun:
                             self._add_unmeasured(group.cases[recipe], *result)
                 stage.advance()
         message = "computing minimum quad counts (for regret) ..."
-        with self.reporter.if_long(message, MESSAGE_AFTER_S):
+        with self.reporter.say_if_long(message, MESSAGE_AFTER_S):
             current.limits = lower_limits.collect_bounds(limits)
 
     def _triangulate_one(
@@ -227,7 +227,7 @@ class SceneRun:
                 if head in current.triangulations:
                     return current.triangulations[head]
             if recipe.base != ORIGINAL:
-                self.pool.compile(recipe, report_wait)
+                self.pool.compile_kernels(recipe, report_wait)
             if self.calibrate is not None and recipe.calibration is not None:
                 current.calibrated[recipe], result = self.calibrate(
                     current.frame, recipe, lambda r: self._triangulate(current.frame, r, tick)
@@ -296,7 +296,7 @@ class SceneRun:
     def _measure_group(self, current: _ViewState, group: Group) -> None:
         """Count the group's cases, then time all cases together."""
         try:
-            opened = self.pool.open(group.backend)
+            opened = self.pool.open_device(group.backend)
         except HarnessError as error:
             for case in group.cases.values():
                 self._add_unmeasured(case, "failed", str(error))
@@ -344,7 +344,7 @@ class SceneRun:
                     if recipe == COVERAGE_RECIPE:
                         covered = records.get_covered_fragments(counters, triangulation.drawn)
                     if recipe in cases:
-                        if self.pool.open(backend).draws_indexed:
+                        if self.pool.open_device(backend).draws_indexed:
                             counters |= current.get_batch_counters(recipe, options)
                         fields = (frame, triangulation, counters, covered, limits)
                         record = records.make_counted_record(cases[recipe], *fields)
@@ -364,14 +364,14 @@ class SceneRun:
         ready : records of the counted cases, without times
         """
         settings, backend = self.plan.timing, group.backend
-        test = self.pool.open(backend).timer
+        test = self.pool.open_device(backend).timer
         assert test is not None
         if test.timer == "wall" and (test.gpu_s or test.cpu_s) is not None:
             self.reporter.detail(f"{backend.label}: timed by the wall clock, as {test.reason}")
         drawn_as = {recipe: self._choose_drawing(current, recipe, ready) for recipe in ready}
         likely_s = settings.processes * settings.budget_s * (len(ready) + 2)
         with self.reporter.stage(f"timing: {backend.label}", likely_s) as stage:
-            groups, failures = self.pool.time(
+            groups, failures = self.pool.time_drawings(
                 backend,
                 {
                     str(drawn): (current.frame, current.triangles[drawn], group.options)

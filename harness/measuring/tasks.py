@@ -35,7 +35,7 @@ timers are compared; layers are added until the draw takes that long."""
 
 
 @dataclass(frozen=True)
-class Opened:
+class OpenedDevice:
     """Details of an open device.
 
     details : strings and limits reported by the driver
@@ -68,11 +68,11 @@ _rasterisers: dict[tuple[str, str], Rasteriser] = {}
 """Open rasterisers of this process by (rasteriser, device)."""
 
 
-def open_device(name: str, device: Device) -> Opened:
+def open_device(name: str, device: Device) -> OpenedDevice:
     """Open `device` with the rasteriser `name`, and select the timer if draws can be timed."""
     rasteriser = _get_rasteriser(name, device)
-    timer = choose_timer(rasteriser) if rasteriser.timed else None
-    return Opened(dict(rasteriser.device.details), timer, rasteriser.draws_indexed)
+    timer = select_device_timer(rasteriser) if rasteriser.timed else None
+    return OpenedDevice(dict(rasteriser.device.details), timer, rasteriser.draws_indexed)
 
 
 def draw_and_count(
@@ -130,7 +130,7 @@ def _get_rasteriser(name: str, device: Device) -> Rasteriser:
     return _rasterisers[key]
 
 
-def choose_timer(rasteriser: Rasteriser) -> TimerTest:
+def select_device_timer(rasteriser: Rasteriser) -> TimerTest:
     """Select the timer of a device by timing a draw of many layers that fill the viewport."""
     far_corner = SELF_TEST_PX * SUBPIXEL
     square = np.array(

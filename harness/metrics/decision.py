@@ -97,7 +97,7 @@ class Decision:
     saving: Ratio | None = None
 
 
-def decide(group: RecordGroup) -> Decision | None:
+def decide_group(group: RecordGroup) -> Decision | None:
     """Return the recommendation for a group of records, or None if none was measured."""
     base_record = group.base
     if base_record is None:
@@ -128,9 +128,9 @@ Decided = tuple[RecordGroup, Decision | None]
 """A group with the decision, or None if no record was measured."""
 
 
-def decide_all(run: Run) -> list[Decided]:
+def decide_run(run: Run) -> list[Decided]:
     """Return the groups of a run with decisions."""
-    return [(group, decide(group)) for group in group_run(run)]
+    return [(group, decide_group(group)) for group in group_run(run)]
 
 
 def _make_standing(

@@ -216,7 +216,7 @@ def _yield_cuts(seed: int) -> Iterator[Draw]:
     """Yield draws of the same convex polygons in different triangulations."""
     for index, (width, corners, flat) in enumerate(RINGS):
         frame, starts = _make_rings(seed, index)
-        for cut_name, cut in placing.RING_CUTS.items():
+        for cut_name, cut in placing.RING_TRIANGULATIONS.items():
             triangles = (cut(corners) + starts[:, None, None]).reshape(-1, 3)
             name = f"rings of {width} by {width // flat} px, {corners} corners, {cut_name}"
             yield Draw(
@@ -274,7 +274,9 @@ def _yield_vertices(seed: int) -> Iterator[Draw]:
     for index in SHARED_RINGS:
         width, corners, _ = RINGS[index]
         frame, starts = _make_rings(seed, index)
-        triangles = (placing.cut_halves(corners) + starts[:, None, None]).reshape(-1, 3)
+        triangles = (placing.triangulate_ring_by_halving(corners) + starts[:, None, None]).reshape(
+            -1, 3
+        )
         # Every other triangle, so that the draw differs from those of the kind cuts.
         shared.append((f"half of rings of {width} px", frame, triangles[::2]))
     for name, frame, triangles in shared:

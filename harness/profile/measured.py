@@ -32,7 +32,7 @@ MAX_CONTROL_DIFFERENCE = 0.03
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredDraws:
     """Seconds of each draw of a design.
 
     epochs : (e, k) times of k draws in e epochs, normalised by the machine's speed in each round
@@ -73,7 +73,7 @@ MIN_LIMIT_S = 100.0
 """Minimum time limit of all rounds; the limit is twice the total budget if that is longer."""
 
 
-def make_settings(budget_s: float, draws: int) -> TimingSettings:
+def make_profile_timing(budget_s: float, draws: int) -> TimingSettings:
     """Return the timing of a profile: `budget_s` per draw, in `EPOCHS` epochs."""
     return TimingSettings(
         precision=1e-4,  # never reached, so that the budget alone determines the rounds
@@ -88,14 +88,14 @@ def make_settings(budget_s: float, draws: int) -> TimingSettings:
     )
 
 
-def measure(
+def measure_draws(
     backend: Backend,
     pool: MeasuringPool,
     draws: Sequence[Draw],
     timing: TimingSettings,
     seed: int,
     tick: Callable[[float], None] | None = None,
-) -> Measured:
+) -> MeasuredDraws:
     """Time all draws together, in interleaved rounds, with the empty draw and a control.
 
     Raises
@@ -113,7 +113,7 @@ def measure(
         for name, draw in zip(names, draws, strict=True)
     }
     candidates[CONTROL] = candidates[names[len(names) // 2]]
-    groups, failures = pool.time(backend, candidates, timing, seed, tick)
+    groups, failures = pool.time_drawings(backend, candidates, timing, seed, tick)
     if failures:
         raise NothingMeasuredError(f"{backend.label}: {next(iter(failures.values()))}")
     times = next(iter(groups.values()))
@@ -129,7 +129,7 @@ def measure(
     return replace(result, disturbed="" if state.is_quiet else why)
 
 
-def normalise_times(times: Mapping[str, Times], names: Sequence[str]) -> Measured:
+def normalise_times(times: Mapping[str, Times], names: Sequence[str]) -> MeasuredDraws:
     """Return the normalised times of the draws `names`, which were timed together.
 
     The level of a round is the geometric mean of its draws' times. All rounds draw the same design,
@@ -144,7 +144,7 @@ def normalise_times(times: Mapping[str, Times], names: Sequence[str]) -> Measure
     of_epochs = np.array([np.median(part, axis=1) for part in relative])
     speeds = np.array([part.mean() for part in np.split(levels, ends)])
     middle = names[len(names) // 2]
-    return Measured(
+    return MeasuredDraws(
         epochs=np.exp(of_epochs + speeds.mean()),
         drift=float(np.exp(np.ptp(speeds))),
         empty=float(times[EMPTY].median_s),

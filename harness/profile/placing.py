@@ -210,13 +210,13 @@ def make_ellipse_ring(corners: int, width: int, height: int) -> Points:
     return np.asarray((circle + denominator) * size // (2 * denominator))
 
 
-def cut_fan(corners: int) -> Triangles:
+def triangulate_ring_as_fan(corners: int) -> Triangles:
     """Return (corners - 2, 3) triangles of a convex ring, all at its first vertex."""
     second = np.arange(1, corners - 1)
     return np.stack([np.zeros_like(second), second, second + 1], axis=-1).astype(np.int32)
 
 
-def cut_zigzag(corners: int) -> Triangles:
+def triangulate_ring_as_zigzag(corners: int) -> Triangles:
     """Return (corners - 2, 3) triangles of a convex ring: a strip from end to end."""
     step = np.arange(corners - 2)
     low, high = (step + 1) // 2, corners - 1 - step // 2
@@ -224,7 +224,7 @@ def cut_zigzag(corners: int) -> Triangles:
     return np.stack([low, apex, high], axis=-1).astype(np.int32)
 
 
-def cut_halves(corners: int) -> Triangles:
+def triangulate_ring_by_halving(corners: int) -> Triangles:
     """Return (corners - 2, 3) triangles of a convex ring.
 
     The middle vertex of a chain forms a triangle with its ends; both halves are cut recursively.
@@ -239,9 +239,9 @@ def cut_halves(corners: int) -> Triangles:
     return np.array(cut(0, corners - 1), np.int32)
 
 
-RING_CUTS: dict[str, Callable[[int], Triangles]] = {
-    "fan": cut_fan,
-    "zigzag": cut_zigzag,
-    "halved": cut_halves,
+RING_TRIANGULATIONS: dict[str, Callable[[int], Triangles]] = {
+    "fan": triangulate_ring_as_fan,
+    "zigzag": triangulate_ring_as_zigzag,
+    "halved": triangulate_ring_by_halving,
 }
 """Triangulations of a convex ring, by name."""

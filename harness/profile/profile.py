@@ -21,7 +21,7 @@ from harness.profile.counted import PX_TERMS, TERMS, make_design_rows
 from harness.profile.design import DESIGN_VERSION
 from harness.profile.fitting import fit_coefficients
 from harness.profile.law import COSTS, FORMS, Law, make_cost_rows
-from harness.profile.measured import Measured
+from harness.profile.measured import MeasuredDraws
 from harness.profile.placing import Draw
 
 FORMAT, VERSION = "raster-harness profile", 2
@@ -45,7 +45,7 @@ has 0.86 within groups."""
 def make_profile(
     draws: Sequence[Draw],
     counted: Sequence[Mapping[str, int]],
-    measured: Measured,
+    measured: MeasuredDraws,
     device: Mapping[str, Any],
     seed: int,
 ) -> dict[str, Any]:
@@ -242,7 +242,7 @@ def select_draws_to_fit(draws: Sequence[Draw]) -> tuple[list[int], list[int]]:
     return fitted, plain
 
 
-def _compute_second_filling(draws: Sequence[Draw], measured: Measured) -> dict[str, float]:
+def _compute_second_filling(draws: Sequence[Draw], measured: MeasuredDraws) -> dict[str, float]:
     """Return, by triangle size, the time of drawing triangles again, relative to the first time."""
     net = dict(zip((d.name for d in draws), measured.times - measured.empty, strict=True))
     pairs = [d.name for d in draws if d.kind == "twice"]

@@ -15,7 +15,7 @@ from harness.rasterisers.base import (
     Sample,
     Triangles,
 )
-from harness.rasterisers.counters import Counter, register
+from harness.rasterisers.counters import Counter, register_counters
 
 __all__ = [
     "Counter",
@@ -80,7 +80,7 @@ def get(name: str) -> type[Rasteriser]:
         raise make_unknown_name_error("rasteriser", name, names())
     if not (isinstance(rasteriser, type) and issubclass(rasteriser, Rasteriser)):
         raise UsageError(f"rasteriser '{name}' is not a subclass of harness.rasterisers.Rasteriser")
-    register(rasteriser.new_counters)
+    register_counters(rasteriser.new_counters)
     return rasteriser
 
 

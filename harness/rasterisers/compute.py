@@ -49,12 +49,12 @@ class BoundingBox(GLRasteriser):
 
     def __init__(self, device: Device) -> None:
         super().__init__(device)
-        self.context.require(*context.COMPUTE_EXTENSIONS)
+        self.context.require_extensions(*context.COMPUTE_EXTENSIONS)
         self._draw_program = self.context.build_compute_shader("triangle", self.source)
         self._count_program = self.context.build_compute_shader(
             "triangle", self.source, define="COUNT"
         )
-        self.context.check("building the shaders")
+        self.context.raise_pending_error("building the shaders")
 
     def _draw_and_count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         self.context.activate()
@@ -65,7 +65,7 @@ class BoundingBox(GLRasteriser):
             _DispatchedJobs(self.context, self._count_program, frame, part).run()
             self.ctx.memory_barrier()
             totals += np.frombuffer(counts.read(), np.uint32)[: totals.size].reshape(totals.shape)
-        self.context.check("counting")
+        self.context.raise_pending_error("counting")
         return {name: totals[:, k].copy() for k, name in enumerate(self.counters)}
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:

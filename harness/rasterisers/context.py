@@ -102,7 +102,7 @@ class Context:
             Context._current = self
         self.ctx.gc()
 
-    def require(self, *extensions: str) -> None:
+    def require_extensions(self, *extensions: str) -> None:
         """Raise NoRasteriserError if the driver lacks any of the extensions."""
         missing = sorted(set(extensions) - set(self.ctx.extensions))
         if missing:
@@ -265,10 +265,10 @@ class Context:
             self.read_query(timers[-1])
             sample = watch.stop()
             elapsed = sum(map(self.read_query, timers))
-        self.check("timing")
+        self.raise_pending_error("timing")
         return replace(sample, gpu=elapsed * 1e-9)
 
-    def check(self, doing: str) -> None:
+    def raise_pending_error(self, doing: str) -> None:
         """Raise RuntimeError if an OpenGL error is pending; `doing` is the activity to report."""
         error = self.ctx.error
         if error != "GL_NO_ERROR":

@@ -104,7 +104,7 @@ def get_counter(name: str) -> Counter:
     return _registered.get(name) or Counter(name, name.replace("_", " "))
 
 
-def register(counters: Iterable[Counter]) -> None:
+def register_counters(counters: Iterable[Counter]) -> None:
     """Register third-party counters; built-in counters cannot be replaced."""
     _registered.update({counter.name: counter for counter in counters} | COUNTERS)
 

@@ -75,7 +75,7 @@ class GLRasteriser(Rasteriser):
                 f"{device.name}: OpenGL opened '{renderer}' instead; {self.remedy(device.name)}"
             )
         if self.ctx.version_code < context.MODERN_VERSION:
-            self.context.require(*context.OLDER_EXTENSIONS)
+            self.context.require_extensions(*context.OLDER_EXTENSIONS)
         self.device = replace(
             device,
             software=is_software(renderer),
@@ -87,7 +87,7 @@ class GLRasteriser(Rasteriser):
                 "subpixel_bits": info["GL_SUBPIXEL_BITS"],
             },
         )
-        self.context.check("opening the device")
+        self.context.raise_pending_error("opening the device")
 
     def _open(self, device: Device) -> Any:
         """Create and return the backend of a `Context`, an object with glcontext's methods."""
@@ -122,7 +122,7 @@ class OpenGL(GLRasteriser):
         self._programs: dict[tuple[str, ...], Any] = {}
         for counting in (False, True):
             self.get_program(counting=counting)
-        self.context.check("building the shaders")
+        self.context.raise_pending_error("building the shaders")
 
     def get_program(self, *, counting: bool, deep: bool = False, textured: bool = False) -> Any:
         """Return the program for drawing or for counting, with a depth test if `deep`."""
@@ -148,7 +148,7 @@ class OpenGL(GLRasteriser):
             mesh.bind()
             for name, result in self.context.count_by_queries(targets, mesh.draw).items():
                 driver[name] += result
-        self.context.check("counting")
+        self.context.raise_pending_error("counting")
         counters = {name: totals[:, k].copy() for k, name in enumerate(SHADED)}
         fragments, quads, helpers = (counters[name] for name in SHADED[:3])
         if (4 * quads != fragments + helpers).any():

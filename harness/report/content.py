@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.machine.git import get_commit
-from harness.metrics.decision import Decided, Decision, Standing, decide_all, format_advice
+from harness.metrics.decision import Decided, Decision, Standing, decide_run, format_advice
 from harness.metrics.groups import RecordGroup, describe_views
 from harness.metrics.per_polygon import (
     Columns,
@@ -146,9 +146,9 @@ class Content(TypedDict):
 def make_content(run: Run, decided: Sequence[Decided] | None = None) -> Content:
     """Return the content of the report of `run`, JSON-ready.
 
-    decided : result of `decide_all` for the run, computed if None
+    decided : result of `decide_run` for the run, computed if None
     """
-    decided = list(decide_all(run) if decided is None else decided)
+    decided = list(decide_run(run) if decided is None else decided)
     # Timed GPUs first, then other timed devices, then in the order of measurement.
     position = {id(record): number for number, record in enumerate(run.records)}
     decided.sort(

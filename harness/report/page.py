@@ -5,7 +5,7 @@ from pathlib import Path
 
 from harness import __version__
 from harness.errors import InputError
-from harness.metrics.decision import Decided, decide_all
+from harness.metrics.decision import Decided, decide_run
 from harness.profile.device_costs import DeviceCosts
 from harness.report.content import make_content
 from harness.report.prediction import make_prediction
@@ -49,7 +49,7 @@ def write_report(
     file : Path, optional
         File to write, by default `report.html` in the run's folder.
     decided : sequence of Decided, optional
-        Result of `decide_all` for the run, computed by default.
+        Result of `decide_run` for the run, computed by default.
     device : DeviceCosts, optional
         Costs by which draw times are predicted, by default those of the stored profile.
 
@@ -63,7 +63,7 @@ def write_report(
     InputError
         If the run has no case and no study.
     """
-    decided = list(decide_all(run) if decided is None else decided)
+    decided = list(decide_run(run) if decided is None else decided)
     content = make_content(run, decided)
     prediction, warnings = make_prediction(run, decided, device)
     content["warnings"] += warnings

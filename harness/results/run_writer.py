@@ -52,7 +52,7 @@ class _RecordFile:
         folder, name = self.path.parent, self.path.name
         flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND
         self._descriptor = atomic.open_inside(folder, name, flags)
-        if not system.lock(self._descriptor, wait=False):
+        if not system.lock_file(self._descriptor, wait=False):
             self.close()
             raise StorageError(f"{self.path.parent} is in use by another run; choose another --out")
         content = atomic.read_inside(folder, name)

@@ -162,7 +162,7 @@ class ModelDatabase:
         descriptor = os.open(self._get_sibling(".lock"), flags | system.BINARY, 0o644)
         with os.fdopen(descriptor, "r+b") as stream:
             # one process at a time, as SQLite does not wait while another enables the log
-            system.lock(stream.fileno())
+            system.lock_file(stream.fileno())
             if not os.fstat(descriptor).st_size:
                 os.write(descriptor, LOCK_MARK)
             # After damage, another process may have created a new file already.

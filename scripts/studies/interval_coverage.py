@@ -27,7 +27,7 @@ from harness.compare.model import Settings
 from harness.compare.times import Pair, compare_group
 from harness.frame import View
 from harness.metrics.break_even import compute_break_even
-from harness.metrics.decision import decide
+from harness.metrics.decision import decide_group
 from harness.metrics.groups import compute_time_ratio, group_records
 from harness.metrics.per_polygon import compute_spearman
 from harness.rasterisers.base import Options
@@ -330,7 +330,7 @@ def _simulate_winner(rng: np.random.Generator) -> Trial:
     """Choose the fastest of six drawings that take 0.9 to 0.903 of the baseline's time."""
     factors = (1.0, *(0.9 * np.exp(rng.uniform(0, 0.003, 6))))
     (group,) = group_records(simulate_run(rng, quiet, factors))
-    records, decision = group.records, decide(group)
+    records, decision = group.records, decide_group(group)
     if decision is None or decision.saving is None:
         return Trial(UNKNOWN, None, 1.0)
     number = int(decision.choice.name.split()[1])

@@ -135,7 +135,7 @@ def fit_device(layout: Design, seed: int, budget_s: float = 0.3) -> FittedDevice
     def prepare(order: Sequence[str]) -> dict[str, Drawing]:
         return {name: Drawing(seconds[name], clock, random) for name in order}
 
-    timing = measured.make_settings(budget_s, 0)
+    timing = measured.make_profile_timing(budget_s, 0)
     processes = []
     speeds: list[float] = []
     for number in range(timing.processes):

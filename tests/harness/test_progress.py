@@ -161,12 +161,12 @@ def test_a_terminal_shows_a_bar(monkeypatch):
 
 def test_notice_of_a_long_step_is_repeated_until_it_ends():
     reporter = ScriptedReporter()
-    with reporter.reporter.if_long("still reading", 0.01):
+    with reporter.reporter.say_if_long("still reading", 0.01):
         while len(reporter.lines) < 3:
             time.sleep(0.001)
     count = len(reporter.lines)
     assert all(line.startswith("still reading") for line in reporter.lines)
-    with reporter.reporter.if_long("never", 0.01) as cancel:
+    with reporter.reporter.say_if_long("never", 0.01) as cancel:
         cancel()
         time.sleep(0.05)
     assert len(reporter.lines) == count

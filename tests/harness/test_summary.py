@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from harness.metrics.decision import decide_all
+from harness.metrics.decision import decide_run
 from harness.metrics.groups import group_run, replace_base
 from harness.results.run_folder import read_run
 from harness.summary import print_summary
@@ -35,7 +35,7 @@ def record(name: str, factor: float = 1.0, polygons: int = 500, **changes: objec
 def show(records: list[dict], base: str = "", **options: Any) -> str:
     output = io.StringIO()
     console = Console(**{"file": output, "width": 80, **options})
-    print_summary(decide_all(make_run(records, base=base)), console)
+    print_summary(decide_run(make_run(records, base=base)), console)
     return output.getvalue()
 
 
@@ -105,7 +105,7 @@ def test_only_terminals_get_colour(terminal):
 def test_ascii_terminals_get_ascii():
     raw = io.BytesIO()
     output = io.TextIOWrapper(raw, encoding="ascii")
-    print_summary(decide_all(make_run(RECORDS[:4])), Console(file=output, width=80))
+    print_summary(decide_run(make_run(RECORDS[:4])), Console(file=output, width=80))
     output.flush()
     text = raw.getvalue().decode("ascii")
     assert "0.800 (0.795-0.805) faster" in text

@@ -159,13 +159,13 @@ def test_resume_uses_the_same_baseline(tmp_path):
 @pytest.mark.parametrize("twice", [False, True])
 def test_equal_triangulations_are_drawn_once_by_default(twice, tmp_path, monkeypatch):
     drawn: list[str] = []
-    time = MeasuringPool.time
+    time = MeasuringPool.time_drawings
 
     def watched(self, backend, candidates, *arguments):
         drawn.extend(candidates)
         return time(self, backend, candidates, *arguments)
 
-    monkeypatch.setattr(MeasuringPool, "time", watched)
+    monkeypatch.setattr(MeasuringPool, "time_drawings", watched)
     with project(tmp_path / "project") as folder:
         (folder / "theirs.py").write_text(WORSE)
         measure(PLAN, "out", twice=twice)

@@ -332,7 +332,7 @@ def test_processes_share_a_time_limit(monkeypatch, took, limits):
     drawn = make_bare_frame(8, corners), np.arange(3, dtype=np.int32)[None], Options()
     settings = TimingSettings(processes=4, limit_s=20.0)
     with closing(MeasuringPool(inline, timeout_s=1.0)) as pool:
-        groups, failures = pool.time(backend, {"a": drawn}, settings, seed=0)
+        groups, failures = pool.time_drawings(backend, {"a": drawn}, settings, seed=0)
     assert not failures
     assert shares == pytest.approx(limits)
     assert groups["a"]["a"].epochs == [1] * len(limits)

@@ -29,7 +29,7 @@ def signal_while_timing(number: signal.Signals, patch: pytest.MonkeyPatch) -> No
         os.kill(os.getpid(), number)
         raise AssertionError("it went on")
 
-    patch.setattr(MeasuringPool, "time", stopped)
+    patch.setattr(MeasuringPool, "time_drawings", stopped)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])

@@ -11,7 +11,7 @@ from rich.console import Console
 from harness.metrics import break_even as break_even_module
 from harness.metrics import decision as decision_module
 from harness.metrics.break_even import BreakEven, _solve_interval_end
-from harness.metrics.decision import decide_all, format_advice
+from harness.metrics.decision import decide_run, format_advice
 from harness.metrics.groups import compute_time_ratio
 from harness.report.content import make_content
 from harness.stats.intervals import RUN_SCATTER
@@ -48,7 +48,7 @@ def base():
 
 
 def decide(records):
-    return decision_module.decide(make_group(records))
+    return decision_module.decide_group(make_group(records))
 
 
 def break_even(record, base):
@@ -60,7 +60,7 @@ def break_even(record, base):
 
 def show_table(records):
     output = io.StringIO()
-    print_summary(decide_all(make_run(records)), Console(file=output, width=160))
+    print_summary(decide_run(make_run(records)), Console(file=output, width=160))
     lines = output.getvalue().splitlines()
     rows = [line for line in lines[2:] if line.split() and line.split()[0] in NAMES]
     return [line.split()[0] for line in rows], {line.split()[0]: line for line in rows}, lines
@@ -433,7 +433,7 @@ def test_each_pair_of_records_is_compared_at_most_once(monkeypatch):
     monkeypatch.setattr("harness.metrics.groups.compute_time_ratio", counted)
     names = ("delaunay", "greedy", "fan", "strip", "sweep")
     run = make_run([base(), *(make_fields(name, "faster") for name in names)])
-    decided = decide_all(run)
+    decided = decide_run(run)
     print_summary(decided, Console(file=io.StringIO()))
     assert len(list_rows(decided)) == 1 + len(names)
     make_content(run, decided)

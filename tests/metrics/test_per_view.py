@@ -28,7 +28,7 @@ def describe(records: list[dict]) -> list[str]:
 
 def make_row(record: dict, base: dict) -> dict:
     group = make_group([base, record])
-    return summary.make_row(group.records[1], decision.decide(group))
+    return summary.make_row(group.records[1], decision.decide_group(group))
 
 
 def record(name: str, lanes: list[int], **more: object) -> dict:

@@ -14,7 +14,7 @@ from rich.console import Console
 from harness.compare.comparison import compare_runs
 from harness.compare.model import Settings
 from harness.metrics import registry
-from harness.metrics.decision import decide_all
+from harness.metrics.decision import decide_run
 from harness.metrics.registry import (
     METRICS,
     MIN_QUADS,
@@ -91,7 +91,7 @@ def glow(monkeypatch: pytest.MonkeyPatch) -> Metric:
 
 def show(records: list[dict[str, Any]]) -> str:
     output = io.StringIO()
-    print_summary(decide_all(make_run(records)), Console(file=output, width=110))
+    print_summary(decide_run(make_run(records)), Console(file=output, width=110))
     return output.getvalue()
 
 
@@ -111,7 +111,7 @@ def test_a_new_criterion_is_predicted_correlated_and_shown(sparkle, tmp_path):
     content = make_content(read_run(write_run_of(tmp_path / "run", records)))
     assert "sparkle_length" in content["criteria"]
     assert content["figures"]["sparkle_length"]["title"] == "sparkle K"
-    write_csv(decide_all(make_run(records)), tmp_path / "summary.csv")
+    write_csv(decide_run(make_run(records)), tmp_path / "summary.csv")
     assert "sparkle_length" in pd.read_csv(tmp_path / "summary.csv").columns
 
 
@@ -125,7 +125,7 @@ def test_summary_states_the_options_of_each_case(tmp_path):
         )
         for order, samples, work in options
     ]
-    write_csv(decide_all(make_run(records)), tmp_path / "summary.csv")
+    write_csv(decide_run(make_run(records)), tmp_path / "summary.csv")
     table = pd.read_csv(tmp_path / "summary.csv")[["order", "samples", "work"]]
     assert sorted(table.itertuples(index=False, name=None)) == sorted(options)
 
@@ -133,7 +133,7 @@ def test_summary_states_the_options_of_each_case(tmp_path):
 def test_a_new_metric_is_in_table_csv_report_and_comparison(glow, tmp_path):
     records = [make_fields(name, k, {"quads": 100 + k}) for k, name in enumerate(NAMES[:3])]
     assert "glow" in show(records)
-    write_csv(decide_all(make_run(records)), tmp_path / "summary.csv")
+    write_csv(decide_run(make_run(records)), tmp_path / "summary.csv")
     assert pd.read_csv(tmp_path / "summary.csv")["glow"].tolist() == [100, 101, 102]
     base = read_run(write_run_of(tmp_path / "base", records))
     assert make_content(base)["figures"]["glow"]["unit"] == "lumens"
@@ -169,7 +169,7 @@ def test_counters_of_binning_are_printed():
 
 
 def test_rasteriser_declares_its_counters():
-    counters.register([counters.Counter("mirror_hits", "mirror hits", "mirrors", "none")])
+    counters.register_counters([counters.Counter("mirror_hits", "mirror hits", "mirrors", "none")])
     figure = find_metric("mirror_hits")
     assert (figure.unit, figure.better, figure.kind) == ("mirrors", "none", "counter")
     assert list_costs(["mirror_hits", "quads", MIN_QUADS]) == ["quads"], (
@@ -178,7 +178,7 @@ def test_rasteriser_declares_its_counters():
     of_order = ["vertex_batches", "transformed_vertices"]
     assert list_costs([*of_order, "quads"]) == ["quads"]
     assert list_costs([*of_order, "quads"], of_order=True) == ["quads", *of_order]
-    counters.register([counters.Counter("quads", "stolen", "x")])
+    counters.register_counters([counters.Counter("quads", "stolen", "x")])
     assert find_metric("quads").label == "quads", "a built-in counter is not replaced"
 
 

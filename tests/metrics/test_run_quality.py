@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from harness.measuring.reference_draws import get_default_path
-from harness.metrics.decision import decide, format_advice
+from harness.metrics.decision import decide_group, format_advice
 from harness.stats.run_quality import (
     DISTURBED,
     MAX_REFERENCE_RATIO,
@@ -35,7 +35,7 @@ def test_best_of_equal_triangulators_is_rarely_significant(name):
     rng = np.random.default_rng(3)
     count = 150
     false_positives = sum(
-        decide(make_group(simulate_run(rng, getattr(machines, name), (1.0,) * 7))).reason
+        decide_group(make_group(simulate_run(rng, getattr(machines, name), (1.0,) * 7))).reason
         == "faster"
         for _ in range(count)
     )
@@ -167,8 +167,8 @@ def test_counters_decide_in_a_disturbed_run():
     rng = np.random.default_rng(4)
     records = simulate_run(rng, machines.quiet, (1.0, 0.6, 0.8))
     records[2] = replace(records[2], counters={"quads": 50})
-    assert decide(make_group(records)).choice.name == "rival 1"
-    decision = decide(make_group(records, state=DISTURBED))
+    assert decide_group(make_group(records)).choice.name == "rival 1"
+    decision = decide_group(make_group(records, state=DISTURBED))
     assert (decision.reason, decision.choice.name) == ("counter", "rival 2")
     assert [standing.name for standing in decision.standings] == [
         "rival 2",
@@ -179,7 +179,7 @@ def test_counters_decide_in_a_disturbed_run():
     assert "times are disturbed and not used" in sentence
     assert "measure again" in sentence
     equal = [replace(record, counters={"quads": 9}) for record in records]
-    decision = decide(make_group(equal, state=DISTURBED))
+    decision = decide_group(make_group(equal, state=DISTURBED))
     assert decision.reason == "undecided"
     assert "times are disturbed and not used" in format_advice(decision)
 

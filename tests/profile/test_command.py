@@ -94,9 +94,9 @@ def test_profile_of_a_machine_that_slows_down_is_refused(harness, monkeypatch):
 
 
 def test_too_slow_device_is_an_error(harness, monkeypatch):
-    settings = measured.make_settings
+    settings = measured.make_profile_timing
     monkeypatch.setattr(
-        measured, "make_settings", lambda *args: replace(settings(*args), limit_s=0)
+        measured, "make_profile_timing", lambda *args: replace(settings(*args), limit_s=0)
     )
     assert_refused(
         run_profile(harness, "Charger"),
@@ -109,10 +109,10 @@ def test_too_slow_device_is_an_error(harness, monkeypatch):
 def test_fewer_parts_are_a_warning(harness, monkeypatch):
     monkeypatch.setattr(advice, "recommend_triangulator", lambda *_: None)
     monkeypatch.setattr("harness.profile.report.draw_chart", lambda *_: "none")
-    measure = measured.measure
-    assert measured.make_settings(0.5, 126).limit_s == 126
-    assert measured.make_settings(0.1, 126).limit_s == measured.MIN_LIMIT_S
-    timing = measured.make_settings(0.5, 126)
+    measure = measured.measure_draws
+    assert measured.make_profile_timing(0.5, 126).limit_s == 126
+    assert measured.make_profile_timing(0.1, 126).limit_s == measured.MIN_LIMIT_S
+    timing = measured.make_profile_timing(0.5, 126)
     assert (timing.processes, timing.epochs) == (measured.EPOCHS, 1)
     assert timing.processes * timing.budget_s == pytest.approx(0.5)
 
@@ -120,7 +120,7 @@ def test_fewer_parts_are_a_warning(harness, monkeypatch):
         times = measure(*arguments)
         return replace(times, rounds=times.rounds[:5])
 
-    monkeypatch.setattr(measured, "measure", measure_five_parts)
+    monkeypatch.setattr(measured, "measure_draws", measure_five_parts)
     _, err = require_ok(run_profile(harness, "Charger"))
     assert "warning: slow device: 5 of 6 epochs in 100 s, so intervals are wide" in err
 

@@ -108,7 +108,7 @@ def test_cuts_of_a_ring_differ_only_in_diagonals(counted):
     for draw, counts in select_kind(counted, "cuts"):
         groups.setdefault(draw.group, []).append(counts)
     for group, counts in groups.items():
-        assert len(counts) == len(placing.RING_CUTS)
+        assert len(counts) == len(placing.RING_TRIANGULATIONS)
         for equal in ("triangles", "fragments", "vertices"):
             assert len({row[equal] for row in counts}) == 1, (group, equal)
         assert len({row["half_perimeter"] for row in counts}) == len(counts)
@@ -227,9 +227,9 @@ def test_terms_of_the_design_are_not_collinear(counted):
 
 
 @pytest.mark.parametrize("corners", [4, 16, 32])
-@pytest.mark.parametrize("way", placing.RING_CUTS)
+@pytest.mark.parametrize("way", placing.RING_TRIANGULATIONS)
 def test_convex_ring_is_triangulated_completely(corners, way):
-    triangles = placing.RING_CUTS[way](corners)
+    triangles = placing.RING_TRIANGULATIONS[way](corners)
     assert triangles.shape == (corners - 2, 3)
     points = placing.make_ellipse_ring(corners, 4096, 1024)
     doubled = twice_areas(points, triangles)

@@ -13,7 +13,7 @@ from harness import viewport_sizes
 from harness.frame import View, make_scene_frame
 from harness.measuring.plan import Plan
 from harness.measuring.run import RunOptions, run
-from harness.metrics.decision import decide_all
+from harness.metrics.decision import decide_run
 from harness.profile.device_costs import find_profile, read_costs
 from harness.profile.stage_optimum import minimise_slowest_stage
 from harness.progress import Reporter
@@ -33,7 +33,7 @@ H200 = find_profile("opengl-h200")
 
 def predict(path, name="opengl-h200"):
     stored = read_run(path)
-    return predict_run(stored, decide_all(stored), read_costs(find_profile(name)))
+    return predict_run(stored, decide_run(stored), read_costs(find_profile(name)))
 
 
 def test_predictions_equal_those_of_inspect(folder):
@@ -126,7 +126,7 @@ def test_run_stores_the_profile_and_minimises_the_slowest_stage(tmp_path):
     assert chosen.calibration != plan.triangulators[1].calibration
     geometry = drawings.read(stored, plan.views[0])
     assert np.array_equal(geometry.triangles[name], frame.join_triangles(expected.parts))
-    prediction, warnings = make_prediction(stored, decide_all(stored), None)
+    prediction, warnings = make_prediction(stored, decide_run(stored), None)
     assert warnings == []
     assert [row["name"] for row in prediction["views"][0]["rows"]] == [name, base]
     assert all(record.triangulate_samples_s for record in stored.records)

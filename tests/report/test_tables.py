@@ -7,7 +7,7 @@ import pytest
 
 from harness.commands.report import report
 from harness.errors import InputError
-from harness.metrics.decision import decide_all
+from harness.metrics.decision import decide_run
 from harness.report.tables import write_table
 from harness.results.run_folder import read_run
 from harness.style import format_latex_table
@@ -61,7 +61,7 @@ def test_bencher_gets_times_with_intervals_and_counters(folder: Path, tmp_path: 
 
 def test_a_run_without_a_case_has_no_table(tmp_path: Path):
     with pytest.raises(InputError, match="table not written"):
-        write_table(decide_all(read_run_without_cases(tmp_path)), tmp_path / "run.md")
+        write_table(decide_run(read_run_without_cases(tmp_path)), tmp_path / "run.md")
 
 
 def read_run_without_cases(folder: Path):

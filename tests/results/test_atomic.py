@@ -58,7 +58,7 @@ def test_temporary_file_of_a_killed_process_is_used_again(tmp_path, state):
     temporary.symlink_to("other") if state == "a link" else temporary.write_text("much more text")
     with temporary.open() as file:
         if state == "in use":
-            assert system.lock(file.fileno(), wait=False)
+            assert system.lock_file(file.fileno(), wait=False)
         atomic.write(target, b"new")
     assert target.read_bytes() == b"new"
     assert temporary.exists() == (state != "abandoned")
