@@ -181,10 +181,7 @@ def count_size(
 def _list_costs(
     counters: Sequence[dict[str, int]], seconds: Sequence[float], device: DeviceCosts | None
 ) -> list[Cost]:
-    """Return the cost of each triangulator, the base first.
-
-    counters, seconds : `count_native_and_walk` and triangulation time of each triangulator
-    """
+    """Return each triangulator's cost, the base first, from its counters and triangulation time."""
     unknown: list[Cost] = [dict.fromkeys(("draw", "draw_walk", "stage", "saved_95"))]
     draws = predict_draw_costs(counters, device) if device else unknown * len(counters)
     return [

@@ -251,7 +251,7 @@ class MeasuringPool(WorkerPool):
         seed: int,
         tick: Callable[[float], None] | None = None,
     ) -> tuple[dict[str, dict[str, Times]], dict[str, str]]:
-        """Time the candidates together, in shuffled rounds, in one process or several in turn.
+        """Time the candidates together, in shuffled rounds, in one or several successive processes.
 
         If the device fails, candidates are timed one by one, so that only a failing candidate is
         lost. Returns two dictionaries by candidate: the times, by name, of all drawings timed in

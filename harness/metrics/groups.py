@@ -84,7 +84,7 @@ def group_run(run: Run) -> list[RecordGroup]:
 
 
 def drop_equal_triangulations(records: Sequence[Record]) -> list[Record]:
-    """Return the first record of each distinct triangulation, from records of one polygon and view.
+    """Return records of one polygon and view without repeated triangulations.
 
     Triangulations are equal if all `IDENTIFYING_CRITERIA` are.
     """

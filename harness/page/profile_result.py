@@ -19,7 +19,7 @@ from harness.profile import design, measured
 from harness.profile.counted import TERMS, count_draw, make_design_rows
 from harness.profile.design import DESIGN_VERSION
 from harness.profile.law import FORMS, fit_form, predict_times
-from harness.profile.measured import CONTROL, MeasuredDraws
+from harness.profile.measured import CONTROL, DrawTimes
 from harness.profile.placing import Draw
 from harness.profile.profile import check_profile, make_profile, select_draws_to_fit
 from harness.stats.intervals import MIN_EPOCHS
@@ -146,11 +146,7 @@ def _check_draws(file: Path, result: Result, draws: list[Draw], exact: Sequence[
 
 
 def _check_law(
-    file: Path,
-    result: Result,
-    draws: list[Draw],
-    exact: Sequence[Counted],
-    measurement: MeasuredDraws,
+    file: Path, result: Result, draws: list[Draw], exact: Sequence[Counted], measurement: DrawTimes
 ) -> None:
     """Raise InputError unless the page's law and a new fit to the page's times agree."""
     if result.law is None:

@@ -11,7 +11,7 @@ from harness.measuring.pool import MeasuringPool
 from harness.profile.counted import TERMS, Design
 from harness.profile.design import AREAS, ASPECTS
 from harness.profile.law import COSTS
-from harness.profile.measured import MeasuredDraws
+from harness.profile.measured import DrawTimes
 from harness.profile.placing import Draw
 from harness.stats.intervals import compute_mean_interval, compute_student_interval
 from harness.study.subjects import sample_evenly
@@ -129,7 +129,7 @@ def sum_scene_features(
 
 
 def compare_aspects(
-    draws: Sequence[Draw], design: Design, measured: MeasuredDraws
+    draws: Sequence[Draw], design: Design, measured: DrawTimes
 ) -> list[dict[str, Any]]:
     """Return the relative cost of thin triangles, a dictionary for each triangle area in `AREAS`.
 

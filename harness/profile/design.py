@@ -78,8 +78,8 @@ SLIVERS = ((64, 16, 2000), (64, 64, 2000), (16, 16, 2000))
 LONG_THIN = ((256, 256, 200), (256, 2048, 60), (448, 1024, 40))
 """Length in px, height in 1/256 px and number of thin triangles as long as those of large polygons.
 
-Rotation enlarges their boxes far more than any other term. Without them a law attributes the misfit
-of small triangles to boxes, and is wrong about large triangles.
+Rotation enlarges their boxes far more than any other term. Without them the fit attributes the
+misfit of small triangles to boxes, and is wrong about large triangles.
 """
 
 MESHES = (2, 16)

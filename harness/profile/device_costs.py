@@ -103,7 +103,7 @@ def _make_costs(profile: Any) -> DeviceCosts:
 def count_native_and_walk(frame: Frame, triangles: NDArray[np.int32]) -> dict[str, int]:
     """Return `count_cost_terms` of triangles (m, 3), and vertex counters in walk order.
 
-    The names of the latter end in _walk; triangles in walk order go from neighbour to neighbour.
+    Names in walk order, in which triangles go from neighbour to neighbour, end in _walk.
     """
     walked = sum_batches_of_draws(frame, order_submission(frame, triangles, WALK))
     counts = count_cost_terms(frame, triangles)

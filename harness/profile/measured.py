@@ -32,7 +32,7 @@ MAX_CONTROL_DIFFERENCE = 0.03
 
 
 @dataclass(frozen=True)
-class MeasuredDraws:
+class DrawTimes:
     """Seconds of each draw of a design.
 
     epochs : (e, k) times of k draws in e epochs, normalised by the machine's speed in each round
@@ -95,7 +95,7 @@ def measure_draws(
     timing: TimingSettings,
     seed: int,
     tick: Callable[[float], None] | None = None,
-) -> MeasuredDraws:
+) -> DrawTimes:
     """Time all draws together, in interleaved rounds, with the empty draw and a control.
 
     Raises
@@ -121,7 +121,7 @@ def measure_draws(
     if epochs < MIN_EPOCHS:
         raise InconclusiveError(
             f"{backend.label}: too slow ({epochs} of {EPOCHS} epochs in {timing.limit_s:g} s, "
-            f"and a law needs {MIN_EPOCHS}); increase the budget, e.g. --budget 4"
+            f"and a fit needs {MIN_EPOCHS}); increase the budget, e.g. --budget 4"
         )
     result = normalise_times(times, names)
     state = assess_times((backend.label, f"draw {name}", _make_time(times[name])) for name in names)
@@ -129,7 +129,7 @@ def measure_draws(
     return replace(result, disturbed="" if state.is_quiet else why)
 
 
-def normalise_times(times: Mapping[str, Times], names: Sequence[str]) -> MeasuredDraws:
+def normalise_times(times: Mapping[str, Times], names: Sequence[str]) -> DrawTimes:
     """Return the normalised times of the draws `names`, which were timed together.
 
     The level of a round is the geometric mean of its draws' times. All rounds draw the same design,
@@ -144,7 +144,7 @@ def normalise_times(times: Mapping[str, Times], names: Sequence[str]) -> Measure
     of_epochs = np.array([np.median(part, axis=1) for part in relative])
     speeds = np.array([part.mean() for part in np.split(levels, ends)])
     middle = names[len(names) // 2]
-    return MeasuredDraws(
+    return DrawTimes(
         epochs=np.exp(of_epochs + speeds.mean()),
         drift=float(np.exp(np.ptp(speeds))),
         empty=float(times[EMPTY].median_s),

@@ -21,7 +21,7 @@ from harness.profile.counted import PX_TERMS, TERMS, make_design_rows
 from harness.profile.design import DESIGN_VERSION
 from harness.profile.fitting import fit_coefficients
 from harness.profile.law import COSTS, FORMS, Law, make_cost_rows
-from harness.profile.measured import MeasuredDraws
+from harness.profile.measured import DrawTimes
 from harness.profile.placing import Draw
 
 FORMAT, VERSION = "raster-harness profile", 2
@@ -37,15 +37,15 @@ MAX_DRAWS = 1000
 """Upper bound of the draws of a profile; the memory to refit its law grows as their square."""
 
 MIN_R2 = 0.88
-"""Lower bound of the explained variance of held-out draws, over all draws and within groups. A law
-below it is refused: its optimum would follow the noise. Quiet machines reach 0.91 to 0.98; softpipe
-has 0.86 within groups."""
+"""Lower bound of the explained variance of held-out draws, over all draws and within groups. Worse
+profiles are refused: optima for them would follow the noise. Quiet machines reach 0.91 to 0.98;
+softpipe has 0.86 within groups."""
 
 
 def make_profile(
     draws: Sequence[Draw],
     counted: Sequence[Mapping[str, int]],
-    measured: MeasuredDraws,
+    measured: DrawTimes,
     device: Mapping[str, Any],
     seed: int,
 ) -> dict[str, Any]:
@@ -205,7 +205,7 @@ def read_law(content: Mapping[str, Any]) -> Law | None:
         return None
     epochs = np.array([row["epochs"] for row in rows], np.float64).T
     if len(rows) > MAX_DRAWS or epochs.ndim != 2 or not ((epochs > 0) & (epochs < np.inf)).all():
-        raise ValueError(f"times: not positive numbers of at most {MAX_DRAWS} draws")
+        raise ValueError(f"times: must be positive numbers, of at most {MAX_DRAWS} draws")
     design = make_design_rows([row["counters"] for row in rows])
     return laws.fit_law(design, epochs, [str(row["group"]) for row in rows], content["form"])
 
@@ -242,7 +242,7 @@ def select_draws_to_fit(draws: Sequence[Draw]) -> tuple[list[int], list[int]]:
     return fitted, plain
 
 
-def _compute_second_filling(draws: Sequence[Draw], measured: MeasuredDraws) -> dict[str, float]:
+def _compute_second_filling(draws: Sequence[Draw], measured: DrawTimes) -> dict[str, float]:
     """Return, by triangle size, the time of drawing triangles again, relative to the first time."""
     net = dict(zip((d.name for d in draws), measured.times - measured.empty, strict=True))
     pairs = [d.name for d in draws if d.kind == "twice"]

@@ -352,7 +352,7 @@ def order_submission(frame: Frame, triangles: Triangles, options: Options) -> Tr
     if array.ndim != 2 or array.shape[1] != 3 or not np.issubdtype(array.dtype, np.integer):
         raise ValueError(f"triangles must be an integer (m, 3) array, not {array.shape}")
     if len(array) and not (array.min() >= 0 and array.max() < len(frame.points)):
-        raise ValueError(f"vertex index out of range (0 to {len(frame.points) - 1})")
+        raise ValueError(f"triangles: vertex index out of range (0 to {len(frame.points) - 1})")
     if frame.viewing is not None and options.order == "native":
         view = np.searchsorted(frame.viewing.piece_offsets, frame.find_owners(array), side="right")
         array = array[np.lexsort((_rank_in_view(frame, frame.viewing, array), view))]
@@ -412,7 +412,8 @@ def check_size(width: int, height: int, max_size: int) -> None:
     """Raise UsageError if a viewport exceeds the device's maximum size."""
     if max(width, height) > max_size:
         raise UsageError(
-            f"{width}x{height} px exceeds the device's maximum of {max_size}; lower --resolution"
+            f"viewport: {width}x{height} px exceeds the device's maximum of {max_size}; "
+            "lower --resolution"
         )
 
 

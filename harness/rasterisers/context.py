@@ -92,7 +92,7 @@ class Context:
         types = {"uint": ctypes.c_uint, "int": ctypes.c_int, "pointer": ctypes.c_void_p}
         address = self._backend.load(name)
         if not address:
-            raise OSError(f"the OpenGL driver has no {name}")
+            raise OSError(f"OpenGL driver: function {name} not found")
         return ctypes.CFUNCTYPE(None, *(types[kind] for kind in kinds))(address)
 
     def activate(self) -> None:
@@ -166,7 +166,7 @@ class Context:
         check_size(width, height, self.max_size)
         if samples > max(self.max_samples, 1):
             raise UsageError(
-                f"{samples} samples per pixel: unsupported (the device has {self.max_samples})"
+                f"{samples} samples per pixel: unsupported (the maximum is {self.max_samples})"
             )
         properties = (width, height, samples if samples > 1 else 0, int(deep))
         if properties != self._target[0]:

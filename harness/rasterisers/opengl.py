@@ -153,7 +153,8 @@ class OpenGL(GLRasteriser):
         fragments, quads, helpers = (counters[name] for name in SHADED[:3])
         if (4 * quads != fragments + helpers).any():
             raise NoRasteriserError(
-                f"{self.device.name}: the OpenGL driver does not report helper invocations"
+                f"{self.device.name}: the OpenGL driver does not report helper invocations; "
+                "choose another device"
             )
         counters |= {name: np.array(total, np.int64) for name, total in driver.items()}
         if frame.depths is not None:

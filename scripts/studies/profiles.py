@@ -50,7 +50,7 @@ from harness.profile.advice import recommend_triangulator
 from harness.profile.counted import TERMS, count_cost_terms, count_draw, make_design_rows
 from harness.profile.fitting import compute_r_squared, compute_r_squared_within
 from harness.profile.law import COSTS, make_cost_rows, predict_times
-from harness.profile.measured import MeasuredDraws
+from harness.profile.measured import DrawTimes
 from harness.progress import Reporter
 from harness.rasterisers.base import Options, order_submission
 from harness.settings import StudySize, TimingSettings
@@ -137,7 +137,7 @@ def refit(profile: dict[str, Any]) -> dict[str, Any]:
     The advice for a sum is retained; for a maximum of stages it is computed again.
     """
     draws, stored = recreate_draws(profile)
-    times = MeasuredDraws(
+    times = DrawTimes(
         epochs=np.array([row["epochs"] for row in stored]).T,
         drift=profile["drift"],
         empty=profile["empty"],

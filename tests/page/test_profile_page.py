@@ -14,7 +14,7 @@ from harness.profile.advice import CRITERIA, compare_aspects
 from harness.profile.counted import TERMS, count_draw, make_design_rows
 from harness.profile.fitting import fit_coefficients
 from harness.profile.law import COSTS as CRITERIA_TERMS
-from harness.profile.measured import CONTROL, MeasuredDraws, normalise_times
+from harness.profile.measured import CONTROL, DrawTimes, normalise_times
 from harness.profile.report import format_seconds
 from harness.stats.intervals import Ratio, compute_mean_interval
 from tests.chromium import MEASUREMENT_ENDED, REPORT_READY, Chromium
@@ -115,7 +115,7 @@ ASPECTS = """(() => {
 def test_times_of_thin_triangles_equal_python(loaded, design_rows):
     draws, rows = design_rows
     epochs = make_epochs(rows, COSTS, "sum")
-    times = MeasuredDraws(epochs, 1.0, COSTS["draw"], Ratio(1.0, 1.0, 1.0, 8), [2] * 8)
+    times = DrawTimes(epochs, 1.0, COSTS["draw"], Ratio(1.0, 1.0, 1.0, 8), [2] * 8)
     argument = json.dumps({"epochs": epochs.tolist(), "empty_s": COSTS["draw"]})
     actual = loaded.evaluate(ASPECTS % argument)
     for expected, found in zip(compare_aspects(draws, rows, times), actual, strict=True):

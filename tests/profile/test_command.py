@@ -100,7 +100,7 @@ def test_too_slow_device_is_an_error(harness, monkeypatch):
     )
     assert_refused(
         run_profile(harness, "Charger"),
-        "too slow (1 of 6 epochs in 0 s, and a law needs",
+        "too slow (1 of 6 epochs in 0 s, and a fit needs",
         code=INCONCLUSIVE,
     )
     assert not list(Path().iterdir())

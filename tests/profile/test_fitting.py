@@ -225,7 +225,7 @@ def test_deviations_from_the_law_widen_intervals(layout):
     assert widths[1] > 3 * widths[0]
 
 
-def simulate_rounds(*speeds: float, control_ratio: float = 1.0) -> measured.MeasuredDraws:
+def simulate_rounds(*speeds: float, control_ratio: float = 1.0) -> measured.DrawTimes:
     """Return the times of three draws in epochs of two rounds with these speeds of the machine."""
     samples = {"0": 1e-3, "1": 2e-3, "2": 4e-3, EMPTY: 1e-5, CONTROL: 2e-3 * control_ratio}
     epochs = [2] * len(speeds)

@@ -49,7 +49,7 @@ def test_multisampling_counts_more_fragments_and_softens_edges(llvmpipe):
 
 def test_too_many_samples_are_refused_with_the_maximum(llvmpipe):
     frame, triangles = random_triangles(seed=9, size=64, number=2, grid=64)
-    with pytest.raises(UsageError, match="the device has 4"):
+    with pytest.raises(UsageError, match="the maximum is 4"):
         llvmpipe.draw_and_count(frame, triangles, Options(samples=8))
 
 
