@@ -235,7 +235,7 @@ class MeasuringPool(WorkerPool):
     def draw_and_count(
         self, backend: Backend, frame: Frame, triangles: Triangles, options: Options
     ) -> Counters:
-        """Return the counters of drawing `triangles`.
+        """Draw triangles (m, 3) and return exact counts, e.g. of shaded quads, for each polygon.
 
         Raises HarnessError if the device does not support the options, or fails.
         """

@@ -88,7 +88,7 @@ class RunWriter:
             drawings.write(store, frame, by_name)
 
     def add_counted(self, record: Record, columns: Columns | None) -> None:
-        """Store a record without time, so that a resumed run need not count again."""
+        """Store a record that has counters but no time yet, for a run that resumes this one."""
         self._store_columns(record, columns)
         self._stores[0].append_counted(replace(record, status="counted"))
 
@@ -102,9 +102,9 @@ class RunWriter:
             self._reporter.warn(f"{record.name} on {record.id.device} failed: {record.reason}")
 
     def _store_columns(self, record: Record, columns: Columns | None) -> tuple[RunFolder, Record]:
-        """Store a case's columns; return the folder for the record, and the record to store.
+        """Store a case's values per polygon; return the record's folder, and the record to store.
 
-        BASE's record is stored in BASE's folder, where its id has no version.
+        The baseline's records are stored in the baseline's folder, where ids have no version.
         """
         store = self._stores[0]
         if record.id.version:
@@ -129,8 +129,8 @@ def _format_record(record: Record) -> str:
 def get_covered_fragments(counters: Counters, drawn: NDArray[np.bool_]) -> NDArray[np.int64] | None:
     """Return the fragments (p,) that each polygon covers, -1 if unknown; None if not counted.
 
-    counters, drawn : counters of one triangulation without gaps, and which polygons it draws (p,);
-        all triangulations of a polygon cover the same number of fragments
+    counters, drawn : counters of a triangulation that uses every vertex, and the polygons that it
+        draws, (p,); all triangulations of a polygon cover the same number of fragments
     """
     fragments = counters.get("fragments")
     if fragments is None or not fragments.ndim:
@@ -253,7 +253,7 @@ def describe_missing(triangulation: FrameTriangulation) -> str | None:
 def make_time(
     group: Mapping[str, Times], key: str, test: TimerTest, settings: TimingSettings
 ) -> Time:
-    """Return the `time` of a record, from the drawing `key` of a group timed together.
+    """Return the `time` of a record: the times of the drawing `key` in a group timed together.
 
     Sample r of every record of the group, and of `empty_s` and `reference_s`, comes from round r,
     so that the samples of two records can be compared round by round.

@@ -188,7 +188,7 @@ def run(
 
 
 def _set_scene_view(plan: Plan, scene: Scene) -> Plan:
-    """Return the plan; if the scene is map tiles or a model with views, with the scene's own view.
+    """Return the plan with the view that the scene defines, if map tiles or a model with views.
 
     For a model, the triangulation in its file (ORIGINAL) is added to the triangulators.
     """
@@ -295,7 +295,7 @@ def _measure_parts(
 
 @contextmanager
 def _handle_signals(pool: MeasuringPool, reporter: Reporter) -> Iterator[None]:
-    """Let the first Ctrl-C during timing stop the run only after that timing, for this block.
+    """During the block, let the first Ctrl-C stop the run only after the timing in progress.
 
     A second Ctrl-C, SIGTERM and SIGHUP raise KeyboardInterrupt at once. So does the first Ctrl-C
     while nothing is timed, because a triangulation may take hours, and counters are stored already.
@@ -369,7 +369,7 @@ def open_stores(
 
 
 def _refuse_differences(before: RunFacts, facts: RunFacts, out: Path) -> None:
-    """Raise IncompatibleRunsError if the run in `out` differs from the one that resumes it.
+    """Raise IncompatibleRunsError if the run in `out` and a run that would resume it differ.
 
     before, facts : content of the run.json of the run in `out`, and of the new one
     """

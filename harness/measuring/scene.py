@@ -208,7 +208,7 @@ class SceneRun:
     ) -> FrameTriangulation | tuple[Status, str]:
         """Compile and run a triangulator; return its result, or (status, reason) without a result.
 
-        If the baseline's built-in triangulators equal HEAD's, HEAD's result is used for both.
+        If the baseline's built-in triangulators equal the current ones, both use one result.
         """
 
         def report_wait(waited: float) -> None:
@@ -394,8 +394,8 @@ class SceneRun:
     ) -> Recipe:
         """Return the recipe whose triangles are drawn and timed for a case.
 
-        For a case of the baseline this is HEAD's recipe if both versions have the same triangles,
-        so that both get the same times; except with `OtherVersion.twice`.
+        For a case of the baseline this is the current version's recipe if both versions have the
+        same triangles, so that both get the same times; except with `OtherVersion.twice`.
         """
         head, other = replace(recipe, other=False), self.pool.other
         if other is None or other.twice or not recipe.other or head not in ready:

@@ -78,7 +78,7 @@ def open_device(name: str, device: Device) -> OpenedDevice:
 def draw_and_count(
     name: str, device: Device, frame: Frame, triangles: Triangles, options: Options
 ) -> Counters:
-    """Return the counters of drawing `triangles` (m, 3) on the device."""
+    """Draw `triangles` (m, 3) on the device, and return the rasteriser's exact counters."""
     return _get_rasteriser(name, device).draw_and_count(frame, triangles, options)
 
 
@@ -110,7 +110,7 @@ def time_group(
     with contextlib.ExitStack() as stack:
 
         def prepare(order: Sequence[str]) -> dict[str, Drawing]:
-            """Free all drawings, then prepare them again in `order`: memory layouts vary."""
+            """Free all drawings and prepare them again in `order`, with a new memory layout."""
             stack.close()
             prepared = {}
             for name in order:

@@ -102,7 +102,7 @@ that the sum and the maximum of the stages differ most."""
 
 
 def make_draws(seed: int = 0) -> list[Draw]:
-    """Return the draws of the design, in the order of the tables here and in `stage_draws`.
+    """Return the draws of a profile, in the order of this module's table and of `stage_draws`.
 
     Draws of earlier versions of the design come first.
     """

@@ -175,6 +175,7 @@ class Law:
         return np.asarray(low * self.shares.max(axis=0) > MIN_TIME_SHARE)
 
     def _compute_intervals(self, confidence: float) -> Seconds:
+        """Return the ends (t, 2) of each cost's interval; from 0 to its bound if undetermined."""
         width = compute_interval_reach(self.groups, confidence) * np.sqrt(np.diag(self.covariance))
         low = np.clip(self.signed_costs - width, 0.0, self.costs) * self.known
         high = np.maximum(self.costs, self.signed_costs + width)

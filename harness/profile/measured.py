@@ -96,7 +96,7 @@ def measure_draws(
     seed: int,
     tick: Callable[[float], None] | None = None,
 ) -> DrawTimes:
-    """Time all draws together, in interleaved rounds, with the empty draw and a control.
+    """Time all draws in interleaved rounds, with an empty draw and a second copy of one draw.
 
     Raises
     ------

@@ -57,7 +57,10 @@ class Draw:
 
 
 def make_unshared_triangles(corners: NDArray[np.int32]) -> tuple[Frame, NDArray[np.int32]]:
-    """Return triangles without shared vertices as frame and (m, 3); corners (m, 3, 2), 1/256 px."""
+    """Return a frame and triangles (m, 3) of which no two share a vertex.
+
+    corners : (m, 3, 2) in 1/256 px
+    """
     rows = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
     return make_bare_frame(SIDE, corners.reshape(-1, 2)), rows
 
@@ -227,7 +230,7 @@ def triangulate_ring_as_zigzag(corners: int) -> Triangles:
 def triangulate_ring_by_halving(corners: int) -> Triangles:
     """Return (corners - 2, 3) triangles of a convex ring.
 
-    The middle vertex of a chain forms a triangle with its ends; both halves are cut recursively.
+    The middle vertex of a chain forms a triangle with its ends, and so on in both halves.
     """
 
     def cut(first: int, last: int) -> list[tuple[int, int, int]]:

@@ -229,7 +229,7 @@ def is_of_this_machine(device: Mapping[str, Any]) -> bool:
 
 
 def select_draws_to_fit(draws: Sequence[Draw]) -> tuple[list[int], list[int]]:
-    """Return the indices of draws to which the costs of `TERMS` are fitted, and `coefficients`.
+    """Return indices of the draws to which `TERMS` are fitted, and of those for `coefficients`.
 
     The costs omit draws that a device may skip because later draws cover them. `coefficients` also
     omit draws with arithmetic per fragment, and draws that differ in what no criterion predicts:

@@ -79,7 +79,7 @@ Population = tuple[NDArray[np.int32], NDArray[np.int32]]
 
 
 def make_stage_draws(seed: int) -> Iterator[Draw]:
-    """Yield the draws of the kinds of the table above, in its order."""
+    """Yield the draws of all kinds in the module's table, in the table's order."""
     yield from _yield_orders(seed)
     yield from _yield_samples(seed)
     yield from _yield_tiles(seed)
@@ -139,7 +139,7 @@ def _make_small_triangles(
 
 
 def _make_patches(cells: placing.Points, numbers: NDArray[np.int64], quarters: int) -> Population:
-    """Return a patch in each cell; in `quarters` of four every triangle covers one sample.
+    """Return a patch (`PATCH`) in each cell; in `quarters` of four, each triangle covers a sample.
 
     In these patches, squares are stretched to 1 by 2 px, so that each half contains a sample; in
     the other patches, squares are shrunk to 1/8 px and lie between samples.
@@ -235,7 +235,7 @@ def _compute_interleaving_keys(
 
 
 def _join_populations(one: Population, other: Population) -> Population:
-    """Concatenate two populations, with vertex indices of the second shifted."""
+    """Concatenate the points and the triangles of two populations, with new vertex indices."""
     points, triangles = zip(one, other, strict=True)
     shifted = (triangles[0], triangles[1] + np.int32(len(points[0])))
     return np.concatenate(points), np.concatenate(shifted)

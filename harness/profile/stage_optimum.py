@@ -108,7 +108,8 @@ def order_for_slowest_stage(
 ) -> tuple[FrameTriangulation, dict[str, float]]:
     """Return a triangulation in the order for its slowest stage, with the seconds of each stage.
 
-    If the stage of vertices is the slowest, the order is that of a walk; otherwise it is unchanged.
+    If the stage of vertices is the slowest, triangles are sorted from neighbour to neighbour (a
+    walk); otherwise the order is unchanged.
     """
     times = _predict_stage_times(device, frame, result)
     slowest = max(times, key=lambda name: times[name])

@@ -111,7 +111,7 @@ class Context:
             )
 
     def make_header(self, *extensions: str) -> str:
-        """Return a shader's first lines: version, `extensions`, and an old context's extensions."""
+        """Return a shader's first lines: version, `extensions`, and those an old context needs."""
         modern = self.ctx.version_code >= MODERN_VERSION
         needed = extensions if modern else (*OLDER_EXTENSIONS, *extensions)
         lines = [f"#extension {name} : require" for name in needed]

@@ -42,6 +42,7 @@ KEEP_ALPHA = 7
 """Channels written while counting, all except alpha: llvmpipe discards a tile's collected storage
 writes when an opaque triangle covers the tile, and a draw that keeps alpha is not opaque."""
 WRITE_ALL = 15
+"""Channels written while drawing: all four."""
 
 GRID_STEPS = (1, 2, 4, 8, 16)
 """Steps of the vertex grids that WebGPU's backends allow, in 1/256 px."""

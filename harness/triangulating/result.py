@@ -67,7 +67,7 @@ class FrameTriangulation:
 
 
 def sum_criteria_per_polygon(polygons: PolygonArray, parts: Sequence[Rows | None]) -> Columns:
-    """Return each criterion's sum over each polygon's triangles, (p,) by column; 0 without any.
+    """Return each criterion's sum over each polygon's triangles, (p,) by column; 0 if it has none.
 
     parts : for each polygon its triangles (m, 3), or None
     """
