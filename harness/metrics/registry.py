@@ -207,7 +207,7 @@ def draw_ms(record: Record) -> float | None:
 
 @_register("draw time relative to the reference", "x", "time", best_case=0.0)
 def draw_of_reference(record: Record) -> float | None:
-    """Median draw time over that of the reference triangle of the same run."""
+    """Median draw time divided by that of the reference triangle of the same run."""
     reference = record.time.reference_s if record.time else ()
     return _divide(_get_median_s(record), statistics.median(reference) if reference else None)
 
