@@ -81,7 +81,9 @@ def test_every_repeat_is_drawn(reference, monkeypatch):
     frame, triangles = random_triangles(seed=4, size=64, number=20, grid=1)
     drawn = []
     with reference.prepare(frame, triangles, Options()) as drawing:
-        monkeypatch.setattr(spans, "fill_picture", lambda _, triangles, *more: drawn.append(triangles))
+        monkeypatch.setattr(
+            spans, "fill_picture", lambda _, triangles, *more: drawn.append(triangles)
+        )
         drawing.sample(10)
     assert len(drawn) == 10
     assert all(item is triangles for item in drawn)
