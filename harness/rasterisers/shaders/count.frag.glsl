@@ -1,7 +1,7 @@
 // Count fragments, quads, helper lanes, partial quads and covering triangles of each polygon.
 //
 // Derivatives are differences between the lanes of a 2x2 quad. Derivatives of the helper flag show
-// each lane which of its three neighbours are helpers. The first covered lane counts the quad, and
+// each lane which of its three neighbours are helper lanes. The first covered lane counts the quad, and
 // the triangle if it sets the triangle's bit.
 
 #ifdef DEPTH
@@ -28,21 +28,21 @@ void main() {
     bool right = (int(gl_FragCoord.x) & 1) == 1;
     bool top = (int(gl_FragCoord.y) & 1) == 1;
     // Helper flags of the neighbour in the row, in the column, and diagonally.
-    float beside = helper + (right ? -1.0 : 1.0) * dFdxFine(helper);
-    float beyond = helper + (top ? -1.0 : 1.0) * dFdyFine(helper);
-    float across = beside + (top ? -1.0 : 1.0) * dFdyFine(beside);
+    float row_helper = helper + (right ? -1.0 : 1.0) * dFdxFine(helper);
+    float column_helper = helper + (top ? -1.0 : 1.0) * dFdyFine(helper);
+    float diagonal_helper = row_helper + (top ? -1.0 : 1.0) * dFdyFine(row_helper);
 
     // Lanes in the order bottom left, bottom right, top left, top right.
     bool first = true;
-    if (right && !top) first = beside > 0.5;
-    if (top && !right) first = beyond > 0.5 && across > 0.5;
-    if (top && right) first = beside > 0.5 && beyond > 0.5 && across > 0.5;
+    if (right && !top) first = row_helper > 0.5;
+    if (top && !right) first = column_helper > 0.5 && diagonal_helper > 0.5;
+    if (top && right) first = row_helper > 0.5 && column_helper > 0.5 && diagonal_helper > 0.5;
 
     fragment = colour;
     if (!gl_HelperInvocation) {
         atomicAdd(counts[5u * owner], 1u);
         if (first) {
-            uint helpers = uint(beside + beyond + across + 0.5);
+            uint helpers = uint(row_helper + column_helper + diagonal_helper + 0.5);
             atomicAdd(counts[5u * owner + 1u], 1u);
             atomicAdd(counts[5u * owner + 2u], helpers);
             if (helpers > 0u) atomicAdd(counts[5u * owner + 3u], 1u);
