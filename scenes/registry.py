@@ -29,7 +29,7 @@ GROUP = "raster_harness.scenes"
 
 
 TILE_OPTIONS = {"zoom", "layers", "tiles", "pixels"}
-"""Parameters of map tiles: a file named with one of these is read by `scenes.tiles.read`."""
+"""Parameters of map tiles: a file given with one of these is read by `scenes.tiles.read`."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def names() -> list[str]:
     >>> names()[:3]
     ['city', 'helsinki', 'helsinki-tiles']
     """
-    return [*ENTRIES, *sorted(point.name for point in _list_installed())]
+    return [*ENTRIES, *sorted(point.name for point in _list_installed_scenes())]
 
 
 def find_entry(name: str) -> Entry:
@@ -155,7 +155,7 @@ def find_entry(name: str) -> Entry:
     """
     if name in ENTRIES:
         return ENTRIES[name]
-    for point in _list_installed():
+    for point in _list_installed_scenes():
         if point.name == name:
             package = point.dist.name if point.dist else point.module
             return Entry(name, point.value, f"added by {package}", licence="see " + package)
@@ -229,7 +229,7 @@ def load(
     if name in ENTRIES:
         result = function(**arguments)
     else:
-        with _contain_errors(f"scene {name} failed"):
+        with _convert_errors(f"scene {name} failed"):
             result = function(**arguments)
             result = list(result) if isinstance(result, Iterable) else result
     scene = _convert_to_scene(name, result, {**parameters, "seed": seed})
@@ -257,7 +257,7 @@ def split_parameters(text: str) -> tuple[str, dict[str, Any], bool]:
 
 
 def is_tiled(text: str) -> bool:
-    """Whether "name:key=value" names map tiles.
+    """Whether "name:key=value" stands for map tiles, each a separate view.
 
     >>> is_tiled("city"), is_tiled("town.pmtiles:limit=9"), is_tiled("town.pmtiles:zoom=14")
     (False, False, True)
@@ -281,7 +281,7 @@ def _import_builder(scene: Entry) -> Callable[..., Any]:
     if command:
         raise SceneError(f"scene {scene.name}: {scene.package} is not installed; {command}")
     full_name = scene.name if scene.name == scene.builder else f"{scene.name} ({scene.builder})"
-    with _contain_errors(f"scene {full_name} cannot be imported"):
+    with _convert_errors(f"scene {full_name} cannot be imported"):
         loaded: Any = EntryPoint(scene.name, scene.builder, GROUP).load()
     if not callable(loaded):
         raise SceneError(f"scene {full_name} is not a function")
@@ -290,8 +290,8 @@ def _import_builder(scene: Entry) -> Callable[..., Any]:
 
 
 @contextmanager
-def _contain_errors(problem: str) -> Iterator[None]:
-    """Turn errors of third-party code, including SystemExit, into a SceneError."""
+def _convert_errors(problem: str) -> Iterator[None]:
+    """Raise errors of third-party code in the block, including SystemExit, as a SceneError."""
     try:
         yield
     except (SceneError, KeyboardInterrupt, MemoryError):
@@ -326,6 +326,6 @@ def _convert_to_scene(name: str, result: Any, parameters: dict[str, Any]) -> Sce
     )
 
 
-def _list_installed() -> list[EntryPoint]:
+def _list_installed_scenes() -> list[EntryPoint]:
     """Return the entry points of scenes in other installed packages."""
     return [point for point in entry_points(group=GROUP) if point.name not in ENTRIES]

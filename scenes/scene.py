@@ -37,8 +37,8 @@ class UnknownSceneError(SceneError):
 class Tiling:
     """Map tiles of a scene's polygons; each tile is a separate view.
 
-    Polygons are in px, y up, with the tile's lower left corner at (0, 0), and are clipped at the
-    tile's edge when drawn.
+    Polygons are in px, y up, with the tile's lower left corner at (0, 0); a renderer cuts them off
+    at the tile's edge.
 
     pixels : side of a tile on the screen, even
     names : names of the t tiles with polygons, for example "14/9326/4741"
@@ -116,7 +116,7 @@ class Scene:
 
 
 MAX_EXAMPLES = 1000
-"""Maximum number of notes of each kind that are stored; notes beyond it are counted only."""
+"""Maximum number of notes of each kind that are stored; further notes are only counted."""
 
 
 def remove_location(reason: str) -> str:
@@ -140,7 +140,7 @@ class NoteCounter:
     examples: dict[str, list[Note]] = field(default_factory=dict)
 
     def note(self, kind: str, notes: Sequence[Note], times: int = 1) -> None:
-        """Count notes of a kind, each for `times` polygons; store up to `MAX_EXAMPLES` in total."""
+        """Count notes of a kind, each as `times` polygons; store up to `MAX_EXAMPLES` of them."""
         for _, reason in notes:
             self.counts[kind, remove_location(reason)] += times
         examples = self.examples.setdefault(kind, [])

@@ -23,7 +23,7 @@ from scenes.readers.guard import check_path
 from scenes.readers.reader import Source, choose_reader
 from scenes.scene import SceneError
 from scenes.spec import convert_arguments, parse_name, path_exists
-from scenes.tiles.archives import Run, TilePosition, open_archive
+from scenes.tiles.archives import TilePosition, TileRun, open_archive
 from scenes.tiles.read import PIXELS, TileContent, check_pixels, read_tile
 
 MIN_ROWS, MAX_ROWS = 20_000, 50_000
@@ -35,7 +35,7 @@ RANDOM_ACCESS = (".gpkg", ".fgb", ".shp")
 _COMPARISON = re.compile(
     r'^\s*("?)([\w.]+)\1\s*(<=|>=|<|>|=)\s*([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*$'
 )
-_TESTS: dict[str, Callable[[float, float, float], bool]] = {
+_RANGE_TESTS: dict[str, Callable[[float, float, float], bool]] = {
     "<": lambda low, _, value: low < value,
     "<=": lambda low, _, value: low <= value,
     ">": lambda _, high, value: high > value,
@@ -71,13 +71,13 @@ def cut_file(path: str, layer: str | None = None, where: str | None = None) -> S
     file = check_path(path)
     reader = choose_reader(file)
     if reader.function == "scenes.readers.geoparquet:read":
-        with guard.clear_errors(path, reader.kind):
+        with guard.raise_scene_errors(path, reader.kind):
             return _cut_parquet(Source(file, layer), where)
     is_random_access = file.suffix.lower() in RANDOM_ACCESS and where is None
-    identity = compute_identity(file, read_edges(file))
+    identity = compute_identity(file, read_identifying_bytes(file))
     if not is_random_access:
         return Slices(identity, [None], [0])
-    with guard.clear_errors(path, reader.kind):
+    with guard.raise_scene_errors(path, reader.kind):
         import pyogrio
 
         from scenes.readers.vector import choose_layer
@@ -108,7 +108,7 @@ def _cut_parquet(source: Source, where: str | None) -> Slices:
     for number in range(metadata.num_row_groups):
         group = metadata.row_group(number)
         end = start + group.num_rows
-        if not _may_match(group, parsed_comparisons):
+        if not _may_group_match(group, parsed_comparisons):
             pruned += group.num_rows
         elif (
             rows
@@ -156,7 +156,7 @@ def parse_comparisons(where: str | None) -> list[tuple[str, str, float]]:
     return parsed
 
 
-def _may_match(group: Any, parsed_comparisons: list[tuple[str, str, float]]) -> bool:
+def _may_group_match(group: Any, parsed_comparisons: list[tuple[str, str, float]]) -> bool:
     """Whether a row that meets all comparisons may exist in a row group, by its statistics."""
     if not parsed_comparisons:
         return True
@@ -169,20 +169,22 @@ def _may_match(group: Any, parsed_comparisons: list[tuple[str, str, float]]) -> 
             continue
         low, high = statistics.min, statistics.max
         is_number = isinstance(low, (int, float)) and isinstance(high, (int, float))
-        if is_number and not _TESTS[comparison](low, high, value):
+        if is_number and not _RANGE_TESTS[comparison](low, high, value):
             return False
     return True
 
 
-def read_edges(file: Path) -> bytes:
+def read_identifying_bytes(file: Path) -> bytes:
     """Return bytes that change if a file is edited, for `compute_identity`.
 
-    The first and last bytes of the file and of its SQLite log; for a folder, the names of files.
+    These are the first and last bytes of a file and of its SQLite log, or a folder's file names.
     """
     if file.is_dir():
         return "\n".join(sorted(entry.name for entry in file.iterdir())).encode()
     log = file.with_name(f"{file.name}-wal")
-    return b"".join(guard.read_edges(file) + (guard.read_edges(log) if log.is_file() else ()))
+    return b"".join(
+        guard.read_both_ends(file) + (guard.read_both_ends(log) if log.is_file() else ())
+    )
 
 
 def compute_identity(file: Path, content: bytes) -> str:
@@ -202,7 +204,7 @@ _ARCHIVE = re.compile(r"\.(pmtiles|mbtiles)$", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class TileSelection:
-    """Selection of zooms and layers of an archive, and the size of tiles.
+    """Selection of zooms and layers of an archive, and the size of a drawn tile.
 
     zooms : first and last zoom; None for all
     layers : names of layers; None for all
@@ -227,7 +229,7 @@ def parse_tile_selection(text: str) -> tuple[str, TileSelection] | None:
     name, parameters = parse_name(text)
     has_archives = any(_ARCHIVE.search(entry.name) for entry in [Path(name), *_list_folder(name)])
     has_tile_options = not {"zoom", "layers", "pixels"}.isdisjoint(parameters)
-    if not (has_tile_options or has_archives or _TILE.search(name) or is_folder(name)):
+    if not (has_tile_options or has_archives or _TILE.search(name) or is_tile_folder(name)):
         return None
     return name, _build_selection(**convert_arguments(name, _build_selection, parameters))
 
@@ -247,7 +249,7 @@ def _build_selection(
     return TileSelection((first, last), names, pixels)
 
 
-def is_folder(name: str) -> bool:
+def is_tile_folder(name: str) -> bool:
     """Whether a path is a folder that contains tiles, or folders of zooms."""
     return any(
         _TILE.search(entry.name) or (entry.name.isdecimal() and entry.is_dir())
@@ -262,25 +264,25 @@ def _list_folder(name: str) -> list[Path]:
 def cut_tiles(path: str, zooms: tuple[int, int] | None) -> Slices:
     """Return the slices of an archive: `rows` are ranges of tile numbers, `sizes` numbers of runs.
 
-    A run is a series of equal tiles. zooms : first and last zoom, None for all. Raises SceneError
-    if the archive is missing, cannot be read, or has no tile of these zooms.
+    A run is a series of consecutive equal tiles. zooms : first and last zoom, None for all. Raises
+    SceneError if the archive is missing, cannot be read, or has no tile of these zooms.
     """
     file = check_path(path)
     rows: list[tuple[int, int] | None] = []
     sizes: list[int] = []
-    with guard.clear_errors(path, "map tiles"):
+    with guard.raise_scene_errors(path, "map tiles"):
         archive = open_archive(file)
         for zoom in archive.select_zooms(path, zooms):
-            for first, last, size in _cut_runs(archive.list_runs(zoom)):
+            for first, last, size in _cut_tile_runs(archive.list_tile_runs(zoom)):
                 rows.append((first, last))
                 sizes.append(size)
     if not rows:
         raise SceneError(f"{path} holds no tile of the requested zooms: give another zoom")
-    return Slices(compute_identity(file, _read_content(file)), rows, sizes)
+    return Slices(compute_identity(file, _read_identifying_bytes_of_archive(file)), rows, sizes)
 
 
-def _cut_runs(runs: Iterable[Run]) -> Iterator[tuple[int, int, int]]:
-    """Yield (first tile, stop tile, number of runs) of each slice, given the runs of a zoom."""
+def _cut_tile_runs(runs: Iterable[TileRun]) -> Iterator[tuple[int, int, int]]:
+    """Yield (first tile, stop tile, number of runs of equal tiles) of each slice of a zoom."""
     first = last = tiles = size = 0
     for run in runs:
         if tiles and (tiles == MAX_TILES or size + run.size > MAX_BYTES):
@@ -293,10 +295,10 @@ def _cut_runs(runs: Iterable[Run]) -> Iterator[tuple[int, int, int]]:
         yield first, last, tiles
 
 
-def _read_content(file: Path) -> bytes:
+def _read_identifying_bytes_of_archive(file: Path) -> bytes:
     """Return bytes that change if a file, or a file in a folder, is edited."""
     if not file.is_dir():
-        return read_edges(file)
+        return read_identifying_bytes(file)
     files = ((entry, entry.stat()) for entry in sorted(file.rglob("*")) if entry.is_file())
     lines = (f"{entry.relative_to(file)} {s.st_size} {int(s.st_mtime)}" for entry, s in files)
     return "\n".join(lines).encode()
@@ -328,9 +330,9 @@ def read_tiles(path: str, numbers: tuple[int, int], selection: TileSelection) ->
 
     Raises SceneError if the file is missing or cannot be read.
     """
-    with guard.clear_errors(path, "map tiles"):
+    with guard.raise_scene_errors(path, "map tiles"):
         archive = open_archive(check_path(path))
-        for run in archive.list_runs(archive.get_zoom(numbers[0]), *numbers):
+        for run in archive.list_tile_runs(archive.get_zoom(numbers[0]), *numbers):
             name = archive.get_name(run.first)
             zoom = name.zoom if archive.zooms and isinstance(name, TilePosition) else None
             content = read_tile(archive, name, selection.layers, selection.pixels)

@@ -17,7 +17,7 @@ from scenes.scene import SceneError
 
 
 def format_suggestion(name: str, options: Iterable[str], prefix: str = "there are") -> str:
-    """Return the end of an error message: "did you mean" the nearest option, or all options.
+    """Return a hint for an error message: the nearest option, or all options after `prefix`.
 
     >>> format_suggestion("ctiy", ["city", "glyphs"])
     'did you mean city?'

@@ -105,7 +105,7 @@ def retriangulate(
         for part, result in zip(parts, results, strict=True):
             drawn.append(DrawnPart(part.mesh, result.triangles, part.placements))
             if (result.triangles != part.mesh.triangles).any():
-                with guard.clear_errors(str(source), _KIND):
+                with guard.raise_scene_errors(str(source), _KIND):
                     model.replace_triangles(part, result.triangles)
     if out is None:
         changes.views = count_views(drawn, sizes, tick) if changes.changed else []
@@ -125,7 +125,7 @@ def open_model(source: Path) -> tuple[Model, list[list[ModelPart]]]:
     if kind is None:
         raise UsageError(f"{source}: unsupported model format; export it as {', '.join(FORMATS)}")
     check_path(str(source))
-    with guard.clear_errors(str(source), _KIND):
+    with guard.raise_scene_errors(str(source), _KIND):
         model = kind(source)
         return model, list(model.iterate_groups())
 

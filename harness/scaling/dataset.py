@@ -36,7 +36,7 @@ from harness.progress import Reporter
 from harness.results.run_folder import translate_errors
 from harness.scaling.executors import Executor
 from scenes import SceneError
-from scenes.slices import Slices, is_folder
+from scenes.slices import Slices, is_tile_folder
 
 MANIFEST = "manifest.json"
 LEFT_OUT = "left_out.csv"
@@ -178,7 +178,7 @@ def list_files(pattern: str) -> list[Path]:
     A folder of map tiles counts as one file. Raises UsageError if no file matches.
     """
     path = Path(pattern)
-    if path.is_dir() and not path.suffix and not is_folder(pattern):
+    if path.is_dir() and not path.suffix and not is_tile_folder(pattern):
         paths = sorted(file for file in path.iterdir() if not file.name.startswith("."))
         shapes = {file.stem for file in paths if file.suffix.lower() == ".shp"}
         paths = [

@@ -16,10 +16,10 @@ Rule = Literal["nonzero", "evenodd"]
 MAX_CROSSINGS = 200_000
 """Maximum number of crossings of contours; each crossing adds about one face to compute."""
 
-_SAMPLE = 100
-"""Number of edges from whose crossings the number of all crossings is estimated."""
+_SAMPLE_EDGES = 100
+"""Number of edges whose crossings are counted to estimate the number of all crossings."""
 
-_MAX_PEELED = 1000
+_MAX_REPAIR_EDGES = 1000
 """Number of edges, after cutting at crossings, up to which `shapely.make_valid` repairs."""
 
 
@@ -63,7 +63,7 @@ def _fill_nested(rings: NDArray[Any], rule: Rule) -> Any | None:
         return None  # of two equal rings each contains the other
     first, second = tree.query(rings)
     separate = (first < second) & ~np.isin(first * count + second, keys)
-    if _has_overlap(rings[first[separate]], rings[second[separate]]):
+    if _do_pairs_overlap(rings[first[separate]], rings[second[separate]]):
         return None
     direction = np.where(shapely.is_ccw(shapely.get_exterior_ring(rings)), 1, -1)
     around = np.bincount(inner, weights=direction[outer], minlength=count).astype(np.int64)
@@ -74,13 +74,13 @@ def _fill_nested(rings: NDArray[Any], rule: Rule) -> Any | None:
     return _insert_holes(rings, inside & ~outside, outside & ~inside, outer, inner)
 
 
-def _has_overlap(first: NDArray[Any], second: NDArray[Any]) -> bool:
+def _do_pairs_overlap(first: NDArray[Any], second: NDArray[Any]) -> bool:
     """Whether first[i] and second[i] overlap for any i; no polygon contains its partner.
 
     GEOS looks up edges of a prepared polygon but scans the edges of the second polygon, so the
-    larger polygon is prepared. Preparation does not speed up `overlaps`, the test of pairs that
-    touch. Tree queries by "intersects" and "covers", which also prepare the smaller polygons, took
-    1.0 s instead of 0.47 s for 2,285 holes in a ring of 50,000 vertices.
+    larger polygon is prepared. Preparation does not speed up `overlaps`, which is tested only for
+    pairs that touch. Tree queries by "intersects" and "covers", which also prepare the smaller
+    polygons, took 1.0 s instead of 0.47 s for 2,285 holes in a ring of 50,000 vertices.
     """
     is_smaller = shapely.get_num_coordinates(first) < shapely.get_num_coordinates(second)
     larger, smaller = np.where(is_smaller, second, first), np.where(is_smaller, first, second)
@@ -166,18 +166,18 @@ def fill_even_odd(rings: NDArray[Any], noded: Any | None = None) -> Any:
 def repair_polygon(polygon: shapely.Polygon) -> Any:
     """Return the area that an invalid polygon covers an odd number of times.
 
-    The result is that of `shapely.make_valid`, except for rings that cross themselves often, where
+    The result is that of `shapely.make_valid`, which is called unless rings cross themselves often:
     `make_valid` would compute all crossings again for each nesting level. Raises
     shapely.GEOSException if GEOS does, and for more than `MAX_CROSSINGS` crossings.
 
     >>> repair_polygon(shapely.Polygon([(0, 0), (6, 8), (6, 0), (0, 8)])).area
     24.0
     """
-    if shapely.get_num_coordinates(polygon) > _SAMPLE:
+    if shapely.get_num_coordinates(polygon) > _SAMPLE_EDGES:
         rings = shapely.get_rings(polygon)
         _check_crossings(rings)
         noded = shapely.unary_union(rings)
-        if shapely.get_num_geometries(noded) > _MAX_PEELED:
+        if shapely.get_num_geometries(noded) > _MAX_REPAIR_EDGES:
             return fill_even_odd(rings, noded)
     return shapely.make_valid(polygon)
 
@@ -192,7 +192,7 @@ def _check_crossings(rings: NDArray[Any]) -> None:
         return  # too few pairs of edges for that many crossings
     same = ring[1:] == ring[:-1]
     edges = shapely.linestrings(np.stack([points[:-1][same], points[1:][same]], axis=1))
-    sample = edges[:: max(len(edges) // _SAMPLE, 1)]
+    sample = edges[:: max(len(edges) // _SAMPLE_EDGES, 1)]
     tree, pairs = shapely.STRtree(edges), 0
     limit = 2 * MAX_CROSSINGS * len(sample) / len(edges)
     for edge in sample:  # one by one, to stop early: an edge may meet all edges

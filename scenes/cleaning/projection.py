@@ -25,7 +25,7 @@ MAX_EDGE_DEG = 90.0
 """Maximum longitude difference, in degrees, of edges on an azimuthal map. A longer edge is meant as
 a straight line in longitude and latitude, such as the side of a box from -180 to 180."""
 
-_POLE = 89.999  # latitude in degrees; at a pole, edges of any longitude difference are allowed
+_POLE_LATITUDE = 89.999  # degrees; at a pole, edges of any longitude difference are allowed
 
 
 @cache
@@ -91,7 +91,7 @@ def find_unit(crs: str | None) -> str | None:
 
 @dataclass(frozen=True)
 class Projection:
-    """An equal-area map of a data set, in metres.
+    """A projection of a data set to an equal-area map, in metres.
 
     `crs` is the geographic system of the data, whose datum the map uses. `centre` is the longitude
     and latitude, in degrees from that system's prime meridian, of the centre of Lambert's azimuthal
@@ -105,7 +105,7 @@ class Projection:
 
     @classmethod
     def fit(cls, crs: str, geometries: Any) -> "Projection":
-        """Return the map for geometries in longitude and latitude.
+        """Return the projection for geometries in longitude and latitude.
 
         The map is azimuthal unless geometries exceed `MAX_DISTANCE_DEG` from the centre, or
         have edges longer than `MAX_EDGE_DEG`, such as a box from -180 to 180.
@@ -117,10 +117,10 @@ class Projection:
         cosine = np.sin(lat0) * np.sin(lat) + np.cos(lat0) * np.cos(lat) * np.cos(lon - lon0)
         fits = np.nanmin(cosine, initial=1.0) >= np.cos(np.radians(MAX_DISTANCE_DEG))
         if fits:
-            step, middle, _ = _list_steps(geometries)
+            step, middle, _ = _measure_edge_longitudes(geometries)
             step = np.abs(step)
             long = ((step > MAX_EDGE_DEG) & (step <= 180.0)) | (np.abs(step - 360.0) < 1e-9)
-            fits = not (long & (np.abs(middle) < _POLE)).any()
+            fits = not (long & (np.abs(middle) < _POLE_LATITUDE)).any()
         return cls(crs, centre if fits else None)
 
     def __str__(self) -> str:
@@ -204,7 +204,7 @@ class Projection:
         projected: NDArray[Any] = shapely.transform(inputs, self.forward)
         return projected
 
-    def find_torn(self, geometries: NDArray[Any]) -> NDArray[np.bool_]:
+    def find_torn_geometries(self, geometries: NDArray[Any]) -> NDArray[np.bool_]:
         """Return flags (k,) of geometries that cross the 180th meridian, where the map ends.
 
         Only cylindrical maps end there. An edge is taken to cross the meridian if spanning more
@@ -212,7 +212,7 @@ class Projection:
         """
         torn = np.zeros(len(geometries), dtype=bool)
         if self.centre is None:
-            step, _, owner = _list_steps(geometries)
+            step, _, owner = _measure_edge_longitudes(geometries)
             torn[owner[(np.abs(step) > 180.0) & (np.abs(step) < 360.0 * (1 - 1e-12))]] = True
         return torn
 
@@ -239,12 +239,12 @@ def _compute_cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np
     return product
 
 
-def _list_steps(
+def _measure_edge_longitudes(
     geometries: Any,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Return the longitude difference and mean latitude of each ring's edges.
+    """Return the longitude difference, mean latitude and geometry of each edge of all rings.
 
-    Three arrays (e,): degrees, degrees, and the index of the geometry in `geometries`.
+    Three arrays (e,): degrees, degrees, and the index of the edge's geometry in `geometries`.
     """
     parts, owner = shapely.get_parts(np.asarray(geometries, dtype=object), return_index=True)
     parts, inner = shapely.get_parts(parts, return_index=True)

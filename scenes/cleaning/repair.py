@@ -63,7 +63,7 @@ def clean(
     dropped: list[Note] = []
     repaired: list[Note] = []
     names = labels or [f"feature {index}" for index in range(len(inputs))]
-    usable = _find_usable(inputs, names, dropped)
+    usable = _find_usable_geometries(inputs, names, dropped)
     parts, source = _split_parts(inputs, usable, names, dropped)
     parts = shapely.force_2d(parts)
     valid = shapely.is_valid(parts)
@@ -83,8 +83,10 @@ def clean(
     return Cleaned(polygons[positive], source[positive], dropped, repaired)
 
 
-def _find_usable(inputs: NDArray[Any], names: list[str], dropped: list[Note]) -> NDArray[np.int64]:
-    """Return the indices of geometries with finite coordinates only; append notes."""
+def _find_usable_geometries(
+    inputs: NDArray[Any], names: list[str], dropped: list[Note]
+) -> NDArray[np.int64]:
+    """Return the indices of nonempty `inputs` with finite coordinates; note all others."""
     absent = shapely.is_missing(inputs) | shapely.is_empty(inputs)
     dropped += [(names[i], "empty geometry") for i in np.flatnonzero(absent)]
     coordinates, owner = shapely.get_coordinates(inputs, return_index=True)

@@ -89,7 +89,7 @@ def _build_slot(x: float, y: float, length: float, radius: float, segments: int)
     return shapely.Polygon(np.concatenate([right_arc, left_arc]))
 
 
-def _build_rounded(w: float, h: float, radius: float, segments: int) -> np.ndarray:
+def _build_rounded_rectangle(w: float, h: float, radius: float, segments: int) -> np.ndarray:
     """Return the ring (k, 2) of a rectangle from (0, 0) to (w, h) with rounded corners."""
     corners = [(w - radius, radius), (w - radius, h - radius), (radius, h - radius)]
     corners.append((radius, radius))
@@ -103,7 +103,7 @@ def _build_rounded(w: float, h: float, radius: float, segments: int) -> np.ndarr
 def _cut_holes(
     outline: np.ndarray | shapely.Polygon, holes: list[shapely.Polygon]
 ) -> shapely.Geometry:
-    """Return the polygon of an outline, with the exteriors of `holes` as holes."""
+    """Return the exterior of an outline as a polygon, with the exteriors of `holes` as holes."""
     return shapely.Polygon(shapely.Polygon(outline).exterior, [hole.exterior for hole in holes])
 
 
@@ -118,7 +118,7 @@ def _build_plate(rng: Generator, segments: int) -> shapely.Geometry:
     for k in range(rows):
         y = h / 2 + (k - (rows - 1) / 2) * 12
         holes.append(_build_slot(w / 2, y, length - 2 * bolt, rng.uniform(2, 4), segments))
-    return _cut_holes(_build_rounded(w, h, inset - 1, segments), holes)
+    return _cut_holes(_build_rounded_rectangle(w, h, inset - 1, segments), holes)
 
 
 def _build_flange(rng: Generator, segments: int) -> shapely.Geometry:
@@ -192,7 +192,7 @@ def _build_sign(rng: Generator, segments: int) -> shapely.Geometry:
         x += 1.08 * advance
     scale = 28.0 / face.units_per_EM
     text = shapely.transform(shapely.MultiPolygon(letters), lambda xy: xy * scale + [12.0, 12.0])
-    plate = shapely.Polygon(_build_rounded(x * scale + 22.0, 46.0, 8.0, segments))
+    plate = shapely.Polygon(_build_rounded_rectangle(x * scale + 22.0, 46.0, 8.0, segments))
     return shapely.difference(plate, text)
 
 

@@ -18,8 +18,8 @@ from scenes.generated.footprints import build_footprint
 from scenes.scene import Scene, SceneError
 
 MAX_BUILDINGS = 100_000
-_AREA_A_BUILDING = 900.0  # square metres of city per building, streets included
-_MILLIMETRE = 3  # decimals of coordinates in metres, so that all platforms give equal numbers
+_AREA_PER_BUILDING_M2 = 900.0  # square metres of city per building, streets included
+_COORDINATE_DECIMALS = 3  # of metres; rounded, so that all platforms give equal numbers
 
 # Shares of buildings, and for each share the number of vertices that these buildings do not exceed:
 # quantiles of the OpenStreetMap footprints of European cities.
@@ -27,7 +27,7 @@ _VERTEX_QUANTILES = (
     (0.0, 0.16, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99, 1.0),
     (4.0, 4.0, 6.0, 9.8, 17.0, 27.5, 36.0, 78.0, 160.0),
 )
-_COURTYARDS = 0.1  # share of buildings planned with courtyards; 0.08 remain after clipping to lots
+_COURTYARD_SHARE = 0.1  # of buildings; 0.08 have courtyards after footprints are cut to lots
 _COURTYARD_VERTICES = 8  # vertices added to a building with courtyards
 
 
@@ -52,7 +52,7 @@ def build(*, seed: int = 0, buildings: int = 500) -> Scene:
         raise SceneError(f"city: buildings={buildings} is out of range: give 1 to {MAX_BUILDINGS}")
     rng = np.random.default_rng([seed, 0xC17])
     target = buildings * 1.25 + 40
-    radius = max(250.0, np.sqrt(target * _AREA_A_BUILDING / np.pi))
+    radius = max(250.0, np.sqrt(target * _AREA_PER_BUILDING_M2 / np.pi))
     polygons: NDArray[Any] = np.empty(0, dtype=object)
     while len(polygons) < buildings:
         districts = _build_districts(rng, radius)
@@ -78,7 +78,7 @@ def _build_districts(rng: Generator, radius: float) -> NDArray[Any]:
     radius : of the city, in metres
     """
     count = max(7, int(np.pi * radius**2 / 55_000))
-    # Golden angle: points spread evenly.
+    # Each point is turned by the golden angle, 2.4 radians, so that points spread evenly.
     angle = np.arange(count) * 2.399963 + rng.normal(0.0, 0.35, count)
     reach = radius * ((np.arange(count) + 0.5) / count) ** 0.62
     seeds = np.column_stack([reach * np.cos(angle), reach * np.sin(angle)])
@@ -121,7 +121,7 @@ def _build_district(rng: Generator, district: shapely.Polygon, radius: float) ->
         return np.empty(0, dtype=object)
     all_lots = map(np.concatenate, zip(*lots, strict=True))
     rotated = _rotate_geometry(_build_footprints(rng, _Lots(*all_lots)), angle)
-    rounded = shapely.transform(rotated, lambda xy: np.round(xy, _MILLIMETRE) + 0.0)
+    rounded = shapely.transform(rotated, lambda xy: np.round(xy, _COORDINATE_DECIMALS) + 0.0)
     usable = rounded[shapely.is_valid(rounded) & (shapely.area(rounded) > 15.0)]
     return np.asarray(shapely.orient_polygons(usable))
 
@@ -143,7 +143,7 @@ def _rotate_geometry(geometry: Any, angle: float) -> Any:
 def _cut_range(
     rng: Generator, low: float, high: float, shortest: float, longest: float
 ) -> NDArray[Any]:
-    """Return positions that cut [low, high] into lengths from about `shortest` to `longest`."""
+    """Return positions that cut [low, high] into random lengths, about `shortest` to `longest`."""
     count = max(1, round((high - low) / ((shortest + longest) / 2)))
     lengths = rng.uniform(shortest, longest, count)
     return low + (high - low) * np.concatenate([[0.0], np.cumsum(lengths) / lengths.sum()])
@@ -243,10 +243,10 @@ def _build_footprints(rng: Generator, lots: _Lots) -> NDArray[Any]:
     x0, y0, x1, y1 = lots.boxes.T
     n = len(lots.boxes)
     size = np.log(np.maximum((x1 - x0) * (y1 - y0), 1.0))
-    vertices = _correlate(rng, size, 0.55, rng.random(n))
+    vertices = _correlate_with_size(rng, size, 0.55, rng.random(n))
     vertices = np.rint(np.interp(vertices, *_VERTEX_QUANTILES)).astype(int)
     roomy = np.minimum(x1 - x0, y1 - y0) >= 15.0
-    chance = _COURTYARDS * n / max(1, roomy.sum())
+    chance = _COURTYARD_SHARE * n / max(1, roomy.sum())
     courtyards = (roomy & (rng.random(n) < chance)).astype(int)
     courtyards[(courtyards > 0) & (x1 - x0 > 45.0)] += 1
     vertices[courtyards > 0] += _COURTYARD_VERTICES
@@ -259,7 +259,7 @@ def _build_footprints(rng: Generator, lots: _Lots) -> NDArray[Any]:
         rings.extend(building)
         counts.append(len(building))
     plans = _build_polygons(rings, counts, lots)
-    # Most lots are rectangles, which need no clipping.
+    # Intersect only plans that may leave their lot: most lots are rectangles around the plan.
     bounds = shapely.bounds(lots.polygons)
     area = (bounds[:, 2] - bounds[:, 0]) * (bounds[:, 3] - bounds[:, 1])
     low, high = lots.boxes[:, :2] >= bounds[:, :2] - 1e-9, lots.boxes[:, 2:] <= bounds[:, 2:] + 1e-9
@@ -268,7 +268,7 @@ def _build_footprints(rng: Generator, lots: _Lots) -> NDArray[Any]:
     return np.concatenate([plans[is_inside], _select_largest_parts(clipped)])
 
 
-def _correlate(
+def _correlate_with_size(
     rng: Generator, size: NDArray[Any], strength: float, uniform: NDArray[Any]
 ) -> NDArray[Any]:
     """Return the numbers of `uniform` (n,) in a new order, rank-correlated with `size` (n,).

@@ -18,8 +18,8 @@ def build_footprint(
 ) -> list[Ring]:
     """Return the rings of a building of about `vertices` vertices, exterior first.
 
-    `u` are at least 8 numbers in [0, 1) that determine the form. A small building gets a simpler
-    form.
+    `u` are at least 8 random numbers in [0, 1) that determine the form. A small building gets a
+    simpler form.
     """
     if courtyards and min(width, depth) >= 3 * WING_M:
         rings = _build_courtyards(width, depth, courtyards, u)

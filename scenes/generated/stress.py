@@ -139,7 +139,7 @@ def build_needle_holes(rng: Generator, n: int) -> Shape:
 
 
 def build_random_star(rng: Generator, n: int) -> Ring:
-    """Return vertices at random angles and radii about a centre from which all are visible."""
+    """Return a ring with vertices at random angles and radii about a centre that sees all of it."""
     t = np.sort((np.arange(n) + rng.uniform(0, 0.9, n)) * 2 * np.pi / n)
     r = rng.uniform(0.2, 0.5, n) * _SIDE
     return np.column_stack([r * np.cos(t), r * np.sin(t)])
@@ -192,8 +192,8 @@ def _draw_spanning_tree(rng: Generator, side: int) -> tuple[NDArray[np.bool_], N
     tree = minimum_spanning_tree(coo_array((weight, (a, b)), shape=(side**2, side**2))).tocoo()
     joined = np.zeros((2, side, side), dtype=bool)
     rightwards = tree.col - tree.row == side
-    for direction, families in enumerate((rightwards, ~rightwards)):
-        joined[direction].ravel()[tree.row[families]] = True
+    for direction, is_selected in enumerate((rightwards, ~rightwards)):
+        joined[direction].ravel()[tree.row[is_selected]] = True
     return joined[0], joined[1]
 
 

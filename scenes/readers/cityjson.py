@@ -10,8 +10,8 @@ import pandas as pd
 import shapely
 from numpy.typing import NDArray
 
-from scenes.readers.guard import check_last_line, clear_errors, note_errors
-from scenes.readers.reader import Raw, Source
+from scenes.readers.guard import check_last_line, note_errors, raise_scene_errors
+from scenes.readers.reader import RawChunk, Source
 from scenes.scene import Note, SceneError
 
 _KINDS = ("RoofSurface", "GroundSurface")
@@ -26,13 +26,13 @@ _INSTANCE = "has an instance of a template, which is unsupported: replace it by 
 _PLAN = "surfaces seen from above, with the height as an attribute"
 
 
-def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model is one chunk
+def read(source: Source, size: int) -> Iterator[RawChunk]:  # noqa: ARG001 - a model is one chunk
     """Yield the surfaces of all city objects, as polygons seen from above.
 
     `source.layer` is RoofSurface or GroundSurface; both are read by default. In a model without
-    semantics a surface that faces up is a roof, and a surface that faces down is ground. Of an
-    object's levels of detail the highest is read. The attributes are the object's identifier and
-    type, and the surface's kind and height.
+    semantics a surface that faces up is a roof, and a surface that faces down is ground. If an
+    object has several levels of detail, the most detailed is read. The attributes are the object's
+    identifier and type, and the surface's kind and height.
     """
     model = _parse_model(str(source.path), source.path.read_bytes)
     surfaces = _Surfaces(source)
@@ -40,7 +40,7 @@ def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model 
     yield surfaces.make_raw(_find_crs(model))
 
 
-def read_sequence(source: Source, size: int) -> Iterator[Raw]:
+def read_sequence(source: Source, size: int) -> Iterator[RawChunk]:
     """Yield the surfaces of a text sequence, `size` features at a time: see `read`.
 
     The first line is a CityJSON object, each other line a CityJSONFeature.
@@ -94,15 +94,17 @@ class _Surfaces:
                         kinds = {"id": identifier, "type": city_object.get("type"), "surface": kind}
                         self._rows.append({**kinds, "height": height})
 
-    def make_raw(self, crs: str | None) -> Raw:
+    def make_raw(self, crs: str | None) -> RawChunk:
         """Return the collected surfaces as a chunk; crs : reference system."""
         table = pd.DataFrame(self._rows, columns=["id", "type", "surface", "height"])
-        return Raw(self._geometries, self._labels, table, crs, "m", self.dropped, notes=(_PLAN,))
+        return RawChunk(
+            self._geometries, self._labels, table, crs, "m", self.dropped, notes=(_PLAN,)
+        )
 
 
 def _parse_model(name: str, content: Callable[[], bytes]) -> dict[str, Any]:
     """Return a CityJSON model; content : function that reads the text; name : for messages."""
-    with clear_errors(name, "JSON"):
+    with raise_scene_errors(name, "JSON"):
         model = json.loads(content())
     if not isinstance(model, dict) or model.get("type") != "CityJSON":
         raise SceneError(f"{name} is JSON, but not of type CityJSON")

@@ -41,14 +41,14 @@ def load_library() -> Any | None:
     for file in [*modules, *sorted(package.with_name("pyogrio.libs").glob("*gdal*"))]:
         try:
             library = ctypes.CDLL(str(file))
-            _declare(library)
+            _declare_functions(library)
         except (OSError, AttributeError):
             continue
         return library
     return None
 
 
-def _declare(library: Any) -> None:
+def _declare_functions(library: Any) -> None:
     """Declare the types of the functions that this module calls, for ctypes.
 
     Raises AttributeError if the library lacks a function.

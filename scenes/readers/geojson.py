@@ -11,14 +11,14 @@ from itertools import islice
 from pathlib import Path
 
 from scenes.cleaning.projection import find_system
-from scenes.readers.guard import MAX_LINE_CHARACTERS, number_lines, read_edges
-from scenes.readers.reader import Raw
+from scenes.readers.guard import MAX_LINE_CHARACTERS, number_lines, read_both_ends
+from scenes.readers.reader import RawChunk
 from scenes.scene import Note, SceneError
 
 _GEOMETRIES = ("Point", "LineString", "Polygon", "GeometryCollection")
 _KINDS = ("Feature", *_GEOMETRIES, *(f"Multi{kind}" for kind in _GEOMETRIES[:3]))
 _SEQUENCES = (".geojsonl", ".geojsons", ".ndgeojson", ".ndjson", ".jsonl", ".nljson")
-_DEGREES = "EPSG:4326"
+_DEGREES_CRS = "EPSG:4326"
 
 
 def find_crs(path: Path, crs: str | None) -> str | None:
@@ -29,11 +29,11 @@ def find_crs(path: Path, crs: str | None) -> str | None:
     has no reference system; as in GeoJSON, coordinates are longitude and latitude.
     """
     is_json = path.suffix.lower() in (".geojson", ".json", ".topojson") and path.is_file()
-    if not is_json or crs not in (None, _DEGREES):
+    if not is_json or crs not in (None, _DEGREES_CRS):
         return crs
-    head, tail = read_edges(path)
+    head, tail = read_both_ends(path)
     if crs is None:
-        return _DEGREES if re.search(rb'"type"\s*:\s*"Topology"', head + tail) else None
+        return _DEGREES_CRS if re.search(rb'"type"\s*:\s*"Topology"', head + tail) else None
     around = head.partition(b'"features"')[0] + tail.rpartition(b"]")[2]
     member = r'"crs"\s*:\s*(?:\{.*?"(?:name|href)"\s*:\s*)?(null|"[^"]*")'
     match = re.search(member, around.decode("utf-8", "replace"), re.DOTALL)
@@ -61,15 +61,14 @@ def is_sequence(path: Path) -> bool:
 
 def find_skipped_lines(
     path: Path, count: int, failures: int, *, is_complete: bool, size: int
-) -> Iterator[Raw]:
+) -> Iterator[RawChunk]:
     """Yield chunks without geometries, with notes on the lines that GDAL skipped.
 
     Raises SceneError if GDAL skipped lines that are valid.
 
     count : number of features that were read
     failures : number of failures that GDAL reported; GDAL may have skipped more lines
-    is_complete : True if all features were requested, so that `count` should equal the number of
-        lines
+    is_complete : True if all features were requested; then each line should be a feature
     size : maximum number of notes in a chunk
     """
     lines = sum(1 for _, line in number_lines(path) if not line.isspace()) if is_complete else 0
@@ -78,7 +77,7 @@ def find_skipped_lines(
     skipped = _find_invalid_lines(path)
     while notes := list(islice(skipped, size)):
         count += len(notes)
-        yield Raw([], [], dropped=notes)
+        yield RawChunk([], [], dropped=notes)
     if count < lines:
         raise SceneError(
             f"{path} has {lines} features, but GDAL reads only some of them: write the file "

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from scenes.readers.reader import Raw, Source
+from scenes.readers.reader import RawChunk, Source
 from scenes.readers.wkt import parse_wkb
 from scenes.scene import SceneError
 from scenes.spec import format_suggestion, import_optional
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def read(source: Source, size: int) -> Iterator[Raw]:
+def read(source: Source, size: int) -> Iterator[RawChunk]:
     """Yield the geometries of a column of the file, `size` rows at a time.
 
     `source.layer` is the column, by default the primary geometry column. Only columns encoded as
@@ -94,7 +94,7 @@ def _format_crs(crs: Any) -> str | None:
     return json.dumps(crs)
 
 
-def _parse_batch(batch: Any, column: str, crs: str | None, start: int, *, exact: bool) -> Raw:
+def _parse_batch(batch: Any, column: str, crs: str | None, start: int, *, exact: bool) -> RawChunk:
     """Return a batch of Arrow as a chunk.
 
     start : index of the batch's first row; exact : see `to_pandas`
@@ -103,7 +103,7 @@ def _parse_batch(batch: Any, column: str, crs: str | None, start: int, *, exact:
     index = batch.schema.names.index(column)
     table, notes = to_pandas(batch.remove_column(index), exact=exact)
     geometries, dropped, repaired = parse_wkb(batch.column(index).to_pylist(), labels)
-    raw = Raw(geometries, labels, table, crs, "units", dropped, repaired, notes)
+    raw = RawChunk(geometries, labels, table, crs, "units", dropped, repaired, notes)
     return raw.without_dropped()
 
 

@@ -53,7 +53,7 @@ class GltfFile:
     """A model in memory: JSON, and the bytes of the buffers.
 
     Raises SceneError for an unsupported extension or a missing file of a buffer. A file that
-    violates the format raises ValueError, KeyError or others: call within `clear_errors`.
+    violates the format raises ValueError, KeyError or others: call within `raise_scene_errors`.
     """
 
     def __init__(self, path: Path) -> None:
@@ -104,12 +104,12 @@ class GltfFile:
         elif uri.startswith("data:"):
             data = base64.b64decode(uri.partition(DATA_URI)[2], validate=True)
         else:
-            data = self._resolve(uri).read_bytes()
+            data = self._resolve_uri(uri).read_bytes()
         if len(data) < buffer["byteLength"]:
             raise ValueError(f"a buffer has {len(data):,} of {buffer['byteLength']:,} bytes")
         return bytearray(data)
 
-    def _resolve(self, uri: str) -> Path:
+    def _resolve_uri(self, uri: str) -> Path:
         """Return the file of a relative URI; raises SceneError if outside the model's folder."""
         file = self.path.parent / unquote(uri)
         if not file.resolve().is_relative_to(self.path.parent.resolve()):

@@ -1,8 +1,9 @@
 """Checks before a file is opened, and one-line errors for exceptions of libraries.
 
 A library may raise any exception for unexpected bytes, so a list of expected exceptions is never
-complete. So every exception of a reader is caught in one of two context managers: `clear_errors`,
-which raises a SceneError instead, and `note_errors`, which adds a note and continues.
+complete. So every exception of a reader is caught in one of two context managers:
+`raise_scene_errors`, which raises a SceneError instead, and `note_errors`, which adds a note and
+continues.
 """
 
 import csv
@@ -26,13 +27,13 @@ _READER_EXTRAS = {"pyogrio": "gis", "fontTools": "svg"}
 
 
 @contextmanager
-def clear_errors(name: str, kind: str) -> Iterator[None]:
+def raise_scene_errors(name: str, kind: str) -> Iterator[None]:
     """Raise any exception of the block as a SceneError with a message of one line.
 
     name : the file, as the user gave it
     kind : the format's name, such as "GeoParquet"
 
-    >>> with clear_errors("a.svg", "SVG"):
+    >>> with raise_scene_errors("a.svg", "SVG"):
     ...     raise LookupError("unknown encoding:\\n no-such-code")
     Traceback (most recent call last):
     scenes.scene.SceneError: a.svg cannot be read as SVG: unknown encoding: no-such-code; check \
@@ -99,7 +100,7 @@ MAX_FILE_BYTES = 2**30
 Formats that are read in chunks have no limit: GDAL's, GeoParquet, WKT, CityJSON sequences.
 """
 
-_RATIO = 100
+_MAX_UNPACKED_RATIO = 100
 """Maximum size of an archive's unpacked content, relative to the archive; a ZIP bomb has 1000."""
 
 
@@ -128,7 +129,7 @@ def refuse_special(path: Path) -> None:
 
 def refuse_gzip(path: Path) -> None:
     """Raise SceneError for a file compressed by gzip."""
-    if read_edges(path, 2)[0] == b"\x1f\x8b":
+    if read_both_ends(path, 2)[0] == b"\x1f\x8b":
         raise SceneError(f"{path} is compressed by gzip: unpack it first, e.g. by gunzip -k")
 
 
@@ -140,13 +141,13 @@ def check_size(path: Path, in_memory: bool) -> None:
             f"{path} has {size:,} bytes, but files of this format are read into memory and the "
             f"limit is {MAX_FILE_BYTES:,}: give a part of it"
         )
-    if read_edges(path, 4)[0] == b"PK\x03\x04" and zipfile.is_zipfile(path):
+    if read_both_ends(path, 4)[0] == b"PK\x03\x04" and zipfile.is_zipfile(path):
         with zipfile.ZipFile(path) as archive:
             unpacked = sum(entry.file_size for entry in archive.infolist())
-        if unpacked > max(MAX_FILE_BYTES, _RATIO * size):
+        if unpacked > max(MAX_FILE_BYTES, _MAX_UNPACKED_RATIO * size):
             raise SceneError(
-                f"{path} unpacks to {unpacked:,} bytes, more than {_RATIO} times the archive: "
-                "unpack it yourself and give a file from it"
+                f"{path} unpacks to {unpacked:,} bytes, more than {_MAX_UNPACKED_RATIO} times "
+                "the archive: unpack it yourself and give a file from it"
             )
 
 
@@ -167,7 +168,7 @@ def number_lines(path: Path) -> Iterator[tuple[int, str]]:
             yield number, line
 
 
-def read_edges(path: Path, size: int = 65_536) -> tuple[bytes, bytes]:
+def read_both_ends(path: Path, size: int = 65_536) -> tuple[bytes, bytes]:
     """Return the first and the last `size` bytes of a file."""
     with path.open("rb") as stream:
         head = stream.read(size)
@@ -224,9 +225,9 @@ def check_last_line(path: Path, is_valid: Callable[[bytes], object]) -> None:
 
     is_valid : function of the line that returns a false value or raises ValueError if invalid
     """
-    last = read_edges(path)[1]
+    last = read_both_ends(path)[1]
     if b"\n" not in last:
-        last = read_edges(path, MAX_LINE_CHARACTERS)[1]
+        last = read_both_ends(path, MAX_LINE_CHARACTERS)[1]
     before, _, line = last.rpartition(b"\n")
     if not (before.strip() and line.strip()):
         return  # the last line has an end, or is the only line
@@ -240,19 +241,19 @@ def check_last_line(path: Path, is_valid: Callable[[bytes], object]) -> None:
 
 def _inspect_drawing(path: Path) -> str | None:
     """Return evidence that a DXF drawing is truncated: no EOF at the end; None if complete."""
-    ended = read_edges(path)[1].rstrip(b"\0\x1a \t\r\n").endswith(b"EOF")
+    ended = read_both_ends(path)[1].rstrip(b"\0\x1a \t\r\n").endswith(b"EOF")
     return None if ended else "no EOF at the end"
 
 
 def _compare_length(path: Path, stated: int) -> str | None:
-    """Return evidence of truncation if a file is shorter than the stated number of bytes."""
+    """Return evidence that a file is shorter than the stated number of bytes; None if not."""
     size = path.stat().st_size
     return f"{size} of {stated} bytes" if size < stated else None
 
 
 def _inspect_shapefile(path: Path) -> str | None:
     """Return evidence of truncation by the length that a Shapefile states, in 16-bit words."""
-    head, _ = read_edges(path)
+    head, _ = read_both_ends(path)
     length = struct.unpack_from(">I", head, 24)[0] if len(head) >= 100 else 0
     return _compare_length(path, 2 * length)
 
@@ -262,7 +263,7 @@ def _inspect_database(path: Path) -> str | None:
 
     None if the last writer did not update that number.
     """
-    head, _ = read_edges(path)
+    head, _ = read_both_ends(path)
     if len(head) < 100 or not head.startswith(b"SQLite format 3\0"):
         return None
     page = struct.unpack_from(">H", head, 16)[0]
@@ -273,7 +274,7 @@ def _inspect_database(path: Path) -> str | None:
 
 def _inspect_stl(path: Path) -> str | None:
     """Return evidence of truncation by the number of triangles in binary STL, or the last line."""
-    head, tail = read_edges(path)
+    head, tail = read_both_ends(path)
     stated = 84 + 50 * struct.unpack_from("<I", head, 80)[0] if len(head) >= 84 else 0
     if path.stat().st_size == stated:
         return None
@@ -312,10 +313,10 @@ _CONTAINERS = (4, 5, 6, 7, 9, 10, 11, 12)
 """Geometry types in WKB that contain geometries: multi-points to collections, and curves."""
 
 
-def is_text_too_deep(text: str) -> bool:
+def is_wkt_too_deep(text: str) -> bool:
     """Whether WKT is nested deeper than `MAX_DEPTH`: GEOS recurses and could overflow the stack.
 
-    >>> is_text_too_deep("POLYGON ((0 0, 1 0, 1 1, 0 0))"), is_text_too_deep("(" * 101)
+    >>> is_wkt_too_deep("POLYGON ((0 0, 1 0, 1 1, 0 0))"), is_wkt_too_deep("(" * 101)
     (False, True)
     """
     if text.count("(") <= MAX_DEPTH:
@@ -324,17 +325,18 @@ def is_text_too_deep(text: str) -> bool:
     return max(accumulate(steps)) > MAX_DEPTH
 
 
-def is_too_deep(wkb: bytes) -> bool:
+def is_wkb_too_deep(wkb: bytes) -> bool:
     """Whether (E)WKB is nested deeper than `MAX_DEPTH`; False for bytes that are not WKB.
 
     >>> level = bytes.fromhex("010700000001000000")
-    >>> is_too_deep(99 * level), is_too_deep(101 * level + bytes.fromhex("0101000000") + bytes(16))
+    >>> point = bytes.fromhex("0101000000") + bytes(16)
+    >>> is_wkb_too_deep(99 * level), is_wkb_too_deep(101 * level + point)
     (False, True)
     """
     if len(wkb) <= 9 * MAX_DEPTH:  # too short: each level of nesting has at least 9 bytes
         return False
     try:
-        _find_end(wkb, 0, "<", 0)
+        _find_geometry_end(wkb, 0, "<", 0)
     except RecursionError:
         return True
     except (struct.error, IndexError):  # not WKB, or truncated
@@ -342,7 +344,7 @@ def is_too_deep(wkb: bytes) -> bool:
     return False
 
 
-def _find_end(wkb: bytes, offset: int, order: str, level: int) -> tuple[int, str]:
+def _find_geometry_end(wkb: bytes, offset: int, order: str, level: int) -> tuple[int, str]:
     """Return the offset after the geometry at `offset`, and its byte order.
 
     Raises RecursionError above `MAX_DEPTH`; struct.error or IndexError for bytes that are not WKB.
@@ -363,7 +365,7 @@ def _find_end(wkb: bytes, offset: int, order: str, level: int) -> tuple[int, str
     offset += 4
     if kind in _CONTAINERS:
         for _ in range(count):
-            offset, order = _find_end(wkb, offset, order, level + 1)
+            offset, order = _find_geometry_end(wkb, offset, order, level + 1)
     elif kind == _POLYGON:
         for _ in range(count):
             offset += 4 + point * number(wkb, offset)[0]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scenes.cleaning.layout import arrange_in_rows
 from scenes.readers.gltf import GltfFile, read_polygons, read_triangles
 from scenes.readers.guard import MAX_LINE_CHARACTERS, number_lines
-from scenes.readers.reader import Raw, Source
+from scenes.readers.reader import RawChunk, Source
 from scenes.scene import Note, SceneError
 from scenes.spec import import_optional
 
@@ -30,7 +30,7 @@ _MAX_DEVIATION = 1e-3
 face's size."""
 
 
-def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model is one chunk
+def read(source: Source, size: int) -> Iterator[RawChunk]:  # noqa: ARG001 - a model is one chunk
     """Yield every face of a model as a polygon in the face's plane, laid out in rows.
 
     Coordinates are in units of the model. Horizontal faces are as seen from above, and vertical
@@ -64,7 +64,7 @@ def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a model 
     yield _flatten_faces([(label, [vertices[face]]) for label, face in usable], dropped)
 
 
-def _flatten_polygons(polygons: list[list[NDArray[np.float64]]]) -> Raw:
+def _flatten_polygons(polygons: list[list[NDArray[np.float64]]]) -> RawChunk:
     """Return the polygons of EXT_mesh_polygon, unmoved if all are in one horizontal plane.
 
     polygons : rings (k, 3) of each polygon, the exterior first
@@ -74,10 +74,12 @@ def _flatten_polygons(polygons: list[list[NDArray[np.float64]]]) -> Raw:
     if np.ptp(heights) != 0.0 or any(len(ring) < 3 for rings in polygons for ring in rings):
         return _flatten_faces(faces, [])
     shapes = [shapely.Polygon(rings[0][:, :2], [r[:, :2] for r in rings[1:]]) for rings in polygons]
-    return Raw(shapes, [label for label, _ in faces], notes=(_MAP,))
+    return RawChunk(shapes, [label for label, _ in faces], notes=(_MAP,))
 
 
-def _flatten_faces(faces: list[tuple[str, list[NDArray[np.float64]]]], dropped: list[Note]) -> Raw:
+def _flatten_faces(
+    faces: list[tuple[str, list[NDArray[np.float64]]]], dropped: list[Note]
+) -> RawChunk:
     """Return faces as polygons, each in the plane of its first ring, laid out in rows.
 
     faces : (label, rings (k, 3)) of each face
@@ -85,7 +87,7 @@ def _flatten_faces(faces: list[tuple[str, list[NDArray[np.float64]]]], dropped: 
     """
     polygons, labels, repaired = [], [], []
     for label, rings in faces:
-        polygon, deviation = _flatten(rings)
+        polygon, deviation = _flatten_face(rings)
         if polygon is None:
             dropped.append((label, _NO_AREA))
             continue
@@ -93,7 +95,7 @@ def _flatten_faces(faces: list[tuple[str, list[NDArray[np.float64]]]], dropped: 
             repaired.append((label, f"is not planar by {deviation:.2g} of the size; projected"))
         polygons.append(polygon)
         labels.append(label)
-    return Raw(
+    return RawChunk(
         arrange_in_rows(polygons), labels, dropped=dropped, repaired=repaired, notes=(_FLAT,)
     )
 
@@ -109,8 +111,8 @@ def _has_vertices(face: NDArray[np.int64], count: int, label: str, dropped: list
     return False
 
 
-def _flatten(rings: list[NDArray[np.float64]]) -> tuple[shapely.Polygon | None, float]:
-    """Return a face as a polygon in its plane, or None without area, and the deviation.
+def _flatten_face(rings: list[NDArray[np.float64]]) -> tuple[shapely.Polygon | None, float]:
+    """Return a face as a polygon in its plane, or None without area, and the face's deviation.
 
     The deviation is the largest distance of a vertex from the plane, relative to the face's size.
 
@@ -203,11 +205,11 @@ def _merge_vertices(
     return vertices[first], index.reshape(-1)[triangles]
 
 
-def _join_triangles(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> Raw:
+def _join_triangles(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> RawChunk:
     """Return the faces of a model of triangles, in rows, with coplanar neighbours joined."""
     polygons, dropped = join_facets(vertices, triangles)
     labels = [f"facet {i}" for i in range(len(polygons))]
-    return Raw(arrange_in_rows(polygons), labels, dropped=dropped, notes=(_FLAT,))
+    return RawChunk(arrange_in_rows(polygons), labels, dropped=dropped, notes=(_FLAT,))
 
 
 def join_facets(

@@ -38,7 +38,7 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Raw:
+class RawChunk:
     """A chunk of a file, as a reader yields it: geometries before cleaning, attributes and notes.
 
     `geometries` are shapely geometries or None; `labels` are names for messages; `attributes`
@@ -56,8 +56,8 @@ class Raw:
     repaired: list[Note] = field(default_factory=list)
     notes: tuple[str, ...] = ()
 
-    def select_rows(self, numbers: NDArray[np.int64]) -> Raw:
-        """Return the chunk with some geometries only, given by index (k,)."""
+    def select_rows(self, numbers: NDArray[np.int64]) -> RawChunk:
+        """Return the chunk with only the geometries whose indices are `numbers` (k,)."""
         if len(numbers) == len(self.labels):
             return self
         table = self.attributes
@@ -68,7 +68,7 @@ class Raw:
             attributes=None if table is None else table.iloc[numbers].reset_index(drop=True),
         )
 
-    def without_dropped(self) -> Raw:
+    def without_dropped(self) -> RawChunk:
         """Return the chunk without geometries whose label has a note in `dropped`."""
         names = {name for name, _ in self.dropped}
         return self.select_rows(np.flatnonzero([label not in names for label in self.labels]))
@@ -78,7 +78,7 @@ class Raw:
 class Reader:
     """A reader of a file format; call it to read a file in chunks.
 
-    function : "module:function" of a generator of `Raw`, which takes a Source and a chunk's size
+    function : "module:function" of a generator of `RawChunk`, given a Source and a chunk's size
     kind : the format's name in messages
     in_memory : True if the complete file is read into memory, so that its size is limited
     has_layers : True if the format has layers
@@ -89,12 +89,12 @@ class Reader:
     in_memory: bool = True
     has_layers: bool = False
 
-    def __call__(self, source: Source, size: int) -> Iterator[Raw]:
+    def __call__(self, source: Source, size: int) -> Iterator[RawChunk]:
         """Yield a file's chunks of `size` features; raises SceneError for any error."""
         path = str(source.path)
         if source.layer is not None and not self.has_layers:
             raise SceneError(f"{path} is {self.kind}, without layers: leave layer out")
-        with guard.clear_errors(path, self.kind):
+        with guard.raise_scene_errors(path, self.kind):
             if source.path.is_file():
                 guard.refuse_gzip(source.path)
                 guard.check_size(source.path, self.in_memory)
@@ -142,11 +142,11 @@ def choose_reader(path: Path) -> Reader:
             if b'"CityJSON"' in stream.read(4096):
                 return city[suffix]
     if suffix == ".mbtiles" and path.is_file():
-        return GDAL if _is_for_gdal(path) else _TILES
+        return GDAL if _can_gdal_read(path) else _TILES
     return _READERS.get(suffix, GDAL)
 
 
-def _is_for_gdal(path: Path) -> bool:
+def _can_gdal_read(path: Path) -> bool:
     """Whether GDAL can read an MBTiles archive: its format is "pbf", and its layers are listed."""
     uri = f"{path.resolve().as_uri()}?mode=ro&immutable=1"
     with suppress(sqlite3.Error), closing(sqlite3.connect(uri, uri=True)) as database:

@@ -13,7 +13,7 @@ from fontTools.misc.transform import Identity, Transform  # type: ignore[import-
 
 from scenes.cleaning.fill import fill_contours
 from scenes.readers.guard import note_errors
-from scenes.readers.reader import Raw, Source
+from scenes.readers.reader import RawChunk, Source
 from scenes.readers.svg_shapes import (
     FLIP,
     SHAPES,
@@ -57,7 +57,7 @@ _LOCAL = ("display", "opacity", "clip-path", "mask", "overflow", "transform", "t
 class _State:
     """State in which the content of an element is drawn.
 
-    matrix : transform from the element's user space to that of the drawing
+    matrix : transform from the element's user space to the drawing's
     properties : inherited CSS properties, by name
     viewport : size to which percentages refer, or None if unknown
     clip : area of the clip path, y up, or None without a clip path
@@ -71,7 +71,7 @@ class _State:
     hidden: str = ""
 
 
-def read(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a drawing is one chunk
+def read(source: Source, size: int) -> Iterator[RawChunk]:  # noqa: ARG001 - a drawing is one chunk
     """Yield every filled shape of the drawing, y up, in the drawing's user units."""
     root = ElementTree.parse(source.path).getroot()
     if get_tag(root) != "svg":
@@ -88,7 +88,7 @@ class _Drawing:
         self._has_masks = False
         self.dropped: list[Note] = []
 
-    def read(self) -> Raw:
+    def read(self) -> RawChunk:
         """Return all filled shapes, in the order of the file."""
         geometries: list[Any] = []
         labels: list[str] = []
@@ -103,7 +103,7 @@ class _Drawing:
             label = f"{kind} {element.get('id') or number}"
             number += kind not in _CONTAINERS
             with note_errors(self.dropped, label, "cannot be read as SVG"):
-                state, style = self._enter(element, state)
+                state, style = self._enter_element(element, state)
                 if kind in _CONTAINERS:
                     children = list(element)
                     if kind == "switch":
@@ -122,7 +122,7 @@ class _Drawing:
         table = pd.DataFrame({"id": identifiers}, dtype=object)
         is_styled = any(get_tag(element) == "style" for element in self._root.iter())
         notes = (_FLIPPED,) + (_STYLED,) * is_styled + (_MASKED,) * self._has_masks
-        return Raw(geometries, labels, table, None, "px", self.dropped, notes=notes)
+        return RawChunk(geometries, labels, table, None, "px", self.dropped, notes=notes)
 
     def _is_drawn(self, element: ElementTree.Element) -> bool:
         """Whether an element is an SVG container, shape, text or image whose conditions are met."""
@@ -131,7 +131,9 @@ class _Drawing:
         is_known = get_tag(element) in (*_CONTAINERS, *SHAPES, *_OMITTED)
         return is_svg and is_known and _meets_conditions(element)
 
-    def _enter(self, element: ElementTree.Element, parent: _State) -> tuple[_State, dict[str, str]]:
+    def _enter_element(
+        self, element: ElementTree.Element, parent: _State
+    ) -> tuple[_State, dict[str, str]]:
         """Return the state for an element's content, and the CSS properties of its `style`.
 
         parent : state in which the element is drawn. Raises ValueError for unsupported properties.
@@ -160,7 +162,7 @@ class _Drawing:
         if (reference := re.search(r"url\(\s*['\"]?#([^'\")]+)", local["clip-path"])) is not None:
             clip = self._by_id.get(reference[1].strip())
             if clip is not None and get_tag(clip) == "clipPath":
-                state = _intersect_clip(state, self._clip_area(clip, element, state))
+                state = _intersect_clip(state, self._find_clip_area(clip, element, state))
         elif local["clip-path"] not in ("inherit", "none"):
             raise ValueError(f"clip-path {local['clip-path']!r} is unsupported")
         return state, style
@@ -213,7 +215,7 @@ class _Drawing:
         parts = parts[shapely.area(parts) > 0]
         return shapely.multipolygons(parts) if len(parts) else None
 
-    def _clip_area(
+    def _find_clip_area(
         self, clip: ElementTree.Element, element: ElementTree.Element, state: _State
     ) -> Any:
         """Return the area of the clip path `clip` for an element, whose state is `state`."""
@@ -225,7 +227,7 @@ class _Drawing:
             )
             (x, y), (w, h) = points.min(axis=0).tolist(), np.ptp(points, axis=0).tolist()
             state = replace(state, matrix=state.matrix.translate(x, y).scale(w, h))
-        clip_state, _ = self._enter(
+        clip_state, _ = self._enter_element(
             clip, replace(state, clip=None, properties=_INHERITED, hidden="")
         )
         areas = []
@@ -233,7 +235,7 @@ class _Drawing:
             if get_tag(child) in ("use", "text"):
                 raise ValueError(f"the clip path has a {get_tag(child)}, which is unsupported")
             if get_tag(child) in SHAPES:
-                child_state, style = self._enter(child, clip_state)
+                child_state, style = self._enter_element(child, clip_state)
                 is_hidden = child_state.hidden == "is not displayed"
                 if not is_hidden and child_state.properties["visibility"] == "visible":
                     areas.append(self._find_region(child, child_state, style, "clip-rule"))
@@ -241,7 +243,7 @@ class _Drawing:
 
 
 def _intersect_clip(state: _State, area: Any) -> _State:
-    """Return a state that is clipped to an area in addition."""
+    """Return a state whose clip path is intersected with another area."""
     clip = area if state.clip is None else shapely.intersection(state.clip, area)
     return replace(state, clip=clip)
 
@@ -271,7 +273,7 @@ def _meets_conditions(element: ElementTree.Element) -> bool:
 
 
 def _check_fill(state: _State, by_id: dict[str | None, ElementTree.Element]) -> str:
-    """Return why a shape drawn in a state is not filled, or "" if filled; by_id : elements."""
+    """Return why a shape in a state is not filled, or "" if filled; by_id : elements by id."""
     properties = state.properties
     if properties["visibility"] in ("hidden", "collapse"):
         return "is not visible"

@@ -29,7 +29,7 @@ from scenes.readers.guard import (
     make_truncation_error,
     refuse_special,
 )
-from scenes.readers.reader import Raw, Source
+from scenes.readers.reader import RawChunk, Source
 from scenes.readers.wkt import parse_wkb
 from scenes.scene import SceneError
 from scenes.spec import format_suggestion
@@ -56,7 +56,7 @@ _DATA_SETS = (".shp", ".gpkg", ".geojson", ".json", ".fgb", ".gml", ".kml", ".cs
 """Suffixes by which a data set is recognised in an archive."""
 
 
-def read(source: Source, size: int) -> Iterator[Raw]:
+def read(source: Source, size: int) -> Iterator[RawChunk]:
     """Yield the geometries of a layer, `size` features at a time.
 
     The default layer is the first that can contain polygons. Features that GDAL reads without
@@ -97,7 +97,7 @@ def read(source: Source, size: int) -> Iterator[Raw]:
                 )
             if raw is None:
                 break
-            raw = _close_lines(source, _explain_missing(source, raw))
+            raw = _close_lines(source, _note_missing_geometries(source, raw))
             crs = geojson.find_crs(source.path, raw.crs)
             yield replace(raw, crs=crs, notes=notes + raw.notes)
     if is_sequence:
@@ -111,8 +111,7 @@ def read(source: Source, size: int) -> Iterator[Raw]:
 def _check_count(source: Source, layer: str, count: int) -> None:
     """Raise SceneError if fewer features were read (`count`) than stated or requested.
 
-    The stated number is that in the header of FlatGeobuf, the requested number that of
-    `source.rows`.
+    The header of FlatGeobuf states a number, `source.rows` requests a number.
 
     GDAL reads FlatGeobuf files that were truncated between two features without an error.
     """
@@ -205,7 +204,7 @@ def find_gdal_path(path: Path) -> Path | str:
     raise SceneError(f"{path} has {content}: unpack it and give a file from it")
 
 
-def _read_arrow(source: Source, layer: str, size: int) -> Iterator[Raw]:
+def _read_arrow(source: Source, layer: str, size: int) -> Iterator[RawChunk]:
     """Yield chunks of `size` features from one pass over the file or `source.rows`, by pyarrow."""
     first, stop = source.rows or (0, None)
     stream = pyogrio.raw.open_arrow(
@@ -239,7 +238,7 @@ def _read_arrow(source: Source, layer: str, size: int) -> Iterator[Raw]:
                 return
 
 
-def _read_by_skipping(source: Source, layer: str, size: int | None) -> Iterator[Raw]:
+def _read_by_skipping(source: Source, layer: str, size: int | None) -> Iterator[RawChunk]:
     """Yield chunks of `size` features without pyarrow: each request skips the features before."""
     start, stop = source.rows or (0, None)
     while True:
@@ -270,7 +269,7 @@ def _read_by_skipping(source: Source, layer: str, size: int | None) -> Iterator[
 
 
 def _choose_columns(source: Source) -> list[str] | None:
-    """Return [] to read no attributes, or None to read all, which a condition may use."""
+    """Return the columns for GDAL to read: [] for none, None for all, which a condition may use."""
     return None if source.attributes or source.where else []
 
 
@@ -284,17 +283,17 @@ def _make_no_geometry_error(source: Source, layer: str) -> SceneError:
 
 def _parse_chunk(
     fids: list[int], wkb: NDArray[Any], table: pd.DataFrame | None, crs: str | None
-) -> Raw:
+) -> RawChunk:
     """Return a chunk of parsed geometries; a geometry that cannot be parsed becomes a note.
 
     fids : numbers of the features; wkb : (E)WKB of each; table : attributes
     """
     labels = [f"feature {fid}" for fid in fids]
     geometries, dropped, repaired = parse_wkb(wkb, labels)
-    return Raw(geometries, labels, table, crs, "units", dropped, repaired).without_dropped()
+    return RawChunk(geometries, labels, table, crs, "units", dropped, repaired).without_dropped()
 
 
-def _explain_missing(source: Source, raw: Raw) -> Raw:
+def _note_missing_geometries(source: Source, raw: RawChunk) -> RawChunk:
     """Return a chunk in which rows of CSV without a geometry are replaced by notes."""
     if not _open_options(source.path):
         return raw
@@ -303,8 +302,8 @@ def _explain_missing(source: Source, raw: Raw) -> Raw:
     return replace(raw, dropped=[*raw.dropped, *absent]).without_dropped()
 
 
-def _close_lines(source: Source, raw: Raw) -> Raw:
-    """Return a chunk, for a drawing with closed lines as polygons, for others unchanged."""
+def _close_lines(source: Source, raw: RawChunk) -> RawChunk:
+    """Return a drawing's chunk with closed lines as polygons; chunks of other files unchanged."""
     if source.path.suffix.lower() not in _DRAWINGS:
         return raw
     geometries = [_close_geometry(geometry) for geometry in raw.geometries]

@@ -13,11 +13,11 @@ from scenes.readers.gdal import linearize
 from scenes.readers.guard import (
     MAX_DEPTH,
     check_last_line,
-    is_text_too_deep,
-    is_too_deep,
+    is_wkb_too_deep,
+    is_wkt_too_deep,
     number_lines,
 )
-from scenes.readers.reader import Raw, Source
+from scenes.readers.reader import RawChunk, Source
 from scenes.scene import Note
 
 _DEEP = f"is nested more than {MAX_DEPTH} levels deep"
@@ -41,7 +41,7 @@ def parse_wkb(
     >>> parse_wkb([None, shapely.Point(1, 2).wkb], ["a", "b"])[0].tolist()
     [None, <POINT (1 2)>]
     """
-    deep = [value is not None and is_too_deep(value) for value in values]
+    deep = [value is not None and is_wkb_too_deep(value) for value in values]
     flat = [None if nested else value for value, nested in zip(values, deep, strict=True)]
     try:
         geometries = shapely.from_wkb(np.array([*flat, None], dtype=object), on_invalid="ignore")
@@ -53,7 +53,7 @@ def parse_wkb(
     for i in np.flatnonzero(shapely.is_missing(geometries)).tolist():
         if not values[i]:
             continue
-        geometries[i], change = (None, _DEEP) if deep[i] else _recover(values[i])
+        geometries[i], change = (None, _DEEP) if deep[i] else _repair_geometry(values[i])
         (dropped if geometries[i] is None else repaired).append((labels[i], change))
     return geometries, dropped, [note for note in repaired if note[1]]
 
@@ -63,10 +63,10 @@ def parse_wkt(text: str) -> tuple[Any | None, str]:
 
     If the text cannot be parsed, return None and the reason.
     """
-    if is_text_too_deep(text):
+    if is_wkt_too_deep(text):
         return None, _DEEP
     geometry = _parse_geometry(text)
-    return (geometry, "") if geometry is not None else _recover(text)
+    return (geometry, "") if geometry is not None else _repair_geometry(text)
 
 
 def _parse_geometry(source: str | bytes | None) -> Any | None:
@@ -78,7 +78,7 @@ def _parse_geometry(source: str | bytes | None) -> Any | None:
         return None
 
 
-def _recover(source: Any) -> tuple[Any | None, str]:
+def _repair_geometry(source: Any) -> tuple[Any | None, str]:
     """Return the geometry of WKT or WKB that GEOS rejects, and a note on its repair.
 
     If the input cannot be repaired, return None and the reason.
@@ -98,7 +98,7 @@ def _recover(source: Any) -> tuple[Any | None, str]:
     return None, f"{UNPARSABLE}: curves" if is_curved else UNPARSABLE
 
 
-def read_text(source: Source, size: int) -> Iterator[Raw]:
+def read_text(source: Source, size: int) -> Iterator[RawChunk]:
     """Yield the geometries of a text file: one per line, or a single geometry over several lines.
 
     Lines that begin with `#` are comments. The SRID of the first geometry is the file's reference
@@ -108,7 +108,7 @@ def read_text(source: Source, size: int) -> Iterator[Raw]:
     if single is not None:
         yield single
         return
-    check_last_line(source.path, _is_ended)
+    check_last_line(source.path, _is_complete_line)
     numbered = number_lines(source.path)
     crs, is_first = None, True
     while chunk := list(islice(numbered, size)):
@@ -117,7 +117,7 @@ def read_text(source: Source, size: int) -> Iterator[Raw]:
         yield raw
 
 
-def _parse_single(source: Source) -> Raw | None:
+def _parse_single(source: Source) -> RawChunk | None:
     """Return a chunk with the single geometry of a file, or None.
 
     None if the file is larger than 10 MB, has one line, or as a whole is not one geometry.
@@ -131,16 +131,16 @@ def _parse_single(source: Source) -> Raw | None:
     geometry, crs, change = _parse_line(" ".join(text.split()))
     if geometry is None:
         return None
-    return Raw([geometry], [label], crs=crs, repaired=[(label, change)] if change else [])
+    return RawChunk([geometry], [label], crs=crs, repaired=[(label, change)] if change else [])
 
 
-def _is_ended(line: bytes) -> bool:
+def _is_complete_line(line: bytes) -> bool:
     """Whether a line is a complete geometry, or not meant as a geometry at all."""
     text = line.decode("utf-8", "replace")
     return _GEOMETRY_START.match(text) is None or _parse_line(text)[0] is not None
 
 
-def _parse_lines(chunk: list[tuple[int, str]], crs: str | None, is_first: bool) -> Raw:
+def _parse_lines(chunk: list[tuple[int, str]], crs: str | None, is_first: bool) -> RawChunk:
     """Return the geometries of lines, given as (number, text).
 
     crs : the file's reference system, if known; is_first : True if the first geometry determines
@@ -166,7 +166,7 @@ def _parse_lines(chunk: list[tuple[int, str]], crs: str | None, is_first: bool) 
         geometries.append(geometry)
         labels.append(label)
         repaired += [(label, change)] if change else []
-    return Raw(geometries, labels, crs=crs, dropped=dropped, repaired=repaired)
+    return RawChunk(geometries, labels, crs=crs, dropped=dropped, repaired=repaired)
 
 
 def _parse_line(text: str) -> tuple[Any | None, str | None, str]:
@@ -190,7 +190,7 @@ def _parse_line(text: str) -> tuple[Any | None, str | None, str]:
     return geometry, crs or _find_embedded_crs(geometry), change
 
 
-def read_binary(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - one geometry
+def read_binary(source: Source, size: int) -> Iterator[RawChunk]:  # noqa: ARG001 - one geometry
     """Yield the parts of the geometry in a file of (E)WKB, as one chunk."""
     (geometry,), dropped, repaired = parse_wkb([source.path.read_bytes()], ["the geometry"])
     if geometry is None:
@@ -198,7 +198,7 @@ def read_binary(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - o
     parts = shapely.get_parts(geometry)
     labels = [f"geometry {i}" for i in range(len(parts))]
     crs = _find_embedded_crs(geometry)
-    yield Raw(np.asarray(parts, dtype=object), labels, crs=crs, repaired=repaired)
+    yield RawChunk(np.asarray(parts, dtype=object), labels, crs=crs, repaired=repaired)
 
 
 def _find_embedded_crs(geometry: Any) -> str | None:

@@ -8,7 +8,6 @@ the sea.
 import gzip
 import io
 import json
-import math
 import re
 import sqlite3
 import time
@@ -59,7 +58,7 @@ class TilePosition(NamedTuple):
         return "/".join(map(str, self))
 
 
-class Run(NamedTuple):
+class TileRun(NamedTuple):
     """Consecutive tiles of an archive with the same bytes; usually a single tile.
 
     first : number of the first tile
@@ -88,15 +87,17 @@ class Archive(ABC):
         """Open an archive; raises SceneError if the path contains no tiles."""
 
     @abstractmethod
-    def list_runs(self, zoom: int | None, first: int = 0, last: int | None = None) -> Iterator[Run]:
-        """Yield the runs of tiles of a zoom, by ascending number, clipped to range(first, last).
+    def list_tile_runs(
+        self, zoom: int | None, first: int = 0, last: int | None = None
+    ) -> Iterator[TileRun]:
+        """Yield the runs of equal tiles of a zoom, by ascending number, cut to range(first, last).
 
         zoom : None for a folder without zooms. Tiles with close numbers are neighbours on the map.
         """
 
     def list_names(self, zoom: int | None) -> list[Any]:
         """Return the names of all tiles of a zoom, by ascending number; see `get_name`."""
-        runs = self.list_runs(zoom)
+        runs = self.list_tile_runs(zoom)
         return [self.get_name(run.first + k) for run in runs for k in range(run.repeats)]
 
     @abstractmethod
@@ -126,7 +127,7 @@ class Archive(ABC):
         return zooms
 
     def get_zoom(self, number: int) -> int | None:
-        """Return the zoom of a tile by number, or None if paths do not give tile positions."""
+        """Return the zoom of a tile, given its number, or None if paths contain no positions."""
         return ((3 * number + 1).bit_length() - 1) // 2
 
     def read(self, name: Any) -> bytes | None:
@@ -152,7 +153,7 @@ def compute_first_number(zoom: int) -> int:
 def decompress(data: bytes, limit: int | None = None) -> bytes:
     """Return a tile's uncompressed bytes; data that do not begin like gzip or zlib are returned.
 
-    Raises ValueError for invalid data, and from `limit` (default `MAX_TILE_BYTES`) bytes on.
+    Raises ValueError for invalid data, and for `limit` (default `MAX_TILE_BYTES`) or more bytes.
     """
     limit = limit or MAX_TILE_BYTES
     if data[:4] == _ZSTD:
@@ -215,11 +216,13 @@ class Folder(Archive):
         with suppress(OSError):
             self.attribution = parse_attribution((path / "metadata.json").read_bytes())
 
-    def list_runs(self, zoom: int | None, first: int = 0, last: int | None = None) -> Iterator[Run]:
-        """Yield a run for each file."""
+    def list_tile_runs(
+        self, zoom: int | None, first: int = 0, last: int | None = None
+    ) -> Iterator[TileRun]:
+        """Yield a run of one tile for each file; files are not compared."""
         for number, name in enumerate(self._names[first:last], first):
             if zoom is None or name[0] == zoom:
-                yield Run(number, 1, self._files[name].stat().st_size)
+                yield TileRun(number, 1, self._files[name].stat().st_size)
 
     def get_zoom(self, number: int) -> int | None:
         """Return the zoom in the path, or None unless all paths have a zoom."""
@@ -290,8 +293,10 @@ class MBTiles(Archive):
                     return
                 yield row
 
-    def list_runs(self, zoom: int | None, first: int = 0, last: int | None = None) -> Iterator[Run]:
-        """Yield a run for each tile; duplicates and tiles outside the world are ignored."""
+    def list_tile_runs(
+        self, zoom: int | None, first: int = 0, last: int | None = None
+    ) -> Iterator[TileRun]:
+        """Yield a run of one tile for each tile inside the world; equal tiles are not joined."""
         assert zoom is not None
         side, offset = 2**zoom, compute_first_number(zoom)
         last = compute_first_number(zoom + 1) if last is None else last
@@ -304,7 +309,7 @@ class MBTiles(Archive):
         for x, y, size in self._query(query, (zoom, *columns, side - 1)):
             number = offset + x * side + side - 1 - y
             if first <= number < last:
-                yield Run(number, 1, size or 0)
+                yield TileRun(number, 1, size or 0)
 
     def get_name(self, number: int) -> Any:
         """Return the tile's position."""
@@ -404,8 +409,10 @@ class PMTiles(Archive):
                     children.append((header["leaf_directory_offset"] + entry.offset, entry.length))
             stack += reversed(children)
 
-    def list_runs(self, zoom: int | None, first: int = 0, last: int | None = None) -> Iterator[Run]:
-        """Yield the run of each entry; skip entries out of order, which are invalid."""
+    def list_tile_runs(
+        self, zoom: int | None, first: int = 0, last: int | None = None
+    ) -> Iterator[TileRun]:
+        """Yield the run of equal tiles of each directory entry; skip invalid, unordered entries."""
         assert zoom is not None
         first = max(first, compute_first_number(zoom))
         last = compute_first_number(zoom + 1) if last is None else last
@@ -414,7 +421,7 @@ class PMTiles(Archive):
             start, end = max(entry.tile_id, first), min(entry.tile_id + entry.run_length, last)
             if previous < start < end:
                 previous = start
-                yield Run(start, end - start, entry.length)
+                yield TileRun(start, end - start, entry.length)
 
     def get_name(self, number: int) -> Any:
         """Return the tile's position."""
@@ -431,18 +438,3 @@ class PMTiles(Archive):
 
 KINDS: dict[str, type[Archive]] = {".pmtiles": PMTiles, ".mbtiles": MBTiles}
 """Classes of archives, by suffix of the file; all other paths are a `Folder`."""
-
-
-def locate_tile(longitude: float, latitude: float, zoom: int) -> tuple[int, int]:
-    """Return column and row of the tile that contains a position, given in degrees.
-
-    Latitudes beyond the range of web Mercator are clamped.
-
-    >>> locate_tile(24.94, 60.17, 14)
-    (9327, 4742)
-    """
-    side = 2**zoom
-    sine = math.sin(math.radians(min(max(latitude, -85.0511), 85.0511)))
-    x = (longitude / 360.0 + 0.5) * side
-    y = (0.5 - math.atanh(sine) / (2.0 * math.pi)) * side
-    return min(max(int(x), 0), side - 1), min(max(int(y), 0), side - 1)

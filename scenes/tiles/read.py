@@ -3,6 +3,7 @@
 Polygons that can be drawn exactly are read, in px; all others are dropped, with a note.
 """
 
+import math
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,17 +17,17 @@ from numpy.typing import NDArray
 from scenes.cleaning.repair import clean
 from scenes.readers import guard
 from scenes.readers.guard import check_path
-from scenes.readers.reader import Raw, Source
+from scenes.readers.reader import RawChunk, Source
 from scenes.scene import Note, Scene, SceneError, Tiling
 from scenes.spec import format_suggestion
-from scenes.tiles.archives import Archive, Run, TilePosition, locate_tile, open_archive
+from scenes.tiles.archives import Archive, TilePosition, TileRun, open_archive
 from scenes.tiles.vector_tile import Layer, build_layer, decode_layers
 
 PIXELS = 512
 """Default side of a tile on the screen, in px; 256 on old maps, 1024 on dense screens."""
 
 _PIXELS_RANGE = (8, 4096)  # permitted sides of a tile on the screen, in px
-_GRID = 256  # frames are snapped to 1/256 px
+_GRID = 256  # coordinates are rounded to multiples of 1/256 px for drawing
 
 
 def check_pixels(pixels: int) -> None:
@@ -165,7 +166,7 @@ def read(
 ) -> Scene:
     """Return the polygons of map tiles, in px of the tile, y up.
 
-    Polygons are not clipped at the tile's edge. Coordinates are exact: see `select_drawable`.
+    Polygons are not cut off at the tile's edge. Coordinates are exact: see `select_drawable`.
     `path` is a PMTiles or MBTiles archive, a folder of .mvt or .pbf files, or such a file; the
     default zoom is the largest. `layers` are names separated by commas. `tiles` is a number of
     tiles, spread evenly over the archive, or west,south,east,north in degrees. `pixels` is the side
@@ -175,10 +176,10 @@ def read(
     check_pixels(pixels)
     file = check_path(path)
     requested_layers = None if layers is None else layers.split(",")
-    with guard.clear_errors(path, "map tiles"):
+    with guard.raise_scene_errors(path, "map tiles"):
         archive = open_archive(file)
         zoom = archive.select_zooms(path, None if zoom is None else (zoom, zoom))[-1]
-        runs = list(archive.list_runs(zoom))
+        runs = list(archive.list_tile_runs(zoom))
         tile_names = _choose_tiles(archive, runs, tiles, zoom)
         tiles_read = [
             (str(name), read_tile(archive, name, requested_layers, pixels)) for name in tile_names
@@ -237,7 +238,7 @@ def read(
 
 
 def _choose_tiles(
-    archive: Archive, runs: Sequence[Run], tiles: str, zoom: int | None
+    archive: Archive, runs: Sequence[TileRun], tiles: str, zoom: int | None
 ) -> Sequence[Any]:
     """Return the names of the tiles that `tiles`, a number or a box in degrees, requests."""
     error = SceneError(
@@ -268,6 +269,21 @@ def _choose_tiles(
     run_index = np.searchsorted(ends, middles, side="right").tolist()
     offsets = [runs[k].first + runs[k].repeats - int(ends[k]) for k in run_index]
     return [archive.get_name(last + middle) for last, middle in zip(offsets, middles, strict=True)]
+
+
+def locate_tile(longitude: float, latitude: float, zoom: int) -> tuple[int, int]:
+    """Return column and row of the tile that contains a position, given in degrees.
+
+    Latitudes beyond the range of web Mercator are clamped.
+
+    >>> locate_tile(24.94, 60.17, 14)
+    (9327, 4742)
+    """
+    side = 2**zoom
+    sine = math.sin(math.radians(min(max(latitude, -85.0511), 85.0511)))
+    x = (longitude / 360.0 + 0.5) * side
+    y = (0.5 - math.atanh(sine) / (2.0 * math.pi)) * side
+    return min(max(int(x), 0), side - 1), min(max(int(y), 0), side - 1)
 
 
 def _explain_empty(
@@ -316,7 +332,7 @@ _HALF_WORLD = 20_037_508.342789244
 """Half the width of the map in web Mercator (EPSG:3857), in metres."""
 
 
-def read_map(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a tile is a chunk
+def read_map(source: Source, size: int) -> Iterator[RawChunk]:  # noqa: ARG001 - a tile is a chunk
     """Yield the polygons of an archive's largest zoom, tile by tile, in web Mercator."""
     archive = open_archive(source.path)
     zoom = archive.zooms[-1]
@@ -338,4 +354,4 @@ def read_map(source: Source, size: int) -> Iterator[Raw]:  # noqa: ARG001 - a ti
             label = f"{name} {layer.name}"
             dropped += [(f"{label} {feature}", reason) for feature, reason in layer.dropped]
         notes = (f"map tiles of zoom {zoom}",)
-        yield Raw(polygons, labels, crs="EPSG:3857", dropped=dropped, notes=notes)
+        yield RawChunk(polygons, labels, crs="EPSG:3857", dropped=dropped, notes=notes)

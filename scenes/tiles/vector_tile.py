@@ -162,7 +162,7 @@ def build_layer(name: str, messages: list[Any]) -> Layer:
         with note_errors(dropped, f"feature {number}", "cannot be read"):
             kind, geometry = _parse_feature(feature, len(layer.keys), len(layer.values))
             if kind != POLYGON:
-                _check_strokes(geometry, kind)
+                _check_points_or_lines(geometry, kind)
                 continue
             ring_steps, rings = _parse_rings(geometry)
             steps += ring_steps
@@ -189,7 +189,7 @@ def _parse_feature(data: bytes, keys: int, values: int) -> tuple[int, list[int]]
     return feature.type, list(feature.geometry)
 
 
-def _check_strokes(geometry: Sequence[int], kind: int) -> None:
+def _check_points_or_lines(geometry: Sequence[int], kind: int) -> None:
     """Raise ValueError if the commands of points or lines violate the format."""
     position = 0
     while kind and position < len(geometry):
@@ -231,7 +231,7 @@ def _build_polygons(
 ) -> tuple[NDArray[np.object_], NDArray[np.int64]]:
     """Return the polygons (p,) of a layer, and the index (p,) of the feature of each polygon.
 
-    steps (2 n,), sizes, owners (r,): see `_parse_rings`, number of points of each ring, and index
+    steps (2 n,): see `_parse_rings`; sizes (r,): number of points of each ring; owners (r,): index
     of each ring's feature. The first step of a feature is from (0, 0); the first step of each
     further ring is from the last point of the ring before. Appends notes to `dropped`.
     """

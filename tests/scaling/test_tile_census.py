@@ -163,7 +163,7 @@ def test_slices_partition_the_tiles(tmp_path):
     assert sum(slices.sizes) == len(tiles)
     assert max(slices.sizes) == MAX_TILES
     archive = open_archive(Path(path))
-    tile_runs = [run for rows in slices.rows for run in archive.list_runs(9, *rows)]
+    tile_runs = [run for rows in slices.rows for run in archive.list_tile_runs(9, *rows)]
     assert [archive.get_name(run.first) for run in tile_runs] == archive.list_names(9)
 
 
@@ -189,7 +189,8 @@ def test_entries_next_to_leaves_are_in_order(tmp_path):
     assert [tiles.read_stored(name) for name in tiles.list_names(3)] == [
         b"cccc", b"aaaa", b"bbbb", b"dddd", b"dddd",
     ]  # fmt: skip
-    assert [(run.first - compute_first_number(3), run.repeats) for run in tiles.list_runs(3)] == [
+    tile_runs = tiles.list_tile_runs(3)
+    assert [(run.first - compute_first_number(3), run.repeats) for run in tile_runs] == [
         (0, 1), (1, 1), (2, 1), (9, 2),
     ]  # fmt: skip
 
@@ -199,7 +200,7 @@ def test_repeated_entry_is_skipped(tmp_path):
     numbers = [compute_first_number(3) + offset for offset in (0, 2, 2, 5)]
     root = serialize_directory([Entry(number, 0, 4, 1) for number in numbers])
     path = Path(pmtiles(tmp_path / "a.pmtiles", root, data=b"aaaa", min_zoom=3, max_zoom=3))
-    numbers_read = [run.first - compute_first_number(3) for run in PMTiles(path).list_runs(3)]
+    numbers_read = [run.first - compute_first_number(3) for run in PMTiles(path).list_tile_runs(3)]
     assert numbers_read == [0, 2, 5]
     assert len(PMTiles(path).list_names(3)) == 3
 

@@ -40,9 +40,8 @@ from scenes.tiles.archives import (
     TilePosition,
     compute_first_number,
     decompress,
-    locate_tile,
 )
-from scenes.tiles.read import FILE
+from scenes.tiles.read import FILE, locate_tile
 from scenes.tiles.vector_tile import Layer, build_layer, decode_layers
 from tests.paths import ROOT
 
