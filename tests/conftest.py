@@ -195,13 +195,13 @@ def shorten_runs(patch: pytest.MonkeyPatch) -> None:
 def device_counts(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Return the numbers of polygons solved by compute shaders, per batch."""
     counts: list[int] = []
-    original = engine.attempt
+    original = engine.solve_on_device
 
     def record_counts(name: str, batch: engine.Batch, *arguments: Any) -> None:
         original(name, batch, *arguments)
         counts.append(int(batch.done.sum()))
 
-    monkeypatch.setattr(engine, "attempt", record_counts)
+    monkeypatch.setattr(engine, "solve_on_device", record_counts)
     return counts
 
 

@@ -12,7 +12,7 @@ from triangulators.errors import TriangulationError
 from triangulators.geometry.order import put_in_walk_order
 from triangulators.polygon import Boundary, checked_boundary
 from triangulators.registry import Choice, check_criterion, load, parse
-from triangulators.verify import check_rows, insert_dropped_vertices, orient_triangles
+from triangulators.verify import check_triangle_indices, insert_dropped_vertices, orient_triangles
 
 
 def triangulate(
@@ -129,9 +129,9 @@ def triangulate_with_gap(
 def _order_triangles(
     outline: Boundary, triangles: np.ndarray, choice: Choice, order: str | None
 ) -> np.ndarray:
-    """Return triangles (m, 3), put in walk order if `order` is "walk".
+    """Return triangles (m, 3), put in an order from neighbour to neighbour if `order` is "walk".
 
-    order: "walk", "native", or None for the triangulator's default.
+    order: "walk", "native" (no change), or None for the triangulator's default.
     """
     if not choice.entry.uses_walk(order):
         return triangles
@@ -165,11 +165,11 @@ def _run_triangulator(
 def _check_triangles(outline: Boundary, raw: Any, choice: Choice, criterion: Any) -> np.ndarray:
     """Return a triangulator's result as int32 (m, 3), counter-clockwise, without zero areas.
 
-    raw: the result. Raises `TriangulationError` unless `raw` is an array (m, 3) of vertex indices,
-    or if the sum of a user's criterion over the triangles is not finite.
+    raw: the unchecked result. Raises `TriangulationError` unless `raw` is an array (m, 3) of vertex
+    indices, or if the sum of a user's criterion over the triangles is not finite.
     """
     try:
-        triangles = orient_triangles(outline.points, check_rows(raw, outline.points))
+        triangles = orient_triangles(outline.points, check_triangle_indices(raw, outline.points))
     except ValueError as error:
         raise TriangulationError(f"{choice.full_name}: {error}") from error
     if criterion is not None and not isinstance(criterion, str):

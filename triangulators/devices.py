@@ -16,21 +16,21 @@ SOFTWARE_RENDERERS = (
 
 
 def is_software(renderer: str) -> bool:
-    """Whether a renderer, named as in GL_RENDERER, runs on a CPU."""
+    """Whether the renderer that OpenGL names `renderer` (GL_RENDERER) runs on a CPU."""
     return any(word in renderer.lower() for word in SOFTWARE_RENDERERS)
 
 
 def matches(name: str, renderer: str) -> bool:
-    """Whether a device's name, such as "gpu0", selects a renderer, named as in GL_RENDERER."""
+    """Whether a device's name, such as "gpu0", selects the renderer of this GL_RENDERER string."""
     if name.startswith("gpu"):
         return not is_software(renderer)
     return renderer.lower().startswith(name)
 
 
-def check_name(name: str) -> None:
-    """Raise `UnknownNameError` unless `name` has the form of a device's name, present or not.
+def check_device_name(name: str) -> None:
+    """Raise `UnknownNameError` unless `name` has a device name's form; devices are not opened.
 
-    >>> check_name("gpu1")
+    >>> check_device_name("gpu1")
     """
     if name not in (CPU, LLVMPIPE) and not (name.startswith("gpu") and name[3:].isdigit()):
         choices = f"gpu0, gpu1, ..., {LLVMPIPE}, {CPU}"

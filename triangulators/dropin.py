@@ -18,7 +18,7 @@ expects. `triangulate_many(..., "flips:l1")` triangulates many polygons in one c
 import numpy as np
 
 from triangulators.errors import TriangulationError, UnknownNameError, suggest
-from triangulators.geometry.earcut import clip_ears
+from triangulators.geometry.earcut import run_earcut
 from triangulators.geometry.flips import shorten_diagonals
 from triangulators.geometry.order import is_walk
 
@@ -27,7 +27,7 @@ __all__ = ["triangulate_float32", "triangulate_float64", "triangulate_int32", "t
 METHODS = ("flips:l1", "refined:half-perimeter", "optimal:half-perimeter")
 SHORT_NAMES = {"flips": METHODS[0], "refined": METHODS[1]}
 
-EXACT = 2**53
+MAX_EXACT_INTEGER = 2**53
 """Doubles represent all integers up to this."""
 
 
@@ -70,8 +70,8 @@ def triangulate_float64(
     >>> triangulate_float64(square, np.array([4], dtype=np.uint32)).shape
     (6,)
     """
-    raw = clip_ears(vertices, ring_end_indices)
-    return _improve(raw, vertices, ring_end_indices, method, order)
+    raw = run_earcut(vertices, ring_end_indices)
+    return _improve_triangles(raw, vertices, ring_end_indices, method, order)
 
 
 def triangulate_float32(
@@ -85,7 +85,7 @@ def triangulate_float32(
     Parameters
     ----------
     vertices
-        (n, 2) float32, converted exactly.
+        (n, 2) float32, which are converted to float64 without rounding.
     ring_end_indices, method, order
         As for `triangulate_float64`.
 
@@ -110,7 +110,7 @@ def triangulate_int32(
     Parameters
     ----------
     vertices
-        (n, 2) int32, converted exactly.
+        (n, 2) int32; computed with as float64, without rounding. Other types are cast to int32.
     ring_end_indices, method, order
         As for `triangulate_float64`.
 
@@ -135,8 +135,8 @@ def triangulate_int64(
     Parameters
     ----------
     vertices
-        (n, 2) int64. If the extent exceeds 2^53, which doubles cannot represent, earcut's triangles
-        are returned unimproved.
+        (n, 2) int64; other types are cast. If the width or height exceeds 2^53, above which doubles
+        skip integers, earcut's triangles are returned without flips or optimisation.
     ring_end_indices, method, order
         As for `triangulate_float64`.
 
@@ -146,21 +146,22 @@ def triangulate_int64(
         (3 m,) uint32, as `triangulate_float64` returns.
     """
     vertices = np.asarray(vertices).astype(np.int64, copy=False)
-    raw = clip_ears(vertices, ring_end_indices)
+    raw = run_earcut(vertices, ring_end_indices)
     if not len(raw):
         return raw
     low, high = vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()
-    if any(above - below > EXACT for below, above in zip(low, high, strict=True)):
+    if any(above - below > MAX_EXACT_INTEGER for below, above in zip(low, high, strict=True)):
         return raw
-    return _improve(raw, vertices - np.array(low), ring_end_indices, method, order)
+    return _improve_triangles(raw, vertices - np.array(low), ring_end_indices, method, order)
 
 
-def _improve(
+def _improve_triangles(
     raw: np.ndarray, vertices: np.ndarray, ring_end_indices: np.ndarray, method: str, order: str
 ) -> np.ndarray:
     """Return the triangles (3 m,) of `method`, or earcut's triangles `raw` if rings are invalid.
 
-    "flips:l1" overwrites `raw`.
+    raw (3 m,): three vertex indices per triangle, which "flips:l1" overwrites; ring_end_indices
+    (r,): see `triangulate_float64`.
     """
     method = SHORT_NAMES.get(method, method)
     if method not in METHODS:
@@ -173,15 +174,17 @@ def _improve(
         return raw
     if not len(raw) or not np.isfinite(points).all():
         return raw
-    improved = _search_triangles(points, np.append(0, ring_end_indices).astype(np.int64), method)
+    improved = _triangulate_by_method(
+        points, np.append(0, ring_end_indices).astype(np.int64), method
+    )
     return raw if improved is None else improved.astype(np.uint32).ravel()
 
 
-def _search_triangles(
+def _triangulate_by_method(
     points: np.ndarray, ring_offsets: np.ndarray, method: str
 ) -> np.ndarray | None:
     """Return triangles (m, 3) of "refined" or "optimal", or None if the rings are invalid."""
-    # Imported here, because flips need none of these modules, whose import takes a second.
+    # Imported here, because "flips:l1" needs none of these modules; importing takes a second.
     from triangulators.methods import flips, optimal
     from triangulators.optimum.full_table import solve_ring
     from triangulators.polygon import UNSURE, checked_boundary, find_ring_orientation

@@ -5,7 +5,7 @@ import traceback
 from collections.abc import Iterable
 from pathlib import Path
 
-MAX_MESSAGE = 300
+MAX_MESSAGE_CHARACTERS = 300
 """Maximum number of characters of a reported third-party message."""
 
 MAX_TRACEBACK = 10_000
@@ -67,6 +67,6 @@ def summarize_error(error: BaseException) -> str:
 
 
 def truncate(text: str) -> str:
-    """Return a text as a line of at most `MAX_MESSAGE` characters; if cut, add the full length."""
-    line = " ".join(text[: 4 * MAX_MESSAGE].split())[:MAX_MESSAGE]
-    return f"{line} ... ({len(text):,} characters)" if len(text) > MAX_MESSAGE else line
+    """Return a text as a line of `MAX_MESSAGE_CHARACTERS` or fewer; if cut, add the full length."""
+    line = " ".join(text[: 4 * MAX_MESSAGE_CHARACTERS].split())[:MAX_MESSAGE_CHARACTERS]
+    return f"{line} ... ({len(text):,} characters)" if len(text) > MAX_MESSAGE_CHARACTERS else line

@@ -24,7 +24,8 @@ def find_initial_triangulations(outline: Boundary) -> Iterator[np.ndarray]:
 
     If neither conforms, because slivers within rounding error are missing, yield the greedy
     triangulation by exact orientations, for up to 1,000 vertices. Raises `TriangulationError` if
-    there is no conforming triangulation. The vertices of triangles are sites (see `Boundary`).
+    there is no conforming triangulation. Triangles index sites, one for vertices at the same point
+    (see `Boundary`).
     """
     is_found = False
     for method in (ear_clipping, delaunay):

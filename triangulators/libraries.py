@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 
 from triangulators.errors import TriangulationError
-from triangulators.geometry.earcut import clip_ears
+from triangulators.geometry.earcut import run_earcut
 from triangulators.polygon import Boundary, find_sites, orient_rings
 from triangulators.polygon_arrays import polygon_of_rings
 
@@ -21,7 +21,7 @@ def ear_clipping(outline: Boundary) -> np.ndarray:
     mapbox_earcut drops some collinear vertices, which become T-junctions.
     """
     ring_ends = outline.ring_offsets[1:].astype(np.uint32)
-    return clip_ears(outline.points, ring_ends).reshape(-1, 3)
+    return run_earcut(outline.points, ring_ends).reshape(-1, 3)
 
 
 def delaunay(outline: Boundary) -> np.ndarray:
@@ -37,7 +37,7 @@ def delaunay(outline: Boundary) -> np.ndarray:
         raise TriangulationError(f"delaunay: {error}") from error
     corners = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
     count = len(outline.points)
-    # + 0.0 turns -0.0 into 0.0.
+    # + 0.0 turns -0.0 into 0.0, so that equal coordinates also have equal bits.
     indices = find_sites(np.concatenate((outline.points, corners)) + 0.0)[count:]
     if (indices >= count).any():
         raise TriangulationError("delaunay: GEOS returned a point that is not a vertex")

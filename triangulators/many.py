@@ -14,7 +14,7 @@ from triangulators.criteria import FLIP_TESTS, Criterion
 from triangulators.criteria import find as find_criterion
 from triangulators.criteria.cost import Cost, find_plain_cost
 from triangulators.criteria.criterion import FEATURES
-from triangulators.devices import CPU, check_name, cores
+from triangulators.devices import CPU, check_device_name, cores
 from triangulators.errors import (
     ArgumentError,
     TriangulationError,
@@ -33,7 +33,7 @@ from triangulators.methods.flips import (
 )
 from triangulators.methods.optimal import SearchOptions
 from triangulators.optimum.cut_holes import MAX_HOLES, solve_by_cuts
-from triangulators.optimum.full_table import SMALL, triangulate_rings
+from triangulators.optimum.full_table import MAX_SMALL_VERTICES, triangulate_rings_optimally
 from triangulators.polygon_arrays import (
     Batch,
     PolygonArray,
@@ -53,7 +53,7 @@ _DEVICE_FEATURES = ("half_perimeter", "expected_quads")
 _FLIPS = {"ear-clipping": NONE, "earcut-refine": AS_EARCUT} | {
     f"flips:{name}": test for test, name in enumerate(FLIP_TESTS)
 }
-"""The flip test after ear clipping, by full name of a triangulator without a criterion."""
+"""The test by which diagonals are flipped after ear clipping, by full name of a triangulator."""
 
 _FLIP_TRIANGULATORS = ("refined", "flips")
 """Triangulators whose flips can decrease any criterion."""
@@ -118,7 +118,9 @@ def triangulate_many(
     ((2, 3), {1: 'the polygon is empty'})
     """
     options = {"criterion": criterion, "repair": repair, "order": order, **parameters}
-    batch = attempt_many(polygons, name, check=check, threads=threads, device=device, **options)
+    batch = triangulate_supported(
+        polygons, name, check=check, threads=threads, device=device, **options
+    )
     offsets, triangles, done = batch.triangle_offsets, batch.triangles, batch.compiled
     if done.all():
         return batch
@@ -144,7 +146,7 @@ def triangulate_many(
     return Triangulations(np.concatenate(pieces), offsets_of(lengths), failed, done)
 
 
-def attempt_many(
+def triangulate_supported(
     polygons: Sequence[shapely.Polygon] | np.ndarray | PolygonArray,
     name: str = "optimal:half-perimeter",
     *,
@@ -173,9 +175,9 @@ def attempt_many(
     in_walk = choice.entry.uses_walk(order)
     if not choice.entry.builtin:
         choice.entry.load()
-    check_name(device)
+    check_device_name(device)
     options, weights = SearchOptions.split(parameters)
-    cost = None if repair else _plain_cost(choice, criterion, weights, device)
+    cost = None if repair else _find_batch_cost(choice, criterion, weights, device)
     steered = bool(parameters) or criterion is not None or repair
     flips = None if steered else _FLIPS.get(choice.full_name)
     if cost is None and flips is None:
@@ -184,38 +186,40 @@ def attempt_many(
     if check and arrays is not polygons:
         valid = shapely.is_valid(np.asarray(polygons, dtype=object))
     if cost is None:
-        _clip_ears(batch, valid, threads, flips, NO_COST, None, False, in_walk)
+        _triangulate_by_ears(batch, valid, threads, flips, NO_COST, None, False, in_walk)
     elif choice.entry.name in _FLIP_TRIANGULATORS:
         refined, test = choice.entry.name == "refined", find_flip_test(cost)
         decreased = cost if test == COST else None
-        _clip_ears(batch, valid, threads, test, cost, decreased, refined, in_walk)
+        _triangulate_by_ears(batch, valid, threads, test, cost, decreased, refined, in_walk)
     else:
         feature = _find_device_feature(cost, device)
         if feature is not None:
             selected = valid & (arrays.ring_counts == 1)
             from triangulators.gpu import engine  # imported only if a device is selected
 
-            engine.attempt(device, batch, selected, options.limit, *feature)
+            engine.solve_on_device(device, batch, selected, options.limit, *feature)
         if cost["is_box"]:
-            _optimise(batch, cost, valid, threads, options.limit)
+            _triangulate_optimally(batch, cost, valid, threads, options.limit)
     return result
 
 
-def _optimise(batch: Batch, cost: Cost, valid: np.ndarray, threads: int, limit: int) -> None:
-    """Optimise the polygons that compiled code supports; mark solved polygons in `batch.done`.
+def _triangulate_optimally(
+    batch: Batch, cost: Cost, valid: np.ndarray, threads: int, limit: int
+) -> None:
+    """Write the optimal triangulations of the polygons that compiled code supports to `batch`.
 
-    valid (p,): flags of the polygons to optimise, overwritten; limit: number of vertices up to
-    which a polygon is optimised.
+    Sets their `batch.done`. valid (p,): flags of the polygons to solve, overwritten; limit: number
+    of vertices up to which a polygon is solved.
     """
     vertices, rings = np.diff(batch.vertex_offsets), np.diff(batch.geom_offsets)
-    valid &= (vertices >= 3) & (vertices <= min(limit, SMALL))
+    valid &= (vertices >= 3) & (vertices <= min(limit, MAX_SMALL_VERTICES))
     single = valid & (rings == 1) & ~batch.done
     with_holes = np.flatnonzero(valid & (rings > 1) & (rings <= MAX_HOLES + 1))
     with ThreadPoolExecutor(threads) as pool:
         running = []
         for kernel, count, selection in (
-            (_optimise_with_holes, len(with_holes), with_holes),
-            (triangulate_rings, len(batch.done), single),
+            (_triangulate_with_holes, len(with_holes), with_holes),
+            (triangulate_rings_optimally, len(batch.done), single),
         ):
             chunks = max(1, min(8 * threads, count // 64))
             bounds = np.linspace(0, count, chunks + 1).astype(int).tolist()
@@ -225,13 +229,14 @@ def _optimise(batch: Batch, cost: Cost, valid: np.ndarray, threads: int, limit: 
             task.result()
 
 
-def _optimise_with_holes(
+def _triangulate_with_holes(
     first: int, last: int, batch: Batch, indices: np.ndarray, box: np.ndarray
 ) -> None:
-    """Triangulate the polygons indices[first:last], which have holes; set their `batch.done`.
+    """Write optimal triangulations of the polygons indices[first:last], which have holes.
 
-    The loop is in Python: a polygon takes about fifty microseconds, of which a call from Python
-    takes two or three, and a compiled loop would compile all of `cut_holes` a second time.
+    Sets their `batch.done`; box: coefficients of half-perimeter, box area and edge length. The loop
+    is in Python: a polygon takes about fifty microseconds, of which a call from Python takes two or
+    three, and a compiled loop would compile all of `cut_holes` a second time.
     """
     offsets = batch.triangle_offsets
     for index in indices[first:last].tolist():
@@ -240,7 +245,7 @@ def _optimise_with_holes(
         batch.done[index] = solve_by_cuts(points, rings, box, triangles)
 
 
-def _clip_ears(batch: Batch, valid: np.ndarray, threads: int, *how: Any) -> None:
+def _triangulate_by_ears(batch: Batch, valid: np.ndarray, threads: int, *how: Any) -> None:
     """Triangulate the `valid` (p,) polygons by ear clipping and flips; set their `batch.done`.
 
     In this thread, mapbox_earcut clips polygons that are large or have holes. In `threads` threads,
@@ -249,7 +254,7 @@ def _clip_ears(batch: Batch, valid: np.ndarray, threads: int, *how: Any) -> None
     """
     vertex_offsets, geom_offsets = batch.vertex_offsets.tolist(), batch.geom_offsets.tolist()
     first_vertices = np.repeat(batch.vertex_offsets[:-1], np.diff(batch.geom_offsets))
-    # Relative to the polygon, as earcut expects.
+    # earcut expects the ends of rings relative to the polygon's first vertex.
     ring_ends = (batch.ring_offsets[1:] - first_vertices).astype(np.uint32)
     sizes, rings = np.diff(batch.vertex_offsets), np.diff(batch.geom_offsets)
     selected = valid & (sizes >= 3)
@@ -291,10 +296,10 @@ def _clip_ears(batch: Batch, valid: np.ndarray, threads: int, *how: Any) -> None
 
 
 def _find_device_feature(cost: Cost, device: str) -> tuple[str, bool] | None:
-    """Return the feature that a device is to minimise, and True to maximise it; None for the CPU.
+    """Return the feature that a device optimises, and whether to maximise it; None for the CPU.
 
-    A device supports costs in which one feature has the weight 1 or -1. The number and the area of
-    triangles are the same for every triangulation of a polygon.
+    A device supports costs in which one feature has the weight 1 or -1. The weights of the number
+    and the area of triangles have no effect: both are equal for all triangulations of a polygon.
     """
     weights = dict(zip(FEATURES[2:], cost["weights"][2:].tolist(), strict=True))
     for feature in _DEVICE_FEATURES:
@@ -304,13 +309,13 @@ def _find_device_feature(cost: Cost, device: str) -> tuple[str, bool] | None:
     return None
 
 
-def _plain_cost(
+def _find_batch_cost(
     choice: Choice, criterion: Any, weights: dict[str, Any], device: str
 ) -> Cost | None:
-    """Return a triangulator's `Cost`, or None if a batch cannot use one for all polygons.
+    """Return the `Cost` that a triangulator decreases, or None if a batch has no common cost.
 
-    None for other triangulators, for costs that depend on the polygon, and for unsupported costs.
-    criterion, weights: the caller's arguments, None and {} if only the name has a criterion
+    None for triangulators without a cost, for costs that depend on the polygon, and for unsupported
+    costs. criterion, weights: the caller's arguments, None and {} if only the name has a criterion.
     """
     name = choice.entry.name
     resolved = choice.criterion if criterion is None else criterion

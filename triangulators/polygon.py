@@ -15,12 +15,12 @@ import shapely
 
 from triangulators.compute.kernels import njit
 from triangulators.errors import InvalidPolygonError
-from triangulators.geometry.predicates import FILTER, find_touching_vertices, orient
+from triangulators.geometry.predicates import ORIENTATION_FILTER, find_touching_vertices, orient
 from triangulators.polygon_arrays import offsets_of
 
 MAX_SIMPLE_VERTICES = 96  # larger rings are tested by GEOS: comparing all pairs of edges is slow
 
-UNSURE, COUNTERCLOCKWISE, CLOCKWISE = 0, 1, -1
+UNSURE, COUNTERCLOCKWISE, CLOCKWISE = 0, 1, -1  # results of `find_ring_orientation`
 
 
 class Boundary(NamedTuple):
@@ -62,7 +62,7 @@ class Boundary(NamedTuple):
         return self.holes == 0 and len(self.edges) == len(self.points)
 
 
-def check(polygon: shapely.Polygon) -> None:
+def check_polygon(polygon: shapely.Polygon) -> None:
     """Raise `InvalidPolygonError` with the reason unless `polygon` is a valid polygon."""
     if not isinstance(polygon, shapely.Polygon):
         raise InvalidPolygonError(f"expected a shapely Polygon, got {type(polygon).__name__}")
@@ -122,7 +122,7 @@ def checked_boundary(polygon: shapely.Polygon) -> Boundary:
     """Return a polygon's `Boundary`; raise `InvalidPolygonError` if the polygon is invalid."""
     outline = _make_simple_boundary(polygon) if isinstance(polygon, shapely.Polygon) else None
     if outline is None:
-        check(polygon)
+        check_polygon(polygon)
         outline = make_boundary(*rings_of(polygon))
     return outline
 
@@ -162,7 +162,7 @@ def find_ring_orientation(coordinates: np.ndarray) -> int:
             return UNSURE
         span = max(span, abs(ax - x), abs(ay - y))
         area += (ax - x) * (by - y) - (ay - y) * (bx - x)
-        # Unsure if the next edge runs back along edge a.
+        # Return UNSURE if the next edge runs back along edge a.
         c = a + 2 if a + 2 <= n else 1
         cx, cy = coordinates[c, 0], coordinates[c, 1]
         ahead = (bx - ax) * (cx - bx) + (by - ay) * (cy - by)
@@ -178,7 +178,7 @@ def find_ring_orientation(coordinates: np.ndarray) -> int:
 
 @njit(nogil=True)
 def _meets_no_later_edge(coordinates: np.ndarray, a: int, n: int) -> bool:
-    """Whether edge a of a ring of n edges certainly does not meet the edges from a + 2 on.
+    """Whether edge a of a ring of n edges certainly meets none of the edges a + 2, a + 3, ....
 
     coordinates: (n + 1, 2), see `find_ring_orientation`.
     """
@@ -203,17 +203,17 @@ def _meets_no_later_edge(coordinates: np.ndarray, a: int, n: int) -> bool:
 
 @njit(nogil=True)
 def _find_side(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> int:
-    """Return the side of a-b that c is on, 1 or -1; 0 if c is on a-b or the side is uncertain."""
+    """Return 1 if c is certainly left of a-b, -1 if certainly right, 0 if uncertain or on a-b."""
     positive, negative = (ax - cx) * (by - cy), (ay - cy) * (bx - cx)
     determinant = positive - negative
-    if abs(determinant) <= FILTER * (abs(positive) + abs(negative)):
+    if abs(determinant) <= ORIENTATION_FILTER * (abs(positive) + abs(negative)):
         return 0
     return 1 if determinant > 0.0 else -1
 
 
 @lru_cache(maxsize=256)
 def _make_simple_ring_edges(n: int, is_counterclockwise: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sites and the boundary edges of a simple ring of n vertices."""
+    """Return the sites (n,) and the boundary edges (n, 2) of a simple ring of n vertices."""
     site = np.arange(n, dtype=np.int32)
     ring = site if is_counterclockwise else site[::-1]
     return site, np.column_stack((ring, np.roll(ring, -1)))
@@ -232,7 +232,7 @@ def twice_ring_area(points: np.ndarray) -> float:
 
 @njit(nogil=True)
 def orient_rings(points: np.ndarray, ring_offsets: np.ndarray) -> np.ndarray:
-    """Return vertex indices ring by ring, the exterior counter-clockwise, holes clockwise."""
+    """Return vertex indices (n,) ring by ring, the exterior counter-clockwise, holes clockwise."""
     ring = np.empty(len(points), dtype=np.int32)
     for number in range(len(ring_offsets) - 1):
         start, end = ring_offsets[number], ring_offsets[number + 1]
@@ -257,7 +257,7 @@ def make_boundary(points: np.ndarray, ring_offsets: np.ndarray) -> Boundary:
         pairs = np.column_stack((corners, np.roll(corners, -1)))
         edges.append(pairs[pairs[:, 0] != pairs[:, 1]])
     outline = Boundary(points, ring_offsets, site, np.concatenate(edges), len(ring_offsets) - 2)
-    inside = find_vertices_on(outline, outline.edges, 0.0) if outline.holes else {}
+    inside = find_vertices_on_edges(outline, outline.edges, 0.0) if outline.holes else {}
     if not inside:
         return outline
     chains = [[a, *inside.get((a, b), ()), b] for a, b in outline.edges.tolist()]
@@ -265,7 +265,7 @@ def make_boundary(points: np.ndarray, ring_offsets: np.ndarray) -> Boundary:
     return outline._replace(edges=np.array(split, dtype=site.dtype))
 
 
-def find_vertices_on(
+def find_vertices_on_edges(
     outline: Boundary, edges: np.ndarray, allowed: float
 ) -> dict[tuple[int, int], list[int]]:
     """Return a dictionary from each edge a-b to the boundary's vertices on it, from a to b.

@@ -32,7 +32,7 @@ class PolygonArray(Sequence[shapely.Polygon]):
     Parameters
     ----------
     coords : (n, 2) array
-        Vertices: float64, or int32 on the grid of a frame.
+        Vertices: float64, or int32 in units of 1/256 px.
     ring_offsets : (r + 1,) int64 array
         Offsets of the rings in `coords`.
     geom_offsets : (p + 1,) int64 array
@@ -170,7 +170,7 @@ def _unpickle(*arrays: NDArray[Any]) -> PolygonArray:
 
 
 def offsets_of(lengths: ArrayLike) -> NDArray[np.int64]:
-    """Return the offsets (k + 1,) of k consecutive runs, given the lengths of the runs."""
+    """Return the offsets (k + 1,) of k consecutive groups of rows, given their lengths (k,)."""
     return np.concatenate(([0], np.cumsum(lengths, dtype=np.int64)), dtype=np.int64)
 
 
@@ -190,7 +190,7 @@ def polygon_of_rings(points: NDArray[Any], ring_offsets: NDArray[np.int64]) -> s
 
 @dataclass(frozen=True)
 class Triangulations(Sequence[np.ndarray]):
-    """Triangulations of p polygons; `[i]` is that of polygon i, (m, 3) int32.
+    """Triangulations of p polygons; `[i]` has the triangles of polygon i, (m, 3) int32.
 
     Attributes
     ----------

@@ -251,7 +251,7 @@ def load(reference: str) -> Function:
 
 
 @cache
-def _find_third_party() -> dict[str, EntryPoint]:
+def _find_third_party_entry_points() -> dict[str, EntryPoint]:
     """Return the entry points of installed third-party triangulators, by name."""
     return {point.name: point for point in entry_points(group=ENTRY_POINTS)}
 
@@ -274,7 +274,10 @@ def names(*, available_only: bool = False) -> list[str]:
     >>> names()[:3]
     ['fan', 'strip', 'ear-clipping']
     """
-    registered = [*BUILTIN, *(name for name in _find_third_party() if name not in BUILTIN)]
+    registered = [
+        *BUILTIN,
+        *(name for name in _find_third_party_entry_points() if name not in BUILTIN),
+    ]
     if available_only:
         return [name for name in registered if find(name).find_install_command() is None]
     return registered
@@ -306,8 +309,8 @@ def find(name: str) -> Entry:
     name = ALIASES.get(name, name)
     if name in BUILTIN:
         return BUILTIN[name]
-    if name in _find_third_party():
-        point = _find_third_party()[name]
+    if name in _find_third_party_entry_points():
+        point = _find_third_party_entry_points()[name]
         return Entry(name, f"from {point.value}", point.value, builtin=False)
     if ":" in name:
         return Entry(name, f"user's function {name}", name, builtin=False)
@@ -315,7 +318,7 @@ def find(name: str) -> Entry:
 
 
 def parse(text: str) -> Choice:
-    """Return the triangulator and the criterion of a name.
+    """Split a triangulator's name into the registered triangulator and the criterion.
 
     Parameters
     ----------

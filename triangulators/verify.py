@@ -24,10 +24,10 @@ from triangulators.geometry.predicates import (
     ALL_LEFT,
     OUTSIDE,
     classify_orientations,
-    orientations,
-    tolerance,
+    compute_orientations,
+    find_edge_tolerance,
 )
-from triangulators.polygon import Boundary, boundary, boundary_area, find_vertices_on
+from triangulators.polygon import Boundary, boundary, boundary_area, find_vertices_on_edges
 from triangulators.polygon_arrays import PolygonArray, offsets_of, rings_at
 
 Edge = tuple[int, int]
@@ -40,7 +40,7 @@ class Verification:
     Attributes
     ----------
     triangles, expected_triangles : int
-        The number of triangles, and that of a conforming triangulation.
+        The number of triangles, and the number that a conforming triangulation has.
     area_error : float
         The triangles' area minus the polygon's, in square units of the coordinates.
     problems : list of str
@@ -96,17 +96,17 @@ def verify_boundary(outline: Boundary, triangles: np.ndarray) -> Verification:
     """Check whether triangles (m, 3) are a triangulation of a polygon; see `verify`."""
     expected = outline.expected_triangles
     try:
-        triangles = check_rows(triangles, outline.points)
+        triangles = check_triangle_indices(triangles, outline.points)
     except ValueError as error:
         return Verification(len(triangles), expected, float("nan"), [str(error)])
-    orientation = orientations(outline.points, triangles)
+    orientation = compute_orientations(outline.points, triangles)
     problems = [f"triangle {row} is clockwise" for row in np.flatnonzero(orientation < 0.0)[:5]]
     problems += [f"triangle {row} has no area" for row in np.flatnonzero(orientation == 0.0)[:5]]
     loose = find_unmatched_edges(outline, triangles)
     junctions: list[tuple[int, Edge]] = []
     if loose:
-        on_edges = find_vertices_on(
-            outline, np.array(list(loose), np.int32), tolerance(outline.points)
+        on_edges = find_vertices_on_edges(
+            outline, np.array(list(loose), np.int32), find_edge_tolerance(outline.points)
         )
         balance: Counter[Edge] = Counter()
         for (a, b), times in loose.items():
@@ -125,8 +125,8 @@ def verify_boundary(outline: Boundary, triangles: np.ndarray) -> Verification:
     return Verification(len(triangles), expected, area_error, problems, junctions)
 
 
-def check_rows(triangles: Any, points: np.ndarray) -> np.ndarray:
-    """Return triangles as int32 (m, 3); raises `ValueError` unless they index `points`."""
+def check_triangle_indices(triangles: Any, points: np.ndarray) -> np.ndarray:
+    """Return triangles as int32 (m, 3); raise `ValueError` unless they index `points` (n, 2)."""
     array = np.asarray(triangles)
     if array.ndim != 2 or array.shape[1] != 3:
         raise ValueError(f"triangles have shape {array.shape}, expected (m, 3)")
@@ -182,7 +182,7 @@ def _list_unconfirmed(
     triangles: np.ndarray,
     row_offsets: np.ndarray,
 ) -> list[int]:
-    """Return those of the polygon indices `indices` (k,) for which `is_triangulation` is False.
+    """Return the polygon indices among `indices` (k,) whose triangles `is_triangulation` rejects.
 
     polygons: the arrays of a `PolygonArray`; polygon indices[i] has the triangles
     triangles[row_offsets[i]:row_offsets[i + 1]].
@@ -204,7 +204,7 @@ def orient_triangles(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     triangles = np.ascontiguousarray(triangles, dtype=np.int32)
     if classify_orientations(points, triangles) == ALL_LEFT:
         return triangles
-    orientation = orientations(points, triangles)
+    orientation = compute_orientations(points, triangles)
     triangles = np.where((orientation < 0.0)[:, None], triangles[:, [0, 2, 1]], triangles)
     return np.ascontiguousarray(triangles[orientation != 0.0])
 
@@ -219,7 +219,9 @@ def insert_dropped_vertices(outline: Boundary, triangles: np.ndarray) -> np.ndar
     loose = find_unmatched_edges(outline, triangles)
     if not loose:
         return triangles
-    inside = find_vertices_on(outline, np.array(list(loose), np.int32), tolerance(outline.points))
+    inside = find_vertices_on_edges(
+        outline, np.array(list(loose), np.int32), find_edge_tolerance(outline.points)
+    )
     result: list[tuple[int, int, int]] = []
     for corners in triangles.tolist():
         chains = []
@@ -232,7 +234,10 @@ def insert_dropped_vertices(outline: Boundary, triangles: np.ndarray) -> np.ndar
 
 
 def _split_triangle(chains: list[list[int]], result: list[tuple[int, int, int]]) -> None:
-    """Append the pieces of a triangle to `result`; chains: the vertices along each of its edges."""
+    """Append the triangles into which a triangle is split to `result`.
+
+    chains: the vertices along each of its three edges, including both ends.
+    """
     for first in range(3):
         edge, second, third = chains[first], chains[first - 2], chains[first - 1]
         if len(edge) > 2:

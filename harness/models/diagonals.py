@@ -14,7 +14,7 @@ from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost, compute_total_cost, cost_at, find_plain_cost
 from triangulators.geometry.flips import flip_while_gaining, is_convex
 from triangulators.geometry.half_edges import link_half_edges
-from triangulators.many import attempt_many
+from triangulators.many import triangulate_supported
 from triangulators.polygon_arrays import PolygonArray, offsets_of
 
 _ROUNDING = 1e-6
@@ -99,7 +99,7 @@ def choose_diagonals(faces: Faces, criterion: str) -> FaceDiagonals:
     sizes = np.diff(faces.triangle_offsets)
     result, unsolved = faces.triangles.copy(), np.ones(len(sizes), dtype=np.bool_)
     outlines = _take_affordable(find_outlines(faces))
-    optima = attempt_many(outlines.polygons, f"optimal:{criterion}", check=False)
+    optima = triangulate_supported(outlines.polygons, f"optimal:{criterion}", check=False)
     solved = optima.compiled
     counts = np.diff(optima.triangle_offsets)
     polygon = np.repeat(np.arange(len(solved)), counts)

@@ -116,10 +116,10 @@ class Recipe:
         """
         if not self.builtin:
             return [], np.zeros(len(polygons), np.bool_)
-        from triangulators.many import attempt_many  # compiled code
+        from triangulators.many import triangulate_supported  # compiled code
 
         name, arguments = self._call
-        batch = attempt_many(polygons, name, threads=1, **arguments)
+        batch = triangulate_supported(polygons, name, threads=1, **arguments)
         return batch, batch.compiled
 
     def triangulate(self, polygon: Polygon) -> NDArray[np.int32]:

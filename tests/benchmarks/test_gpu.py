@@ -29,7 +29,7 @@ TARGET_S = 0.1
 
 @pytest.fixture(scope="module")
 def software() -> bool:
-    renderer, version = engine.describe(DEVICE)
+    renderer, version = engine.describe_device(DEVICE)
     print(f"\n{DEVICE}: {renderer}, {version}")
     return is_software(renderer)
 
@@ -71,7 +71,7 @@ def compare(benchmark: Any, arrays: PolygonArray, name: str, rounds: int) -> tup
     assert not engine._warned
     benchmark.extra_info.update(
         device=DEVICE,
-        renderer=engine.describe(DEVICE)[0],
+        renderer=engine.describe_device(DEVICE)[0],
         device_s=device_s,
         cpu_s=cpu_s,
         equal_triangles=equal,

@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 
 from tests.ports.languages import Cases
-from triangulators.geometry.predicates import orientations
+from triangulators.geometry.predicates import compute_orientations
 from triangulators.polygon import rings_of
 
 Rings = tuple[np.ndarray, np.ndarray]
@@ -95,7 +95,9 @@ def is_equivalent(cases: Cases, corners: np.ndarray) -> bool:
     triangles do not share, must be the same, so that area and vertices are the same, too.
     """
     before, after = (_global_triangles(cases, indices) for indices in (cases.corners, corners))
-    positive = [int((orientations(cases.points, rows) > 0.0).sum()) for rows in (before, after)]
+    positive = [
+        int((compute_orientations(cases.points, rows) > 0.0).sum()) for rows in (before, after)
+    ]
     borders = [_find_border(rows, len(cases.points)) for rows in (before, after)]
     same = all(np.array_equal(a, b) for a, b in zip(*borders, strict=True))
     return positive[0] <= positive[1] and same and set(before.flat) == set(after.flat)

@@ -16,7 +16,7 @@ from triangulators.certificate.proof import minimise_cost
 from triangulators.checking.units import compute_costs
 from triangulators.criteria.cost import compute_total_cost, make_cost
 from triangulators.initial import find_any_triangulation
-from triangulators.optimum.any_cost import FLOAT
+from triangulators.optimum.any_cost import INFEASIBLE_COST
 from triangulators.polygon import boundary, boundary_area
 from triangulators.verify import verify
 
@@ -30,7 +30,7 @@ def solve(polygon, name, sign=1.0):
     candidates = find_candidates(outline, find_any_triangulation(outline), 10**6)
     weights = weigh_candidates(outline.points, candidates.triangles, cost)
     alive = np.ones(len(weights), dtype=np.bool_)
-    selection = solve_by_bridges(candidates, outline.ring_offsets, alive, weights, FLOAT)
+    selection = solve_by_bridges(candidates, outline.ring_offsets, alive, weights, INFEASIBLE_COST)
     return outline, cost, candidates.triangles[selection]
 
 
@@ -88,7 +88,7 @@ def test_exclusion_leaves_few_ways_to_cut(monkeypatch):
     def refuse(*_):
         raise AssertionError("linear program")
 
-    monkeypatch.setattr(proof, "Program", refuse)
+    monkeypatch.setattr(proof, "LinearProgram", refuse)
     for outline in outlines:
         cost = make_cost(criteria.find("half-perimeter"), 1.0, 1)
         triangles, gap = minimise_cost(outline, cost, np.inf)
@@ -105,9 +105,12 @@ def test_too_many_ways_to_cut_leave_the_program(monkeypatch):
     candidates = find_candidates(outline, triangles, 10**6)
     weights = weigh_candidates(outline.points, candidates.triangles, cost)
     alive = np.ones(len(weights), dtype=np.bool_)
-    assert len(solver(candidates, outline.ring_offsets, alive, weights, FLOAT)) == 0
+    assert len(solver(candidates, outline.ring_offsets, alive, weights, INFEASIBLE_COST)) == 0
     alive[:] = False
-    assert len(solve_by_bridges(candidates, outline.ring_offsets, alive, weights, FLOAT)) == 0
+    assert (
+        len(solve_by_bridges(candidates, outline.ring_offsets, alive, weights, INFEASIBLE_COST))
+        == 0
+    )
 
 
 @pytest.mark.parametrize("name", ["expected-quads", "expected-blocks", "shape", "exact-quads"])

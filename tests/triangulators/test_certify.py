@@ -30,9 +30,9 @@ from triangulators.checking.units import (
     Units,
     _count_binary_places,
     compute_costs,
-    compute_factor,
     compute_noise,
     compute_weight,
+    compute_weight_factor,
     compute_weights,
     find_exact_scale,
     find_units,
@@ -244,7 +244,7 @@ def test_weights_equal_definition_for_any_first_vertex(name, bits, scale):
     points = rng.integers(-50, 50, (20, 2)).astype(float)
     triangles = np.array([rng.permutation(20)[:3] for _ in range(60)], np.int32)
     cost = make_cost(criteria.find(name), 1.0, 18)
-    units = Units(scale, compute_factor(18, bits), bits, True, False)
+    units = Units(scale, compute_weight_factor(18, bits), bits, True, False)
     weights = compute_weights(points, triangles, cost, units)
     for turned in range(3):
         own = compute_weights(points, np.roll(triangles, turned, 1), cost, units)
@@ -269,7 +269,7 @@ def weighing(each: float):
 
 def test_weight_range_is_symmetric():
     points = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
-    units = Units(1.0, compute_factor(1, 10), 10, True, False)
+    units = Units(1.0, compute_weight_factor(1, 10), 10, True, False)
     limit = 2**59 // units.factor
     zero_weight = compute_weight(points, 0, 1, 2, weighing(0.0), units)
     assert 0 < zero_weight < units.factor
@@ -282,7 +282,7 @@ def test_weight_range_is_symmetric():
 
 def test_weight_nan_proves_nothing():
     edges = find_edges(boundary(SQUARE))
-    units = Units(1.0, compute_factor(7, 10), 10, True, False)
+    units = Units(1.0, compute_weight_factor(7, 10), 10, True, False)
     none = np.zeros(len(edges.ends), np.int64)
     with pytest.raises(CertificateError, match="a weight is too large"):
         _check_potentials(edges, none, 0, weighing(np.nan), units)
@@ -309,10 +309,10 @@ def test_units_of_real_costs_are_fine_and_leave_noise_bits(count):
         assert 2.0**32 <= triangle_cost * units.scale < 2.0**36
         assert np.log2(units.scale) % 4 == 0
         assert (units.exact, units.real) == (False, True)
-        assert units.factor == compute_factor(count, units.bits)
+        assert units.factor == compute_weight_factor(count, units.bits)
         assert units.factor << 38 < 2**61
         more = units.bits + 1 if units.bits else 2
-        assert units.bits == 10 or compute_factor(count, more) << 38 >= 2**61
+        assert units.bits == 10 or compute_weight_factor(count, more) << 38 >= 2**61
     assert units.bits != 1
 
 
@@ -334,13 +334,13 @@ def test_exact_weights_of_four_triangulations_fit_with_noise():
         total = int(compute_costs(points, TRIANGLE, cost)[0] * units.scale)
         assert 4 * total * units.factor < 2**61
         more = units.bits + 1 if units.bits else 2
-        assert units.bits == 10 or 4 * total * compute_factor(count, more) >= 2**61
+        assert units.bits == 10 or 4 * total * compute_weight_factor(count, more) >= 2**61
 
 
 @pytest.mark.parametrize("bits", range(11))
 def test_unit_exceeds_noise_of_all_triangles(bits):
     for count in (1, 2, 5, 1000):
-        factor = compute_factor(count, bits)
+        factor = compute_weight_factor(count, bits)
         assert factor.bit_count() == 1
         assert 3 * count * (2**bits - 1) < factor <= max(1, 6 * count * 2**bits)
 
@@ -362,7 +362,7 @@ def boxes(around: float = 0.0, box: float = 0.0):
 
 def test_four_times_total_stays_below_limit():
     """Of 2^k and one unit less, the larger leaves a bit less for noise."""
-    factor = compute_factor(1, 10)
+    factor = compute_weight_factor(1, 10)
     side = 2.0**58 / factor
     for total, bits in ((2 * side, 9), (2 * side - 1, 10)):
         points = np.array([(0.0, 0.0), (side, 0.0), (0.0, total - side)])

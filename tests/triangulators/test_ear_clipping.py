@@ -8,8 +8,8 @@ from scenes import load
 from tests.ports.polygons import earcut_rings, random_polygons
 from tests.triangulators.cases import smooth, star
 from triangulators import triangulate, triangulate_many, vertices
-from triangulators.geometry.ear_clipping import MAX_VERTICES, clip_ring
-from triangulators.geometry.earcut import clip_ears
+from triangulators.geometry.ear_clipping import MAX_VERTICES, clip_ears_of_ring
+from triangulators.geometry.earcut import run_earcut
 
 
 def test_triangles_equal_those_of_earcut():
@@ -21,9 +21,9 @@ def test_triangles_equal_those_of_earcut():
     for number, (points, ends) in enumerate(rings):
         if number % 2:
             points = np.ascontiguousarray(points[::-1])
-        triangles = clip_ring(points)
+        triangles = clip_ears_of_ring(points)
         if len(triangles):
-            assert np.array_equal(triangles.ravel(), clip_ears(points, ends))
+            assert np.array_equal(triangles.ravel(), run_earcut(points, ends))
             equal += 1
             large += len(points) > MAX_VERTICES
     assert equal > 0.6 * len(rings) > 1000
@@ -36,10 +36,10 @@ def test_rings_with_few_ears_equal_earcut():
     crossing = [(2, 1), (2, 2), (2, 0), (3, 2), (0, 3), (1, 0), (3, 0), (3, 3)]
     for ring in (straight, crossing):
         points = np.array(ring, dtype=np.float64)
-        triangles = clip_ring(points)
+        triangles = clip_ears_of_ring(points)
         assert len(triangles) == len(ring) - 2
         assert np.array_equal(
-            triangles.ravel(), clip_ears(points, np.array([len(ring)], dtype=np.uint32))
+            triangles.ravel(), run_earcut(points, np.array([len(ring)], dtype=np.uint32))
         )
 
 
@@ -48,7 +48,7 @@ def test_rings_that_earcut_repairs_are_left_to_earcut():
     closed = np.array([(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 0.0)])
     crossing = np.array([(0.0, 0.0), (4.0, 4.0), (4.0, 0.0), (0.0, 4.0)])
     for points in (collinear[:2], closed, crossing, np.zeros((5, 2)), np.full((4, 2), np.nan)):
-        assert clip_ring(points).shape == (0, 3)
+        assert clip_ears_of_ring(points).shape == (0, 3)
 
 
 def test_batches_equal_single_calls_for_any_number_of_threads():

@@ -18,7 +18,7 @@ from tests.triangulators.cases import (
 from triangulators import SkippedError, triangulate
 from triangulators.criteria import predict
 from triangulators.initial import make_cycle
-from triangulators.methods.counting import count_in_cycle, count_triangulations
+from triangulators.methods.counting import count_triangulations, count_triangulations_of_cycle
 from triangulators.methods.exhaustive import Recursion, enumerate_triangulations
 from triangulators.polygon import boundary
 from triangulators.verify import verify
@@ -97,9 +97,9 @@ def test_too_many_triangulations_are_skipped_with_alternative(polygon):
 def test_count_stops_at_limit():
     for polygon in (paper_polygon(), convex(12), star(24)):
         ring = make_cycle(boundary(polygon), "count")
-        full_count = count_in_cycle(ring)
-        assert count_in_cycle(ring, full_count) == full_count
-        assert full_count // 2 < count_in_cycle(ring, full_count // 2) <= full_count
+        full_count = count_triangulations_of_cycle(ring)
+        assert count_triangulations_of_cycle(ring, full_count) == full_count
+        assert full_count // 2 < count_triangulations_of_cycle(ring, full_count // 2) <= full_count
 
 
 def test_holes_are_skipped():

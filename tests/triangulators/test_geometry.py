@@ -12,7 +12,7 @@ from scenes import load
 from tests.triangulators.cases import diagonals, hard_polygons, random_simple, star, with_hole
 from triangulators.geometry.half_edges import find_twins
 from triangulators.geometry.predicates import orient, twice_area
-from triangulators.geometry.unfold import fold_back, grow_tree, unfold
+from triangulators.geometry.unfold import grow_tree, replace_tree_triangles, unfold_tree
 from triangulators.geometry.visibility import find_visible_sites
 from triangulators.initial import find_any_triangulation, make_cycle
 from triangulators.polygon import (
@@ -99,7 +99,7 @@ def test_visible_pairs_are_the_diagonals():
 
 
 @pytest.mark.parametrize("depth_first", [False, True])
-def test_unfold_and_fold_back_are_inverse(depth_first):
+def test_replacing_a_tree_by_its_triangles_changes_nothing(depth_first):
     polygon = star(60)
     outline = boundary(polygon)
     triangles = np.ascontiguousarray(find_any_triangulation(outline))
@@ -110,11 +110,11 @@ def test_unfold_and_fold_back_are_inverse(depth_first):
         assert (
             grow_tree(twin, root, 20, depth_first, root % 3, tree, rows, visited, visited, 0) == 20
         )
-        cycle, local, around = unfold(triangles, twin, tree, root, 20)
+        cycle, local, around = unfold_tree(triangles, twin, tree, root, 20)
         assert sorted(map(sorted, cycle[local].tolist())) == sorted(
             map(sorted, triangles[rows].tolist())
         )
-        fold_back(triangles, twin, rows, cycle, around, local, position_of)
+        replace_tree_triangles(triangles, twin, rows, cycle, around, local, position_of)
         assert not visited.any()
         assert (position_of == -1).all()
         assert np.array_equal(twin, find_twins(triangles))

@@ -196,10 +196,12 @@ def test_other_criteria_do_not_open_device(device_counts):
 
 
 def test_chunks_and_threads_do_not_change_results(device_counts, monkeypatch):
-    monkeypatch.setattr(engine, "chunk_bounds", partial(engine.chunk_bounds, corners=1000))
+    monkeypatch.setattr(
+        engine, "find_chunk_bounds", partial(engine.find_chunk_bounds, corners=1000)
+    )
     shapes = [star(n, seed=n) for n in (5, 9, 30, 3, 40)]
     arrays = PolygonArray.from_shapely([star(60), *shapes * 60, star(50), *shapes])
-    assert len(engine.chunk_bounds(arrays.vertex_offsets)) - 1 >= 5
+    assert len(engine.find_chunk_bounds(arrays.vertex_offsets)) - 1 >= 5
     expected = triangulate_many(arrays, device="cpu")
     for threads in (1, 3):
         batch = triangulate_many(arrays, device="llvmpipe", threads=threads)
@@ -219,9 +221,9 @@ def test_units_beyond_a_float_are_left_to_the_cpu(device_counts):
 
 def test_chunks_partition_polygons():
     offsets = np.cumsum([0, 5, 0, 0, 7, 30, 3, 0, 4, 0])
-    assert engine.chunk_bounds(offsets, corners=100) == [0, 9]
-    assert engine.chunk_bounds(offsets, corners=12) == [0, 4, 5, 8, 9]
-    assert engine.chunk_bounds(offsets, corners=1)[-1] == 9
+    assert engine.find_chunk_bounds(offsets, corners=100) == [0, 9]
+    assert engine.find_chunk_bounds(offsets, corners=12) == [0, 4, 5, 8, 9]
+    assert engine.find_chunk_bounds(offsets, corners=1)[-1] == 9
 
 
 def test_threads_share_device():

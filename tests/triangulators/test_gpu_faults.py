@@ -76,27 +76,27 @@ def test_driver_fails_to_open(monkeypatch, expected, caplog, error):
 @pytest.mark.parametrize("calls", [0, 1, 3])
 def test_shader_fails_to_compile(monkeypatch, expected, caplog, calls):
     error = Exception("GLSL Compiler failed\n\ncompute_shader\n0:1(1): syntax error")
-    fail_after(monkeypatch, Compute, "program", calls, error)
+    fail_after(monkeypatch, Compute, "get_program", calls, error)
     expect_one_warning(expected, caplog, "GLSL Compiler failed compute_shader 0:1(1): syntax")
 
 
 @pytest.mark.parametrize("calls", range(4))
 def test_dispatch_fails_early_or_late(monkeypatch, expected, caplog, calls):
-    recorded = fail_after(monkeypatch, Compute, "run", calls, RuntimeError("device lost"))
+    recorded = fail_after(monkeypatch, Compute, "dispatch", calls, RuntimeError("device lost"))
     expect_one_warning(expected, caplog, "device lost")
     assert len(recorded) == calls + 1
 
 
 def test_results_before_failure_are_retained(monkeypatch, expected, caplog):
     done = []
-    attempt = engine.attempt
+    attempt = engine.solve_on_device
 
     def kept(name, batch, *how):
         attempt(name, batch, *how)
         done.extend(batch.done.tolist())
 
-    monkeypatch.setattr(engine, "attempt", kept)
-    monkeypatch.setattr(engine, "chunk_bounds", lambda offsets: [0, 2, 4, len(offsets) - 1])
+    monkeypatch.setattr(engine, "solve_on_device", kept)
+    monkeypatch.setattr(engine, "find_chunk_bounds", lambda offsets: [0, 2, 4, len(offsets) - 1])
     fail_after(monkeypatch, Storage, "read_into", 1, RuntimeError("gone"))
     expect_one_warning(expected, caplog, "gone")
     assert done == [True] * 2 + [False] * (len(POLYGONS) - 2)

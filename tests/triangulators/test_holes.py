@@ -14,7 +14,7 @@ from triangulators.criteria import CRITERIA, find, predict
 from triangulators.criteria.cost import compute_total_cost, make_cost
 from triangulators.initial import find_best_initial
 from triangulators.optimum import best_way
-from triangulators.optimum.best_way import search_cuts
+from triangulators.optimum.best_way import optimise_along_random_trees
 from triangulators.polygon import boundary
 from triangulators.verify import verify
 
@@ -39,7 +39,7 @@ def test_local_search_is_close_to_optimum():
         polygon = with_hole(rng, int(rng.integers(6, 26)), int(rng.integers(3, 14)))
         outline = boundary(polygon)
         start = find_best_initial(outline, cost)
-        improved = search_cuts(outline.points, start, cost)
+        improved = optimise_along_random_trees(outline.points, start, cost)
         assert verify(polygon, improved).conforming
         exact = compute_total_cost(
             outline.points, triangulate(polygon, "optimal:half-perimeter"), cost
@@ -57,8 +57,8 @@ def test_local_search_continues_after_gain(monkeypatch):
     totals = []
 
     class Watched(best_way.Patchwork):
-        def total(self):
-            totals.append(super().total())
+        def compute_cost(self):
+            totals.append(super().compute_cost())
             return totals[-1]
 
     monkeypatch.setattr(best_way, "Patchwork", Watched)
@@ -70,7 +70,7 @@ def test_local_search_continues_after_gain(monkeypatch):
         outline = boundary(with_hole(rng, 20, 9))
         if len(np.unique(outline.edges)) < 29 or len(outline.edges) > 29:
             continue  # rings that touch may leave nothing to cut
-        best_way.search_cuts(outline.points, find_best_initial(outline, cost), cost)
+        best_way.optimise_along_random_trees(outline.points, find_best_initial(outline, cost), cost)
         improved = np.flatnonzero(np.diff(totals) < -1e-9) + 1
         gains += len(improved)
         last = improved[-1] if len(improved) else 0

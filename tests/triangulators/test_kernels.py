@@ -190,7 +190,7 @@ def test_remove_old_keeps_current_code(tmp_path, monkeypatch):
     monkeypatch.setattr(files, "cache_folder", lambda: numba_folder)
     source = ROOT / "triangulators/compute/operations.py"
     current = f"triangulators.compute.operations-{files.compute_digest(source)}"
-    past = time.time() - 2 * files.OLD_S
+    past = time.time() - 2 * files.MAX_UNUSED_S
     for name, when in ((current, past), (GONE, past), (OTHER, None), ("mine-1", past)):
         (numba_folder / name).mkdir(parents=True)
         (numba_folder / name / "kernel.nbc").write_bytes(b"code")

@@ -13,7 +13,7 @@ from tests.triangulators.test_skeleton import annulus, pose
 from triangulators import criteria
 from triangulators.certificate import proof
 from triangulators.certificate.candidates import _list_triangles, _sample_holes, find_candidates
-from triangulators.certificate.linear_program import Program
+from triangulators.certificate.linear_program import LinearProgram
 from triangulators.certificate.proof import _find_candidate_indices, prove
 from triangulators.checking.units import (
     compute_costs,
@@ -61,7 +61,7 @@ def count_triples(outline, start) -> int:
 def test_linear_program_is_solved_with_time_limit_or_if_small(monkeypatch):
     problem = ring(monkeypatch, 0)
     rows = count_triples(*problem[:2])
-    tried = record_calls(monkeypatch, proof, "Program")
+    tried = record_calls(monkeypatch, proof, "LinearProgram")
 
     def numbers(seconds: float, most: int) -> list[int]:
         tried.clear()
@@ -96,7 +96,7 @@ def test_program_bound_equals_solution(basic):
     start = find_best_initial(outline, cost)
     c = find_candidates(outline, start, 10**6)
     weights = compute_costs(outline.points, c.triangles, cost)
-    program = Program(
+    program = LinearProgram(
         c, weights, np.ones(len(weights), np.bool_), _find_candidate_indices(c, start)
     )
     potentials, share = program.solve(60.0, basic=basic)
@@ -153,12 +153,14 @@ def test_local_search_updates_incumbent_of_candidates_only(monkeypatch):
     weights = compute_weights(candidates.points, triangles, cost, units)
     search = proof._Search(candidates, weights, units)
     monkeypatch.setattr(proof, "solve_skeleton", lambda *_: None)
-    monkeypatch.setattr(proof, "search_cuts", lambda *_: triangles[first])
+    monkeypatch.setattr(proof, "optimise_along_random_trees", lambda *_: triangles[first])
     search.incumbent, search.min_weight = np.setdiff1d(range(4), first), np.inf
     search.solve(np.ones(4, np.bool_), cost, 0.0)
     assert search.incumbent.tolist() == first
     search.min_weight = np.inf
-    monkeypatch.setattr(proof, "search_cuts", lambda *_: np.array([[0, 1, 5], [0, 2, 3]]))
+    monkeypatch.setattr(
+        proof, "optimise_along_random_trees", lambda *_: np.array([[0, 1, 5], [0, 2, 3]])
+    )
     search.solve(np.ones(4, np.bool_), cost, 0.0)
     assert search.min_weight == np.inf
 
@@ -175,7 +177,7 @@ def test_program_weights_are_scaled_for_solver(size):
         _find_candidate_indices(c, start),
     )
     allowed = np.arange(len(weights)) % 3 > 0
-    program = Program(c, weights, allowed, numbers)
+    program = LinearProgram(c, weights, allowed, numbers)
     total = weights[numbers].sum()
     assert np.frexp(program.scale)[0] == 0.5
     assert 2.0**16 < total * program.scale <= 2.0**17 or size == 0.0 == program.scale - 1.0

@@ -8,7 +8,12 @@ from scenes import load
 from triangulators import triangulate
 from triangulators.polygon import boundary
 from triangulators.polygon_arrays import PolygonArray
-from triangulators.verify import check_rows, find_unconfirmed, insert_dropped_vertices, verify
+from triangulators.verify import (
+    check_triangle_indices,
+    find_unconfirmed,
+    insert_dropped_vertices,
+    verify,
+)
 
 SQUARE = shapely.box(0, 0, 4, 4)  # (4, 0) (4, 4) (0, 4) (0, 0)
 
@@ -45,7 +50,7 @@ def test_rejects_what_is_not_a_triangulation():
 def test_out_of_range_index_is_rejected(index):
     points = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
     with pytest.raises(ValueError, match=r"indices outside 0\.\.2"):
-        check_rows(np.array([(index, 1, 2)]), points)
+        check_triangle_indices(np.array([(index, 1, 2)]), points)
 
 
 def test_reports_t_junctions_and_repair_removes_them():

@@ -8,11 +8,13 @@ from triangulators.compute.kernels import njit
 from triangulators.compute.operations import group_by_key
 from triangulators.geometry.predicates import orientation
 
-CUT, UNUSED, POCKET, BRIDGE = range(4)  # kinds of edges (see `bridges`); sides of rings are cuts
+# Kinds of edges: CUT includes sides of rings; a POCKET has both ends on one ring, and a BRIDGE
+# leads from the outer ring to the hole (see `bridges`); UNUSED edges cross a cut.
+CUT, UNUSED, POCKET, BRIDGE = range(4)
 
 
 @njit(nogil=True)
-def find_rings(
+def find_annulus_rings(
     candidates: Candidates, ring_offsets: np.ndarray, hole: int, cut: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the outer ring (m,) of the cut polygon, and the ring (q,) of the last unmerged hole.
@@ -33,10 +35,10 @@ def find_rings(
     for k in range(len(inner)):
         if points[inner[k], 0] < points[inner[leftmost], 0]:
             leftmost = k
-    turned = np.empty_like(inner)
+    inner_from_leftmost = np.empty_like(inner)
     for k in range(len(inner)):
-        turned[k] = inner[(leftmost + k) % len(inner)]
-    return outer, turned
+        inner_from_leftmost[k] = inner[(leftmost + k) % len(inner)]
+    return outer, inner_from_leftmost
 
 
 @njit(nogil=True)
@@ -47,12 +49,13 @@ def classify_edges(
     cut: np.ndarray,
     usable: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the kind of each edge, and two numbers that locate the edge, (e,) each.
+    """Return the kind of each edge (CUT to BRIDGE), and two numbers that locate it, (e,) each.
 
     outer (m,), inner (q,): rings of sites with the polygon on the left; inner[0] is leftmost. cut,
-    usable (e,): flags. For a bridge, the numbers are the positions on the outer ring and on the
-    hole. For a pocket, the first number is the number of ring sides that the pocket spans, negative
-    if the pocket runs from the higher to the lower site; the second is 0.
+    usable (e,): flags of cuts, and of edges that cross no cut. For a bridge, the numbers are the
+    positions on the outer ring and on the hole. For a pocket, the first number is the number of
+    ring sides that the pocket spans, negative if the pocket runs from the higher to the lower site;
+    the second is 0.
     """
     points, edges, side = candidates.points, candidates.edges, candidates.side
     m, q, tip, upper = len(outer), len(inner), inner[0], inner[1]
@@ -102,8 +105,8 @@ def _find_hole_position(
 ) -> int:
     """Return the position of a bridge on the hole, relative to the turn of the bridge's outer end.
 
-    outer_end, end: the sites on the outer ring and on the hole; index: that of `end` in `inner`,
-    which runs clockwise around the hole.
+    Each turn around the hole adds the number of its sites. outer_end, end: the sites on the outer
+    ring and on the hole; index: position of `end` in `inner`, which runs clockwise around the hole.
     """
     tip, q = inner[0], len(inner)
     if index == 0:
@@ -128,7 +131,7 @@ def _count_turns(points: np.ndarray, a: int, b: int, i: int, j: int, tip: int, u
 
 @njit(nogil=True)
 def _count_crossings(points: np.ndarray, a: int, b: int, tip: int) -> int:
-    """Return 1 if a-b crosses the ray to the left of `tip` downwards, -1 if upwards, else 0."""
+    """Return 1 if a-b runs down across the ray left of `tip`, -1 if up across the ray, else 0."""
     y = points[tip, 1]
     above, other_above = points[a, 1] > y, points[b, 1] > y
     if above == other_above:

@@ -44,7 +44,7 @@ from triangulators.certificate.annulus import (
     POCKET,
     UNUSED,
     classify_edges,
-    find_rings,
+    find_annulus_rings,
 )
 from triangulators.certificate.candidates import Candidates
 from triangulators.compute.kernels import njit
@@ -173,8 +173,9 @@ def _find_pockets_and_steps(
     A triangle without a bridge closes the pocket of the side across which the hole lies: the
     pocket's edge index, or the number of edges if there is none. A triangle with two bridges is a
     step: index of the bridge before it, of the bridge after it, of the triangle, and of its third
-    edge. kind, length (e,): kinds and first numbers of `classify_edges`; on_hole (n,): flags of the
-    sites. A triangle is outside the pocket of a side if both run along the side in one direction.
+    edge. kind, length (e,): kinds and first numbers of `classify_edges`; alive (t,): flags of the
+    usable triangles; on_hole (n,): flags of the sites on the hole. A triangle is outside the pocket
+    of a side if both run along the side in one direction.
     """
     c = candidates
     pocket_of = np.full(len(alive), len(c.edges), dtype=np.int64)
@@ -218,8 +219,10 @@ def _minimise_pockets(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the minimum weight (e,) of each edge's pocket, and the triangle (e,) at the edge.
 
-    pocket_of (t,): see `_find_pockets_and_steps`. The weight is 0 for sides and cuts, and `none`
-    for bridges, for unused edges, and for pockets without a triangulation.
+    An edge's pocket is the part of the polygon that it cuts off, without the hole. kind, length
+    (e,), pocket_of (t,): see `_find_pockets_and_steps`; weights (t,): weights of triangles. The
+    weight is 0 for sides and cuts, and `none` for bridges, for unused edges, and for pockets
+    without a triangulation.
     """
     sides, count = candidates.sides, len(kind)
     pocket = np.full(count, none, dtype=weights.dtype)
@@ -264,7 +267,7 @@ def _solve_annulus(
     cut; starts: bridges of which each triangulation has at least one. See `solve_by_bridges` for
     other arguments. The weight is `none` if there is no triangulation.
     """
-    c, (outer, inner) = candidates, find_rings(candidates, ring_offsets, hole, cut)
+    c, (outer, inner) = candidates, find_annulus_rings(candidates, ring_offsets, hole, cut)
     m, q = len(outer), len(inner)
     on_hole = np.zeros(len(c.points), dtype=np.bool_)
     on_hole[inner] = True
@@ -344,11 +347,10 @@ def _find_lightest_walk(
 
     order: bridges by their sums of positions, with `start` at index `at`; the walk visits those up
     to the end, then, a turn ahead, those from the beginning to `start`. turn: sizes (m, q) of the
-    rings. first, second (e,):
-    positions of bridges. steps (s, 4), sizes, costs (s,): see `_find_pockets_and_steps`, sides of
-    the ring that a step advances, and weight with the pocket. by_target: the steps grouped by the
-    bridge after; via (e,): output, the last step of the lightest walk to each bridge; walk (e,):
-    workspace, the weights of these walks.
+    rings. first, second (e,): positions of bridges. steps (s, 4): see `_find_pockets_and_steps`;
+    sizes, costs (s,): number of ring sides that a step advances, and weight of its triangle and
+    pocket. by_target: the steps grouped by the bridge that they lead to; via (e,): output, the last
+    step of the lightest walk to each bridge; walk (e,): workspace, the weights of these walks.
     """
     begin, items = by_target
     m, q = turn
@@ -385,7 +387,8 @@ def _list_walk_triangles(
 ) -> np.ndarray:
     """Return the triangles (m,) of the lightest closed walk from `start` and of its pockets.
 
-    via (e,): last step of the lightest walk to each bridge; apex (e,): triangle of each pocket.
+    kind (e,), steps (s, 4): see `_find_pockets_and_steps`; via (e,): last step of the lightest walk
+    to each bridge; apex (e,): triangle of each pocket.
     """
     triangles = np.empty(len(apex), dtype=np.int64)
     stack = np.empty(len(apex), dtype=np.int64)

@@ -19,7 +19,7 @@ from triangulators.geometry.predicates import orientation
 from triangulators.geometry.visibility import find_visible_sites
 from triangulators.polygon import Boundary
 
-_BLOCK = 256  # triangles whose costs are computed in one call
+_BLOCK_TRIANGLES = 256  # triangles whose costs are computed in one call
 
 
 class Candidates(NamedTuple):
@@ -142,10 +142,10 @@ def _list_triangles(
 def weigh_candidates(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.ndarray:
     """Return the cost (t,) of each triangle (t, 3), computed in blocks (see `weigh_block`)."""
     result = np.empty(len(triangles))
-    corners, costs = allocate_block(_BLOCK)
+    corners, costs = allocate_block(_BLOCK_TRIANGLES)
     ax, ay, bx, by, cx, cy = corners
-    for first in range(0, len(triangles), _BLOCK):
-        count = min(_BLOCK, len(triangles) - first)
+    for first in range(0, len(triangles), _BLOCK_TRIANGLES):
+        count = min(_BLOCK_TRIANGLES, len(triangles) - first)
         for k in range(count):
             a, b, c = triangles[first + k, 0], triangles[first + k, 1], triangles[first + k, 2]
             ax[k], ay[k], bx[k] = points[a, 0], points[a, 1], points[b, 0]

@@ -17,7 +17,7 @@ from triangulators.checking.units import (
     compute_exact_total,
     find_units,
     has_exact_sums,
-    is_proof,
+    proves_optimality,
 )
 from triangulators.criteria import Criterion
 from triangulators.criteria.cost import Cost, make_cost, require_finite_total
@@ -57,7 +57,7 @@ def certify(
         Time limit of each linear program. A program that reaches the limit gives a weak bound, and
         the triangulation is not proven optimal.
     evidence
-        False to omit the evidence, and the check of it, where neither is needed: for polygons
+        False to omit the evidence, and its check, if neither is needed: for polygons
         without holes whose optimum a dynamic program finds with exact sums in doubles. This takes a
         fraction of the time.
     **parameters
@@ -121,8 +121,9 @@ def _make_ring_evidence(
 ) -> Evidence:
     """Return evidence of the minimum cost of a polygon without holes.
 
-    triangles: (m, 3), any triangulation, whose vertices are sites; units: those of the claim. The
-    minimum costs of all sub-polygons are potentials of the visible pairs (see `compute_far_costs`).
+    triangles: (m, 3), any triangulation, whose vertices are sites; units: those of the certificate.
+    The minimum costs of all sub-polygons are potentials of the visible pairs (see
+    `compute_far_costs`).
     """
     ring = outline.edges[:, 0].copy()
     position = np.empty(len(outline.points), dtype=np.int32)
@@ -148,9 +149,9 @@ def make_certificate(
     total = compute_exact_total(outline, triangles, cost, units)
     # The noise of a full triangulation is less than a unit: the floor division removes the noise.
     bound_units = checker.compute_lower_bound(outline, triangles, cost, evidence) // units.factor
-    proven = is_proof(total, bound_units, len(triangles), units)
+    proven = proves_optimality(total, bound_units, len(triangles), units)
     if not (units.exact or units.real):
-        # Integer costs too large for exact doubles: each is rounded by less than a unit.
+        # Integer costs too large for doubles are each rounded by less than a unit: lower the bound.
         bound_units -= len(triangles)
     bound = Fraction(bound_units) / Fraction(units.scale)
     return Certificate(

@@ -50,7 +50,7 @@ _OPTIONS: dict[str, Any] = {
 }
 
 
-class Program:
+class LinearProgram:
     """The linear program over some candidate triangles of a polygon.
 
     weights (t,): float64; allowed (t,): flags; start (m,): indices of the triangles of an initial
@@ -110,7 +110,7 @@ class Program:
             self.signs[constraints].ravel(),
         )
         model.run()
-        # For an optimal solution that is not basic HiGHS reports the status "unknown".
+        # For an optimal solution that is not basic, HiGHS reports the status "unknown".
         solved = (highspy.HighsModelStatus.kOptimal, highspy.HighsModelStatus.kUnknown)
         potentials, share = np.zeros(edges), np.zeros(len(self.candidates.triangles))
         if model.getModelStatus() in solved:
@@ -121,7 +121,7 @@ class Program:
 
 @njit
 def _fix_spanning_tree(count: int, edges: np.ndarray, order: np.ndarray, free: np.ndarray) -> None:
-    """Clear `free` (e,) for the edges of a spanning tree of `count` points; order: edges to try."""
+    """Clear `free` (e,) for edges (e, 2) of a spanning tree of `count` points, tried in `order`."""
     root = np.arange(count)
     for e in order:
         if merge_trees(root, edges[e, 0], edges[e, 1]):

@@ -65,7 +65,7 @@ _MAX_POTENTIAL = np.int64(TOO_LARGE)
 def exclude_edges(
     candidates: Candidates, weights: np.ndarray, cost: Cost, units: Units
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the excluded edges (k,) in order of exclusion, and flags (t,) of the other triangles.
+    """Return the edges (k,) in order of exclusion, and flags (t,) of the remaining triangles.
 
     weights (t,): weights of the candidate triangles, by `compute_weights` with `units`. The flags
     are True for candidates without an excluded edge.
@@ -189,9 +189,12 @@ def _requeue_sides(
     stack: np.ndarray,
     height: int,
 ) -> int:
-    """Push the undecided sides of an excluded triangle t on `stack`; return the new height."""
+    """Push the sides of an excluded triangle t that may now be excluded; return the new height.
+
+    at_left, waiting (e,): see `_exclude_queued`.
+    """
     for edge in candidates.sides[t]:
-        # An edge without a pair left to examine is excluded already.
+        # If no pair of triangles remains to be examined, the edge has been excluded.
         is_open = at_left[edge] < candidates.start[2 * edge + 1]
         if candidates.side[edge] == 0 and is_open and not waiting[edge]:
             waiting[edge] = True
@@ -233,9 +236,9 @@ def _set_excluded_potentials(
 ) -> bool:
     """Set the potentials (e,) of the excluded edges; return False if one would be too large.
 
-    last_first (k,): the excluded edges, the last excluded first; is_set (e,): edges that have a
-    potential, updated. Invariant: y(ab) + y(bc) + y(ca) <= weight(abc), up to the lift, for every
-    triangle whose three sides have a potential.
+    weights (t,): weights of triangles; last_first (k,): the excluded edges, the last excluded
+    first; is_set (e,): edges that have a potential, updated. Invariant: y(ab) + y(bc) + y(ca) <=
+    weight(abc), up to the lift, for every triangle whose three sides have a potential.
     """
     triangles, sides, start = candidates.triangles, candidates.sides, candidates.start
     for e in last_first:

@@ -12,7 +12,7 @@ import numpy as np
 
 from triangulators.certificate.bridges import solve_by_bridges
 from triangulators.certificate.candidates import Candidates, find_candidates
-from triangulators.certificate.linear_program import Program
+from triangulators.certificate.linear_program import LinearProgram
 from triangulators.certificate.local_minimality import exclude_edges, extend_potentials
 from triangulators.certificate.skeleton import solve_skeleton
 from triangulators.checking.evidence import Evidence
@@ -21,17 +21,17 @@ from triangulators.checking.units import (
     compute_exact_total,
     compute_weights,
     find_units,
-    is_proof,
+    proves_optimality,
 )
 from triangulators.criteria.cost import Cost
 from triangulators.initial import find_any_triangulation, find_best_initial
-from triangulators.optimum.best_way import search_cuts
-from triangulators.optimum.visible_lists import NOTHING
+from triangulators.optimum.best_way import optimise_along_random_trees
+from triangulators.optimum.visible_lists import INFEASIBLE_WEIGHT
 from triangulators.polygon import Boundary
 
 PROGRAM_TIMEOUT_S = 60.0  # time limit of a linear program; a polygon may need two programs
-# Used if no time limit is given: limits of size end a proof within seconds, with the same result on
-# every machine.
+# Used if no time limit is given: these limits of size end a proof within seconds, but do not depend
+# on the machine's speed as a time limit does.
 _MAX_UNTIMED_ROWS = 100_000  # maximum number of constraints of a linear program
 _MAX_UNTIMED_TRIPLES = 1_500_000  # maximum number of triples of mutually visible sites
 
@@ -74,7 +74,7 @@ class Proof:
 
 
 class _Search:
-    """Search for the best triangulation.
+    """Search for the triangulation of minimum weight, and a lower bound of all weights.
 
     incumbent: the best triangulation so far, as indices of candidate triangles.
     """
@@ -115,7 +115,7 @@ class _Search:
         # Costs in units, the noise as a fraction: integer weights have more bits than doubles.
         cost_weights = self.weights / self.units.factor
         if uses_program:
-            program = Program(c, cost_weights, alive, self.incumbent)
+            program = LinearProgram(c, cost_weights, alive, self.incumbent)
             dual = self._evaluate_solution(alive, *program.solve(seconds))
             if self._is_bound_tight(*dual):
                 return dual
@@ -123,10 +123,12 @@ class _Search:
             dual = self._round_potentials(alive, np.zeros(len(c.edges)))
         # Not proven yet: local search may find a better incumbent, which the retry starts from.
         self.update_incumbent(
-            _find_candidate_indices(c, search_cuts(c.points, c.triangles[self.incumbent], cost))
+            _find_candidate_indices(
+                c, optimise_along_random_trees(c.points, c.triangles[self.incumbent], cost)
+            )
         )
         if uses_program and not self._is_bound_tight(*dual):
-            program = Program(c, cost_weights, alive, self.incumbent)
+            program = LinearProgram(c, cost_weights, alive, self.incumbent)
             retry = self._evaluate_solution(alive, *program.solve(seconds, basic=True))
             dual = max(dual, retry, key=lambda pair: self.compute_bound(*pair))
         return dual
@@ -136,8 +138,8 @@ class _Search:
     ) -> tuple[np.ndarray, int]:
         """Return a linear program's potentials as integers, and the lift; update the incumbent.
 
-        share (t,): primal solution. The triangles with a share above 1/2 become the incumbent if
-        they are a triangulation that weighs less.
+        alive (t,): flags of the program's triangles; share (t,): primal solution. The triangles
+        with a share above 1/2 become the incumbent if they are a triangulation that weighs less.
         """
         c = self.candidates
         selection = np.flatnonzero(share > 0.5)
@@ -165,7 +167,7 @@ class _Search:
         return potentials, min(int(slack.min()), 0) if len(slack) else 0
 
     def compute_bound(self, potentials: np.ndarray, lift: int) -> int:
-        """Return the lower bound that potentials (e,) and a lift give, as a weight."""
+        """Return the lower bound of weights that potentials (e,) and a lift give."""
         total: int = sum((potentials * self.candidates.side).tolist())
         return total + lift * len(self.incumbent)
 
@@ -201,7 +203,9 @@ def minimise_cost(outline: Boundary, cost: Cost, seconds: float) -> tuple[np.nda
         return None
     candidates, weights, units, _, alive = reduced
     if outline.has_plain_rings:
-        selection = solve_by_bridges(candidates, outline.ring_offsets, alive, weights, NOTHING)
+        selection = solve_by_bridges(
+            candidates, outline.ring_offsets, alive, weights, INFEASIBLE_WEIGHT
+        )
         if len(selection) > 0:
             triangles = candidates.triangles[selection]
             total: int = sum(weights[selection].tolist())
@@ -243,7 +247,7 @@ def _prove_reduced(
     excluded: np.ndarray,
     alive: np.ndarray,
 ) -> Proof:
-    """Search from a triangulation (m, 3); the arguments from `candidates` on are a `_Reduced`."""
+    """Improve a triangulation (m, 3), bound its gap; the last five arguments are a `_Reduced`."""
     search = _Search(candidates, weights, units)
     search.update_incumbent(_find_candidate_indices(candidates, triangles))
     potentials, lift = search.solve(alive, cost, seconds)
@@ -261,7 +265,7 @@ def _compute_gap(
     total, bound: weight of the triangulation, and lower bound of all weights.
     """
     exact, factor = compute_exact_total(outline, triangles, cost, units), units.factor
-    if is_proof(exact, bound // factor, len(triangles), units):
+    if proves_optimality(exact, bound // factor, len(triangles), units):
         return 0.0
     return max(total - bound, factor) / max(abs(total), 1)
 

@@ -22,7 +22,7 @@ from triangulators.compute.kernels import njit
 from triangulators.compute.operations import find_root, group_by_key, merge_trees
 from triangulators.criteria.cost import Cost
 from triangulators.geometry.predicates import do_segments_cross, orientation
-from triangulators.optimum.visible_lists import NOTHING, compute_far_costs
+from triangulators.optimum.visible_lists import INFEASIBLE_WEIGHT, compute_far_costs
 
 
 def solve_skeleton(
@@ -57,7 +57,7 @@ def solve_skeleton(
     )
     by_pair = np.empty_like(costs)
     by_pair[order] = costs
-    if by_pair[-1] >= NOTHING or len(triangles) == 0:
+    if by_pair[-1] >= INFEASIBLE_WEIGHT or len(triangles) == 0:
         return None
     potentials = np.zeros(len(c.edges), dtype=np.int64)
     # The potential from the earlier to the later ring position is the far cost, negated (see
@@ -74,11 +74,12 @@ def _connect_rings(
 ) -> int:
     """Mark in `cut` (e,) uncrossed diagonals that connect rings; return the number of components.
 
-    remaining (e,): flags of the edges that are not excluded. If there is one component, all rings
-    are connected. The sites of a component have the same root in `parent`.
+    edges (e, 2), side (e,): see `Candidates`; remaining (e,): flags of edges that are not excluded.
+    If there is one component, all rings are connected. The sites of a component have the same root
+    in `parent`.
     """
     parent = np.arange(len(points))
-    # Points that are sites: if rings touch, not all.
+    # Flags of sites: if rings touch, one of several equal points is the site.
     on_boundary = np.zeros(len(points), dtype=np.bool_)
     parts = 0
     for e in range(len(edges)):
@@ -125,8 +126,8 @@ def _is_crossed(
 ) -> bool:
     """Whether a remaining edge crosses edge `order[position]`.
 
-    low_x (e,): lowest x of each edge; order (e,): edges by ascending `low_x`; widest: largest
-    extent along x of a remaining edge.
+    edges (e, 2), remaining (e,): see `_connect_rings`; low_x (e,): lowest x of each edge; order
+    (e,): edges by ascending `low_x`; widest: largest extent along x of a remaining edge.
     """
     e = order[position]
     a, b = edges[e, 0], edges[e, 1]

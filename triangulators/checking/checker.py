@@ -49,7 +49,7 @@ def compute_lower_bound(
     if evidence.units != units[:3]:
         raise CertificateError(f"evidence: wrong units {evidence.units}; expected {units[:3]}")
     edges = find_edges(outline)
-    if (edges.find(triangles[:, [0, 1, 1, 2, 2, 0]]) < 0).any():
+    if (edges.find_indices(triangles[:, [0, 1, 1, 2, 2, 0]]) < 0).any():
         raise CertificateError("triangles: a side is not an edge of the polygon")
     pairs, potentials, lift = evidence.edges, evidence.potentials, int(evidence.lift)
     if ((pairs < 0) | (pairs >= len(edges.points))).any():
@@ -58,7 +58,7 @@ def compute_lower_bound(
         raise CertificateError("evidence: the numbers of potentials and edges differ")
     if max(map(abs, [lift, *potentials.tolist()])) >= TOO_LARGE:
         raise CertificateError("evidence: a potential or the lift is too large")
-    indices = edges.find(pairs)  # potentials of pairs that are not edges (-1) are ignored
+    indices = edges.find_indices(pairs)  # potentials of pairs that are not edges (-1) are ignored
     if len(np.unique(indices[indices >= 0])) != np.count_nonzero(indices >= 0):
         raise CertificateError("evidence: an edge is repeated")
     potential = np.zeros(len(edges.ends), dtype=np.int64)
@@ -113,9 +113,10 @@ def _find_violation(
 ) -> np.ndarray:
     """Return the vertices of the first empty triangle that violates the inequality.
 
-    Checks the triangles whose two lowest vertices are the ends of edge `number`, or of every
-    `slices`-th edge after it. starts (n + 1,): first edge of each lower end. Returns an empty array
-    if no triangle violates the inequality, and an array of length 1 if a weight is too large.
+    The inequality is that of `_check_potentials`. Checks the triangles whose two lowest vertices
+    are the ends of edge `number`, or of every `slices`-th edge after it. starts (n + 1,): first
+    edge of each lower end; potential (e,): potentials of the edges. Returns an empty array if no
+    triangle violates the inequality, and an array of length 1 if a weight is too large.
     """
     ends, directions = edges.ends, edges.directions
     for e in range(number, len(ends), slices):

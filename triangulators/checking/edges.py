@@ -35,7 +35,7 @@ class Edges(NamedTuple):
     directions: np.ndarray
     holes: np.ndarray
 
-    def find(self, pairs: np.ndarray) -> np.ndarray:
+    def find_indices(self, pairs: np.ndarray) -> np.ndarray:
         """Return the edge index (k,) of each pair of sites, -1 if the pair is not an edge.
 
         pairs: (k, 2), or any shape that can be reshaped to it.
@@ -67,9 +67,9 @@ def find_edges(outline: Boundary) -> Edges:
 def surrounds_hole(points: np.ndarray, holes: np.ndarray, a: int, b: int, c: int) -> bool:
     """Whether the counter-clockwise triangle a, b, c, whose sides are edges, surrounds a hole.
 
-    No edge of the boundary crosses the triangle's sides, so a hole is entirely inside or entirely
-    outside, except for vertices shared with the triangle. Of four sites of the hole, the first that
-    is not a vertex of the triangle decides.
+    holes (h, 4): see `Edges`. No edge of the boundary crosses the triangle's sides, so a hole is
+    entirely inside or entirely outside, except for vertices shared with the triangle. Of four sites
+    of the hole, the first that is not a vertex of the triangle decides.
     """
     for hole in range(len(holes)):
         for v in holes[hole]:
@@ -241,7 +241,7 @@ def _is_hidden(points: np.ndarray, a: int, hiding: np.ndarray, b: int) -> bool:
 
 @njit
 def _move_to_front(hiding: np.ndarray, index: int, c: int, d: int) -> None:
-    """Put the edge c-d first, and shift the edges before `index` by one position."""
+    """Put the edge c-d first in `hiding` (k, 2), and shift the edges before `index` by one row."""
     for k in range(index, 0, -1):
         hiding[k] = hiding[k - 1]
     hiding[0, 0], hiding[0, 1] = c, d

@@ -51,7 +51,7 @@ _ROUNDED_TOTAL_BITS = 36  # the total of costs that are rounded has up to 2^36 u
 _MAX_COEFFICIENT = 1024  # sum of a criterion's absolute coefficients, if costs are counted exactly
 _MAX_EXPONENT = 900  # largest exponent of `scale`, so that scaled costs do not overflow a double
 _MAX_SCALE = 2.0**_MAX_EXPONENT
-EXACT = 2.0**52  # integers up to which sums and halves of doubles are exact
+MAX_EXACT_INTEGER = 2.0**52  # integers up to which sums and halves of doubles are exact
 _EXACT_FACTOR = 2.0**25  # integers up to which products are exact
 
 
@@ -81,20 +81,20 @@ def find_units(outline: Boundary, triangles: np.ndarray, cost: Cost) -> Units:
     scale, is_integer, _ = find_exact_scale(outline.points, cost)
     if scale > 0.0:
         for bits in (*range(NOISE_BITS, 1, -1), 0):
-            factor = compute_factor(count, bits)
+            factor = compute_weight_factor(count, bits)
             if 4.0 * total * scale * factor < _MAX_TOTAL:
                 return Units(scale, factor, bits, True, False)
     exponent = _ROUNDED_TOTAL_BITS - math.frexp(total)[1] if total > 0.0 else 0
     # A multiple of 4, so that most triangulations of a polygon have the same units.
     exponent = max(-_MAX_EXPONENT, min(_MAX_EXPONENT, 4 * (exponent // 4)))
     for bits in (*range(NOISE_BITS, 1, -1), 0):
-        factor = compute_factor(count, bits)
+        factor = compute_weight_factor(count, bits)
         if factor << (_ROUNDED_TOTAL_BITS + 2) < _MAX_TOTAL:
             break
     return Units(2.0**exponent, factor, bits, False, not is_integer)
 
 
-def compute_factor(count: int, bits: int) -> int:
+def compute_weight_factor(count: int, bits: int) -> int:
     """Return a power of two above the noise of `count` triangles; 1 if bits is 0 (no noise)."""
     return 1 << (3 * count * 2**bits).bit_length() if bits > 0 else 1
 
@@ -102,7 +102,7 @@ def compute_factor(count: int, bits: int) -> int:
 def has_exact_sums(outline: Boundary, cost: Cost) -> bool:
     """Whether doubles compute every cost, and every sum over a triangulation, exactly."""
     scale, _, max_units = find_exact_scale(outline.points, cost)
-    return scale > 0.0 and max_units * outline.expected_triangles < EXACT
+    return scale > 0.0 and max_units * outline.expected_triangles < MAX_EXACT_INTEGER
 
 
 def compute_exact_total(
@@ -119,7 +119,7 @@ def compute_exact_total(
     return sum(map(Fraction, costs.tolist()), Fraction(0))
 
 
-def is_proof(total: Fraction, bound_units: int, count: int, units: Units) -> bool:
+def proves_optimality(total: Fraction, bound_units: int, count: int, units: Units) -> bool:
     """Whether a lower bound proves the triangulation with cost `total` optimal.
 
     bound_units: the bound in units, not above the total (see `checker`); count: number of
@@ -153,7 +153,7 @@ def find_exact_scale(points: np.ndarray, cost: Cost) -> tuple[float, bool, float
     is_in_range = (2 * k + 1 if box else k) < _MAX_EXPONENT
     steps = float(np.ptp(points, axis=0).max()) * 2.0**k if is_in_range else math.inf
     max_units = float(np.abs(coefficients).sum()) * (2.0 * steps * steps if box else 2.0 * steps)
-    if max_units < EXACT and (not box or steps < _EXACT_FACTOR):
+    if max_units < MAX_EXACT_INTEGER and (not box or steps < _EXACT_FACTOR):
         return (2.0 ** (2 * k + 1) if box else 2.0 ** max(k, 0)), k <= 0, max_units
     return 0.0, k <= 0, max_units
 

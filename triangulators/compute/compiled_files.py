@@ -33,8 +33,8 @@ SOURCES = Path(__file__).resolve().parents[2]
 
 PACKAGES = ("triangulators", "harness", "scenes")  # packages whose imports a digest includes
 
-OLD_S = 30 * 24 * 3600.0
-"""Compiled code of earlier sources is old if it was last used more seconds ago than this."""
+MAX_UNUSED_S = 30 * 24 * 3600.0
+"""Seconds without use after which compiled code of earlier sources counts as old."""
 
 _FOLDER = re.compile(r"[\w.]+-[0-9a-f]{16}")
 """Name of a folder of compiled code: module and digest."""
@@ -174,7 +174,7 @@ def is_cached(module: str) -> bool:
 class CacheUsage(NamedTuple):
     """Disk usage of compiled code in a folder: number of files, and their size in bytes.
 
-    old : folders with code of earlier versions of the sources, not used for `OLD_S` seconds
+    old : folders with code of earlier versions of the sources, not used for `MAX_UNUSED_S` seconds
     """
 
     folder: Path
@@ -199,7 +199,7 @@ def remove_old_code() -> int:
 
 
 def _find_old_folders(root: Path) -> Iterator[Path]:
-    """Yield the folders of compiled code of earlier sources, not used for `OLD_S` seconds."""
+    """Yield the folders of code compiled from earlier sources and unused for `MAX_UNUSED_S`."""
     current_names = {
         f"{find_module_name(f)}-{compute_digest(f)}"
         for p in PACKAGES
@@ -210,7 +210,7 @@ def _find_old_folders(root: Path) -> Iterator[Path]:
         if not files or any(".nbc" not in file.name for file in files):
             continue  # created by another program
         current = folder.parent == cache_folder() and folder.name in current_names
-        if not current and time.time() - _find_last_use(folder) > OLD_S:
+        if not current and time.time() - _find_last_use(folder) > MAX_UNUSED_S:
             yield folder
 
 

@@ -6,9 +6,9 @@ which takes about two seconds of compile time. Copying element by element avoids
 `fmin`: Numba compiles `min` to compare and branch, which LLVM's loop vectoriser does not recognise
 as a reduction. It recognises llvm.minnum if NaN and signed zeros are excluded.
 
-`push`: a loop of one or two iterations, entered about thirty times per polygon, would spend the
-time in the vectoriser's prologue and epilogue (overlap checks, remaining lanes). An explicit vector
-operation has neither.
+`update_minimum_costs`: a loop of one or two iterations, entered about thirty times per polygon,
+would spend the time in the vectoriser's prologue and epilogue (overlap checks, remaining lanes). An
+explicit vector operation has neither.
 """
 
 from typing import Any
@@ -20,14 +20,14 @@ from triangulators.compute.kernels import intrinsic, njit
 
 @njit(nogil=True)
 def copy_row(source: np.ndarray, into: np.ndarray) -> None:
-    """Copy the elements (n,) of an array into another, from index 0 on."""
+    """Copy the elements of `source` (n,) to the first n elements of `into`."""
     for k in range(len(source)):
         into[k] = source[k]
 
 
 @njit(nogil=True)
 def copy_rows(source: np.ndarray, into: np.ndarray) -> None:
-    """Copy the elements (n, k) of an array into another, from row and column 0 on."""
+    """Copy the elements of `source` (n, k) to the first n rows and k columns of `into`."""
     for row in range(len(source)):
         for k in range(source.shape[1]):
             into[row, k] = source[row, k]
@@ -67,7 +67,7 @@ def find_root(parent: np.ndarray, v: int) -> int:
 
 @njit
 def merge_trees(parent: np.ndarray, a: int, b: int) -> bool:
-    """Merge the trees of `a` and `b` in a union-find forest; return whether they were different."""
+    """Merge the trees of `a` and `b`, see `find_root`; return whether they were different."""
     a, b = find_root(parent, a), find_root(parent, b)
     parent[a] = b
     return a != b
@@ -89,21 +89,23 @@ def fmin(_typing: Any, _a: Any, _b: Any) -> Any:
     return types.float64(types.float64, types.float64), emit
 
 
-FAST = {"nnan", "nsz", "reassoc", "contract", "arcp"}
+FAST_MATH_FLAGS = {"nnan", "nsz", "reassoc", "contract", "arcp"}
 """Fast-math flags: all except `ninf`, because infinities occur."""
 
 LANES = 8
-"""int32 lanes of `push`; LLVM splits the vector if registers are shorter."""
+"""int32 lanes of `update_minimum_costs`; LLVM splits the vector if registers are shorter."""
 
 
 @intrinsic
-def push(_typing: Any, rows: Any, _numbers: Any, _lane: Any, _values: Any) -> Any:
-    """Update minimum costs in LANES columns j of `rows`, a C-ordered int32 array, from `lane` on.
+def update_minimum_costs(_typing: Any, rows: Any, _numbers: Any, _lane: Any, _values: Any) -> Any:
+    """Update minimum costs in columns j = lane to lane + LANES - 1 of `rows`, C-ordered int32.
 
-    push(rows, (to, x, y, weight, beyond), lane, (a, b, cost, none)): if
+    update_minimum_costs(rows, (to, x, y, weight, beyond), lane, (a, b, cost, none)): if
     a * rows[y, j] > b * rows[x, j], that is, if the triangle of apex (a, b) is counter-clockwise,
     rows[to, j] = min(rows[to, j], cost + rows[beyond, j] + rows[weight, j]). The first tuple has
-    row indices, the second int32 numbers; `none` is at least every value of rows[to].
+    indices of rows: minimum costs, x and y of vertex j, cost of the diagonal to j, cost of the
+    sub-polygon from the apex to j. The second has int32 numbers: x and y of the apex, cost of the
+    sub-polygon up to the apex, and a number that is at least every value of rows[to].
     """
     from llvmlite import ir
     from numba import types

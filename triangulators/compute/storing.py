@@ -81,14 +81,14 @@ def _lock_compilation(key: str) -> Iterator[None]:
     process exits. If locking fails, both processes compile.
     """
     byte = int.from_bytes(hashlib.sha256(key.encode()).digest()[:4], "big") >> 1
-    _lock("LOCK_EX", byte)
+    _set_lock("LOCK_EX", byte)
     try:
         yield
     finally:
-        _lock("LOCK_UN", byte)
+        _set_lock("LOCK_UN", byte)
 
 
-def _lock(operation: str, byte: int) -> None:
+def _set_lock(operation: str, byte: int) -> None:
     if not _Files.forbid_compiling:
         with suppress(ImportError, OSError):
             import fcntl

@@ -4,7 +4,7 @@ A criterion sums a cost per triangle over a triangulation. Every built-in criter
 "exact-quads" is a weighted sum of `FEATURES`. A feature, and a user's criterion, is a Numba
 function of three points, given as six numbers.
 
-Units follow from the unit of the coordinates, which is a pixel for a frame.
+Units follow from the unit of the coordinates, which is a pixel for polygons in a picture.
 
 criterion  `Criterion`, weighted sums of features, `mixed` and `calibrated`
 features   compiled features of a triangle; exact quads on the pixel grid
@@ -44,7 +44,7 @@ AUXILIARY_FEATURES = ("triangles", "area", "bbox_area", "expected_setups")
 
 
 def count_exact_quads(*points: float) -> float:
-    """Return the compiled `features.exact_quads` of three points; import it on the first call."""
+    """Return `features.exact_quads` of three points (six numbers); imported on the first call."""
     from triangulators.criteria.features import exact_quads
 
     return float(exact_quads(*points))

@@ -15,7 +15,7 @@ from triangulators.compute.kernels import intrinsic, njit
 from triangulators.criteria import count_exact_quads
 from triangulators.criteria.criterion import FEATURES, Criterion
 from triangulators.criteria.features import (
-    COUNT,
+    FEATURE_COUNT,
     SIGNATURE,
     exact_quads,
     weigh_triangle,
@@ -24,9 +24,9 @@ from triangulators.criteria.features import (
 from triangulators.errors import TriangulationError
 
 TRIANGLES, AREA, HALF_PERIMETER, BBOX_AREA, EDGE_LENGTH = range(5)
-assert len(FEATURES) == COUNT
+assert len(FEATURES) == FEATURE_COUNT
 assert FEATURES[:5] == ("triangles", "area", "half_perimeter", "bbox_area", "edge_length")
-_BOX = [HALF_PERIMETER, BBOX_AREA, EDGE_LENGTH]
+_BOX = [HALF_PERIMETER, BBOX_AREA, EDGE_LENGTH]  # indices of the weights in `Cost.box`
 
 MAX_COST = 1e200
 """Upper clamp of a triangle's cost; the sum of 10^6 such costs stays finite."""
@@ -90,7 +90,9 @@ def require_finite_total(criterion: Criterion, points: np.ndarray, triangles: np
     except OverflowError:
         total = math.inf
     if not math.isfinite(total):
-        raise TriangulationError(f"criterion {criterion.name}: {total} is not a finite number")
+        raise TriangulationError(
+            f"criterion {criterion.name}: the sum over triangles is {total}, not a finite number"
+        )
 
 
 @lru_cache(maxsize=256)
@@ -161,7 +163,7 @@ def triangle_cost(
 
 @njit
 def cost_at(points: np.ndarray, a: int, b: int, c: int, cost: Cost) -> float:
-    """Return the cost of the triangle of rows a, b and c of points (n, 2)."""
+    """Return the cost of the triangle whose vertices are the rows a, b and c of points (n, 2)."""
     ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
     return triangle_cost(cost, ax, ay, bx, by, points[c, 0], points[c, 1])
 

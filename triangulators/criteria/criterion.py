@@ -181,7 +181,7 @@ def mixed(alpha: float = 1.0, beta: float = 1.0, gamma: float = 1.0) -> Criterio
     """
     weights = (alpha, beta, gamma)
     name = "mixed" if weights == (1, 1, 1) else f"mixed{WEIGHTS_MARK}{write_weights(weights)}"
-    problem = _find_problem(dict(zip(MIXED_WEIGHTS, weights, strict=True)))
+    problem = _find_weights_problem(dict(zip(MIXED_WEIGHTS, weights, strict=True)))
     if problem:
         raise _make_weights_error(name, problem)
     linear = make_weighted_criterion(
@@ -201,7 +201,7 @@ def mixed(alpha: float = 1.0, beta: float = 1.0, gamma: float = 1.0) -> Criterio
 MIXED_WEIGHTS = ("alpha", "beta", "gamma")  # names of the weights of `mixed`, in order
 
 
-def _find_problem(weights: Mapping[str, float]) -> str | None:
+def _find_weights_problem(weights: Mapping[str, float]) -> str | None:
     """Return the reason why weights of `mixed` are invalid, or None if they are valid."""
     for name, weight in weights.items():
         if not math.isfinite(weight):

@@ -2,10 +2,11 @@
 
 The optimiser, the predictions and the tests share the definition of a feature: a Numba function of
 three points as six numbers. `criterion.FEATURES` lists the names in the order of weights. A new
-feature is added to `FEATURES`, `COUNT`, `weigh_triangle`, `weigh_triangles` and `sum_features`.
+feature is added to `FEATURES`, `FEATURE_COUNT`, `weigh_triangle`, `weigh_triangles` and
+`sum_features`.
 
-Units follow from the unit of the coordinates, which is a pixel for a frame. Only `exact_quads`,
-which is not in `FEATURES`, depends on the triangle's position on the pixel grid.
+Units follow from the unit of the coordinates, a pixel for polygons in a picture. Only
+`exact_quads`, which is not in `FEATURES`, depends on the triangle's position on the pixel grid.
 """
 
 import math
@@ -16,7 +17,7 @@ import numpy as np
 from triangulators.compute.kernels import njit
 from triangulators.geometry.predicates import twice_area
 
-COUNT = 10
+FEATURE_COUNT = 10
 """Number of features; `cost` asserts that it equals the length of `criterion.FEATURES`."""
 
 SIGNATURE = f"float64({', '.join(['float64'] * 6)})"
@@ -78,7 +79,7 @@ def beauty(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> 
 def _find_common_share(lost: float, doubled_area: float) -> float:
     """Return the fraction of a triangle's area that it has in common with shifted copies.
 
-    lost: L in `_average_blocks`.
+    lost: the sum L over the edges of how far the copies shift an edge (see `_average_blocks`).
     """
     side = 1.0 - lost / doubled_area
     return side * side if side > 0.0 else 0.0
@@ -235,8 +236,9 @@ def weigh_triangles(
 ) -> None:
     """Write the results of `weigh_triangle` for `count` triangles to `totals`, equal in every bit.
 
-    corners: six arrays ax, ay, bx, by, cx, cy. The length of all arrays is at least the count,
-    rounded up to a multiple of 8; elements of `totals` beyond the count are undefined.
+    weights (k,): in the order of `FEATURES`; corners: six arrays ax, ay, bx, by, cx, cy. The length
+    of all arrays is at least the count, rounded up to a multiple of 8; elements of `totals` beyond
+    the count are undefined.
 
     Each feature has a loop without branches, so LLVM evaluates all features except `shape` and
     `beauty` in SIMD registers. Expected quads take 4 ns per triangle instead of 25 (AVX-512).
@@ -258,7 +260,7 @@ def weigh_triangles(
 @njit
 def sum_features(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Return the sum (k,) of each feature over triangles (m, 3) of points (n, 2)."""
-    sums = np.zeros(COUNT)
+    sums = np.zeros(FEATURE_COUNT)
     for row in range(len(triangles)):
         a, b, c = triangles[row, 0], triangles[row, 1], triangles[row, 2]
         ax, ay = points[a, 0], points[a, 1]
@@ -290,7 +292,7 @@ def sum_features_of_many(
     vertex indices, which start at 0 in each polygon. The order of summation is that of
     `sum_features`.
     """
-    sums = np.empty((len(vertex_offsets) - 1, COUNT))
+    sums = np.empty((len(vertex_offsets) - 1, FEATURE_COUNT))
     for polygon in range(len(sums)):
         points = coords[vertex_offsets[polygon] : vertex_offsets[polygon + 1]]
         rows = triangles[triangle_offsets[polygon] : triangle_offsets[polygon + 1]]
@@ -302,7 +304,7 @@ _UNIT, _HALF = 256, 128  # a pixel, and half a pixel, in units of 1/256 px
 
 
 @njit(inline="always")
-def _clip_span(value: int, step: int, low: int, high: int) -> tuple[int, int]:
+def _restrict_span(value: int, step: int, low: int, high: int) -> tuple[int, int]:
     """Return the pixels x in low..high with step * x <= value, as a span; empty if high < low."""
     if step > 0:
         return low, min(high, value // step)
@@ -326,10 +328,10 @@ def exact_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float
         (bx - ax) * (256 y + 128 - ay) - (by - ay) * (256 x + 128 - ax) = value(y) - step * x,
 
     with step = 256 (by - ay). An edge whose points are not covered is shifted by a unit, the
-    resolution, so that inside is >= 0 for all edges. In a row, each edge admits all x up to a last
-    x (step > 0), all from a first x on (step < 0), or all or none: one floor division per edge. The
-    intersection is a span. The quads of two rows are the pairs of columns that either span touches:
-    the sum of both lengths in pairs, minus the overlap.
+    resolution, so that inside is >= 0 for all edges. In a row, each edge admits all x up to a
+    maximum (step > 0), all x from a minimum (step < 0), or all or none: one floor division per
+    edge. The intersection is a span. The quads of two rows are the pairs of columns that either
+    span touches: the sum of both lengths in pairs, minus the overlap.
 
     Loop order. Rows of pixels are visited in pairs, from the lowest; no array is allocated.
 
@@ -355,9 +357,9 @@ def exact_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float
     total, before_low, before_high = 0, 0, -1
     for y in range(first & ~1, last + 1):
         low, high = min_x, max_x if y >= first else min_x - 1
-        low, high = _clip_span(c0 + _UNIT * u0 * y, _UNIT * v0, low, high)
-        low, high = _clip_span(c1 + _UNIT * u1 * y, _UNIT * v1, low, high)
-        low, high = _clip_span(c2 + _UNIT * u2 * y, _UNIT * v2, low, high)
+        low, high = _restrict_span(c0 + _UNIT * u0 * y, _UNIT * v0, low, high)
+        low, high = _restrict_span(c1 + _UNIT * u1 * y, _UNIT * v1, low, high)
+        low, high = _restrict_span(c2 + _UNIT * u2 * y, _UNIT * v2, low, high)
         if low > high:
             low, high = 0, -1
         else:

@@ -1,9 +1,9 @@
 """Ear clipping of one ring in compiled code: the triangles of mapbox_earcut, without the GIL.
 
 mapbox_earcut holds Python's global interpreter lock (GIL), so threads cannot clip at the same time,
-and a call takes about two microseconds. `clip_ring` clips rings of up to `MAX_VERTICES` vertices,
-most rings of a map. It gives up if earcut would repair the ring: if no ear is left, or the first
-vertex is repeated at the end.
+and a call takes about two microseconds. `clip_ears_of_ring` clips rings of up to `MAX_VERTICES`
+vertices, most rings of a map. It gives up if earcut would repair the ring: if no ear is left, or
+the first vertex is repeated at the end.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ which sorts the vertices along a space-filling curve, is faster."""
 
 
 @njit(nogil=True)
-def _area(points: np.ndarray, a: int, b: int, c: int) -> float:
+def _compute_doubled_area(points: np.ndarray, a: int, b: int, c: int) -> float:
     """Return twice the area of a triangle, rounded as in earcut; negative at a convex vertex b."""
     left = (points[b, 1] - points[a, 1]) * (points[c, 0] - points[b, 0])
     return float(left - (points[b, 0] - points[a, 0]) * (points[c, 1] - points[b, 1]))
@@ -44,7 +44,7 @@ def _is_ear(
             and (cx - x) * (ay - y) >= (ax - x) * (cy - y)
             and (ax - x) * (by - y) >= (bx - x) * (ay - y)
             and (bx - x) * (cy - y) >= (cx - x) * (by - y)
-            and _area(points, previous[p], p, following[p]) >= 0.0
+            and _compute_doubled_area(points, previous[p], p, following[p]) >= 0.0
         ):
             return False
         p = following[p]
@@ -52,7 +52,7 @@ def _is_ear(
 
 
 @njit(nogil=True)
-def clip_ring(points: np.ndarray) -> np.ndarray:
+def clip_ears_of_ring(points: np.ndarray) -> np.ndarray:
     """Return the triangles (n - 2, 3) of a ring (n, 2), or (0, 3) if earcut would repair the ring.
 
     As in earcut, the last vertex of a counter-clockwise ring is tried first, or the first vertex of
@@ -77,7 +77,9 @@ def clip_ring(points: np.ndarray) -> np.ndarray:
         return triangles[:0]
     while previous[ear] != following[ear]:
         a, c = previous[ear], following[ear]
-        if _area(points, a, ear, c) < 0.0 and _is_ear(points, previous, following, a, ear, c):
+        if _compute_doubled_area(points, a, ear, c) < 0.0 and _is_ear(
+            points, previous, following, a, ear, c
+        ):
             triangles[count, 0], triangles[count, 1], triangles[count, 2] = a, ear, c
             count += 1
             following[a], previous[c] = c, a

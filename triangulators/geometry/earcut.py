@@ -21,16 +21,17 @@ _BY_TYPE: dict[Any, Any] = {
 }
 
 
-_FIRST = np.zeros(1, np.int64)  # argument `starts` of `find_far_offsets` for a single polygon
+_SINGLE_START = np.zeros(1, np.int64)  # argument `starts` of `find_far_offsets`: one polygon
 
 
-def clip_ears(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Return mapbox_earcut's vertex indices (3 m,) uint32; raises the errors of mapbox_earcut.
+def run_earcut(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Return the vertex indices (3 m,) uint32 of mapbox_earcut's triangles, three per triangle.
 
-    points : (n, 2) float64, int32 or int64; ends : (r,) uint32, the end of each ring in `points`
+    points : (n, 2) float64, int32 or int64; ends : (r,) uint32, the end of each ring in `points`.
+    Raises the errors of mapbox_earcut.
     """
     if isinstance(points, np.ndarray) and points.ndim == 2 and len(points):
-        offsets = find_far_offsets(points, _FIRST)
+        offsets = find_far_offsets(points, _SINGLE_START)
         if offsets[0, 0] or offsets[0, 1]:
             points = points - offsets
     triangulate = _BY_TYPE.get(getattr(points, "dtype", None), mapbox_earcut.triangulate_float64)

@@ -27,11 +27,11 @@ _UNDERFLOW = 1e-300  # exceeds the error that underflow causes in a product
 
 
 @njit(nogil=True)
-def list_diagonals(twin: np.ndarray, stack: np.ndarray, waiting: np.ndarray) -> int:
+def push_diagonals(twin: np.ndarray, stack: np.ndarray, waiting: np.ndarray) -> int:
     """Push one half-edge of each diagonal on `stack`; return the stack's size.
 
-    Of both half-edges, that with the lower number is pushed and marked in `waiting` (3 m,);
-    diagonals are in ascending order of the higher number.
+    twin (3 m,): see `half_edges`. The half-edge with the lower number is pushed, and marked in
+    `waiting` (3 m,); diagonals are in ascending order of the higher number.
     """
     size = 0
     for latter in range(len(twin)):
@@ -89,7 +89,7 @@ def flip_while_gaining(
     a-d is better than b-c, the common edge of the triangles a, b, c and d, c, b; is_convex(points,
     a, b, c, d): whether the quadrilateral of both triangles is convex.
 
-    Order: diagonals to try are on a stack, initially all, as `list_diagonals` pushes them. The top
+    Order: diagonals to try are on a stack, initially all, as `push_diagonals` pushes them. The top
     diagonal is tried; after a flip the four sides of the quadrilateral are pushed, except sides
     that are on the stack already. Invariant: flipping a diagonal that is not on the stack would not
     gain. A flip takes constant time, and the stack cannot overflow, because `waiting` admits each
@@ -97,7 +97,7 @@ def flip_while_gaining(
     """
     stack = np.empty(len(corner), dtype=np.int32)
     waiting = np.zeros(len(corner), dtype=np.bool_)
-    size = list_diagonals(twin, stack, waiting)
+    size = push_diagonals(twin, stack, waiting)
     flips = 0
     while size > 0:
         size -= 1
@@ -182,7 +182,7 @@ def _is_in_circle(points: np.ndarray, a: int, b: int, c: int, d: int, winding: f
 
 @njit(nogil=True)
 def _is_in_circle_as_earcut(points: np.ndarray, a: int, b: int, c: int, d: int, _: Any) -> bool:
-    """The in-circle test of npm's earcut 3.2.4, operation by operation, with its tolerance."""
+    """Whether d is in the circle a, b, c, with the operations and tolerance of earcut 3.2.4."""
     px, py = points[a, 0] - points[d, 0], points[a, 1] - points[d, 1]
     qx, qy = points[b, 0] - points[d, 0], points[b, 1] - points[d, 1]
     rx, ry = points[c, 0] - points[d, 0], points[c, 1] - points[d, 1]
@@ -194,7 +194,7 @@ def _is_in_circle_as_earcut(points: np.ndarray, a: int, b: int, c: int, d: int, 
 
 @njit(nogil=True)
 def _is_convex_as_earcut(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
-    """Whether a, b, d and a, d, c turn left by npm's earcut 3.2.4, operation by operation."""
+    """Whether a, b, d and a, d, c turn left, with the operations of npm's earcut 3.2.4 in order."""
     ax, ay = points[a, 0], points[a, 1]
     x, y = points[d, 0] - ax, points[d, 1] - ay
     if (points[b, 0] - ax) * y - (points[b, 1] - ay) * x <= 0.0:
@@ -203,8 +203,8 @@ def _is_convex_as_earcut(points: np.ndarray, a: int, b: int, c: int, d: int) -> 
 
 
 @njit(nogil=True)
-def _find_orientation(points: np.ndarray, corner: np.ndarray) -> float:
-    """Return the orientation, 1 or -1, of the first triangle with an area; 0 if there is none."""
+def _find_first_orientation(points: np.ndarray, corner: np.ndarray) -> float:
+    """Return 1 or -1, the orientation of the first triangle of corner (3 m,) with an area; or 0."""
     for e in range(0, len(corner), 3):
         a, b, c = corner[e], corner[e + 1], corner[e + 2]
         ax, ay = points[a, 0], points[a, 1]
@@ -237,7 +237,7 @@ def flip_by_delaunay(points: np.ndarray, corner: np.ndarray, twin: np.ndarray) -
     See `flip_while_gaining`.
     """
     return flip_while_gaining(
-        points, corner, twin, _is_in_circle, is_convex, _find_orientation(points, corner)
+        points, corner, twin, _is_in_circle, is_convex, _find_first_orientation(points, corner)
     )
 
 

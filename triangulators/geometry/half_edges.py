@@ -26,7 +26,7 @@ def previous_edge(e: Any) -> Any:
 
 @njit(nogil=True)
 def link_half_edges(corner: np.ndarray) -> np.ndarray:
-    """Return the twin (3 m,) of each half-edge, or -1; twins are mutual.
+    """Return the twin (3 m,) of each half-edge, or -1 on the boundary; twins are mutual.
 
     corner (3 m,): start vertex of each half-edge. If several half-edges could be the twin, that
     with the lowest number is taken.

@@ -38,9 +38,9 @@ ORDERS = ("walk", "native")
 """Orders of triangles: "walk", from neighbour to neighbour; "native", as the triangulator returns
 them."""
 
-# Markers of triangles without an entry, the half-edge over which the walk enters: not yet reached,
-# and the first of a component.
-_FREE, _ROOT = -2, -1
+# Values in place of the half-edge over which the walk enters a triangle: the triangle is not yet
+# reached, or is the first of a component.
+_UNREACHED, _ROOT = -2, -1
 
 
 def is_walk(order: str) -> bool:
@@ -54,14 +54,15 @@ def is_walk(order: str) -> bool:
 def put_in_walk_order(triangles: np.ndarray, count: int) -> np.ndarray:
     """Return triangles (m, 3) in walk order, rotated so that a new vertex is last.
 
-    count: number of points that the triangles index.
+    Walk order: a triangle follows a neighbour, so that GPUs reuse shaded vertices. count: number of
+    points that the triangles index.
     """
     return put_in_walk_order_by_twins(triangles, link_half_edges(triangles.reshape(-1)), count)
 
 
 @njit(nogil=True)
 def put_in_walk_order_by_twins(triangles: np.ndarray, twin: np.ndarray, count: int) -> np.ndarray:
-    """Return triangles (m, 3) in walk order, given the twins (3 m,) of half-edges."""
+    """Return triangles (m, 3) in walk order, by the twins (3 m,); see `put_in_walk_order`."""
     rows = _find_walk_order(twin)
     ordered = np.empty_like(triangles)
     met = np.zeros(count, dtype=np.bool_)
@@ -81,14 +82,14 @@ def put_in_walk_order_by_twins(triangles: np.ndarray, twin: np.ndarray, count: i
 def _find_walk_order(twin: np.ndarray) -> np.ndarray:
     """Return the indices (m,) of triangles in walk order, from the twins (3 m,)."""
     m = len(twin) // 3
-    entry = np.full(m, _FREE, dtype=np.int32)  # half-edge over which a triangle is entered
+    entry = np.full(m, _UNREACHED, dtype=np.int32)  # half-edge over which a triangle is entered
     size = np.ones(m, dtype=np.int32)  # triangles in the branch below a triangle
     queue = np.empty(m, dtype=np.int32)
     order = np.empty(m, dtype=np.int32)
     stack = np.empty(m, dtype=np.int32)
     done = 0
     for first in range(m):
-        if entry[first] == _FREE:
+        if entry[first] == _UNREACHED:
             root = _find_leaf(twin, first, entry, queue)
             done = _walk_component(twin, root, entry, size, queue, stack, order, done)
     return order
@@ -118,7 +119,7 @@ def _walk_component(
         head += 1
         for step in range(3):
             other = twin[3 * row + (max(entry[row], 0) + step) % 3]
-            if other >= 0 and entry[other // 3] == _FREE:
+            if other >= 0 and entry[other // 3] == _UNREACHED:
                 entry[other // 3] = other
                 queue[tail] = other // 3
                 tail += 1
@@ -147,9 +148,10 @@ def _walk_component(
 
 @njit(nogil=True)
 def _find_leaf(twin: np.ndarray, first: int, entry: np.ndarray, queue: np.ndarray) -> int:
-    """Return a triangle of first's component with less than two neighbours, or `first` if none.
+    """Return a triangle of first's component with at most one neighbour, or else `first`.
 
-    Searches breadth first. entry (m,), queue (m,): workspaces; entry is _FREE before and after.
+    Searches breadth first. entry (m,), queue (m,): workspaces; entry is _UNREACHED before and
+    after.
     """
     queue[0] = first
     entry[first] = _ROOT
@@ -162,14 +164,14 @@ def _find_leaf(twin: np.ndarray, first: int, entry: np.ndarray, queue: np.ndarra
             if twin[3 * row + e] >= 0:
                 degree += 1
                 other = twin[3 * row + e] // 3
-                if entry[other] == _FREE:
+                if entry[other] == _UNREACHED:
                     entry[other] = _ROOT
                     queue[tail] = other
                     tail += 1
         if degree <= 1:
             leaf = row
     for index in range(tail):
-        entry[queue[index]] = _FREE
+        entry[queue[index]] = _UNREACHED
     return leaf if leaf >= 0 else first
 
 
@@ -178,12 +180,12 @@ def sort_for_vertex_cache(
 ) -> np.ndarray:
     """Return triangles (m, 3) of `count` points in Tipsify's order for a cache of that size."""
     rows = np.ascontiguousarray(triangles, dtype=np.int32)
-    ordered: np.ndarray = rows[_tipsify(rows, count, cache_size)]
+    ordered: np.ndarray = rows[_order_by_tipsify(rows, count, cache_size)]
     return ordered
 
 
 @njit(nogil=True)
-def _tipsify(triangles: np.ndarray, count: int, cache_size: int) -> np.ndarray:
+def _order_by_tipsify(triangles: np.ndarray, count: int, cache_size: int) -> np.ndarray:
     """Return the indices (m,) of triangles (m, 3) of `count` points in the order of Tipsify."""
     m = len(triangles)
     begin, items = group_by_key(triangles.reshape(-1), count)
@@ -232,7 +234,8 @@ def _choose_next_fan(
 ) -> int:
     """Return the vertex of the next fan, among the vertices of the fan just emitted, or -1.
 
-    remaining, entered (n,), time: see `_tipsify`.
+    A fan has all remaining triangles around a vertex. remaining, entered (n,), time: see
+    `_order_by_tipsify`.
     """
     fan, best = -1, -1
     for vertex in emitted:

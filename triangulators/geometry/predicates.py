@@ -16,10 +16,10 @@ import numpy as np
 from triangulators.compute.kernels import njit
 
 # (3 + 16 eps) eps with eps = 2^-53: Shewchuk's bound on the error of the plain determinant.
-FILTER = 3.3306690738754716e-16
+ORIENTATION_FILTER = 3.3306690738754716e-16
 _MIN_PRODUCT = 1e-250  # the rounding error of a larger product is representable
 _NO_UNDERFLOW = 1e-125  # products of two larger numbers exceed _MIN_PRODUCT
-_ACCURATE = 1e-4  # a determinant above this share of its two products has eleven correct digits
+_MIN_ACCURATE_SHARE = 1e-4  # above this share of its products a determinant has eleven digits
 _SPLITTER = 134217729.0  # 2^27 + 1: splits a double into two halves of 26 bits (Dekker)
 
 
@@ -108,7 +108,7 @@ def _have_exact_differences(a: float, b: float, c: float, d: float) -> bool:
 def _orient_in_doubt(
     ax: float, ay: float, bx: float, by: float, cx: float, cy: float, plus: float, minus: float
 ) -> float:
-    """Return the value of `orient` where the rounded determinant may have the wrong sign.
+    """Return the value of `orient` if the rounded determinant may have the wrong sign.
 
     plus, minus: the two rounded products, whose difference is the determinant. A separate function,
     so that `orient` is short enough for LLVM to inline.
@@ -133,7 +133,7 @@ def orient(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> 
     plus = (ax - cx) * (by - cy)
     minus = (ay - cy) * (bx - cx)
     determinant = plus - minus
-    if abs(determinant) > FILTER * (abs(plus) + abs(minus)) + _MIN_PRODUCT:
+    if abs(determinant) > ORIENTATION_FILTER * (abs(plus) + abs(minus)) + _MIN_PRODUCT:
         return determinant
     return _orient_in_doubt(ax, ay, bx, by, cx, cy, plus, minus)
 
@@ -146,7 +146,7 @@ def twice_area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float)
     """
     plus = (bx - ax) * (cy - ay)
     minus = (by - ay) * (cx - ax)
-    if abs(plus - minus) > _ACCURATE * (abs(plus) + abs(minus)) + _MIN_PRODUCT:
+    if abs(plus - minus) > _MIN_ACCURATE_SHARE * (abs(plus) + abs(minus)) + _MIN_PRODUCT:
         return abs(plus - minus)
     return abs(_orient_exactly(ax, ay, bx, by, cx, cy))
 
@@ -160,7 +160,7 @@ def orientation(points: np.ndarray, a: int, b: int, c: int) -> float:
 
 
 @njit(nogil=True)
-def orientations(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+def compute_orientations(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Return `orientation` (m,) of each triangle (m, 3)."""
     result = np.empty(len(triangles))
     for index in range(len(triangles)):
@@ -177,7 +177,7 @@ ALL_LEFT, NOT_ALL_LEFT, OUTSIDE = range(3)
 def classify_orientations(points: np.ndarray, triangles: np.ndarray) -> int:
     """Return ALL_LEFT if all triangles (m, 3) are counter-clockwise, otherwise NOT_ALL_LEFT.
 
-    OUTSIDE if an index is out of range.
+    Returns OUTSIDE if a triangle has an index outside `points` (n, 2).
     """
     count = len(points)
     result = ALL_LEFT
@@ -245,8 +245,8 @@ def find_grid_unit(points: np.ndarray) -> float:
     """Return the largest power of two that all coordinates (n, 2) are multiples of, or 0.0.
 
     0.0 means that the points are not on a grid: their span exceeds 2^24 units. On a grid, float64
-    determinants are exact: differences fit 25 bits and products 50. Coordinates of frames, snapped
-    to 1/256 px, are always on a grid.
+    determinants are exact: differences fit 25 bits and products 50. Pixel coordinates, rounded to
+    1/256 px for drawing, are always on a grid.
     """
     _, _, w, h = find_bounding_box(points)
     span = max(w, h)
@@ -265,7 +265,7 @@ def find_grid_unit(points: np.ndarray) -> float:
     return float(bits & -bits) / scale
 
 
-def tolerance(points: np.ndarray) -> float:
+def find_edge_tolerance(points: np.ndarray) -> float:
     """Return the distance from an edge up to which a vertex counts as on the edge.
 
     In units of the coordinates (n, 2): zero if they are on a grid, so that float64 determinants are

@@ -5,9 +5,9 @@ the outline counts as several vertices. So a tree of adjacent triangles defines 
 between its triangles that the tree does not cross. No geometry of holes is needed, and the region's
 triangles are a triangulation of the polygon.
 
-`grow_tree` chooses the tree, `unfold` walks the tree from the root and returns the polygon as a
-cycle of vertices, and `fold_back` replaces the tree's triangles by another triangulation of that
-cycle. All take time linear in the number of triangles of the tree.
+`grow_tree` chooses the tree, `unfold_tree` walks the tree from the root and returns the polygon as
+a cycle of vertices, and `replace_tree_triangles` replaces the tree's triangles by another
+triangulation of that cycle. All take time linear in the number of triangles of the tree.
 
 Half-edges are numbered as in `half_edges`; twin (m, 3) is the result of `find_twins`.
 """
@@ -75,7 +75,7 @@ def grow_tree(
 
 
 @njit(nogil=True)
-def unfold(
+def unfold_tree(
     triangles: np.ndarray, twin: np.ndarray, tree: np.ndarray, root: int, size: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a tree of triangles as a simple polygon: (cycle, local triangles, outline).
@@ -85,11 +85,11 @@ def unfold(
     as indices of points; local triangles (size, 3), the tree's triangles, breadth first, as
     positions in the cycle; outline (k,), the half-edge from each vertex to the next.
 
-    The outline is a linked list of corners, initially those of the root. A triangle that is entered
-    over the side tail-head inserts a new corner for the apex between tail and head, even if the
-    point has a corner already: the outline then runs along both sides of a cut. Invariant: the
-    apexes of the first `discovered` triangles are inserted; `done` of these have been examined for
-    neighbours.
+    The outline is built as a linked list of corners, initially those of the root. A triangle that
+    is entered over the side tail-head inserts a new corner for the apex between tail and head, even
+    if the point has a corner already: the outline then runs along both sides of a cut. Invariant:
+    the apexes of the first `discovered` triangles are inserted; `done` of these have been examined
+    for neighbours.
     """
     corner = np.empty(size + 2, dtype=np.int32)  # point of each corner, in order of discovery
     after = np.empty(size + 2, dtype=np.int32)  # the next corner on the outline
@@ -138,7 +138,7 @@ def unfold(
 
 
 @njit(nogil=True)
-def fold_back(
+def replace_tree_triangles(
     triangles: np.ndarray,
     twin: np.ndarray,
     rows: np.ndarray,
@@ -149,23 +149,23 @@ def fold_back(
 ) -> None:
     """Replace the triangles `rows` (k,) by `better` (k, 3), positions in `cycle`; update `twin`.
 
-    Row r of `better` replaces triangle rows[r]; cycle, outline: see `unfold`. `inner` has the twins
-    among the half-edges of `better`. A half-edge without such a twin is a side of the cycle, from a
-    position to the next, and gets the twin of the old half-edge there. That twin is outside the
-    piece or, across a cut, at another position of the outline, where the half-edge is new as well.
-    position_of (3 m,): workspace for the positions of old half-edges, -1 before and after.
+    Row r of `better` replaces triangle rows[r]; cycle, outline: see `unfold_tree`. `inner` has the
+    twins among the half-edges of `better`. A half-edge without such a twin is a side of the cycle,
+    from a position to the next, and gets the twin of the old half-edge there. That twin is outside
+    the piece or, across a cut, at another position of the outline, where the half-edge is new as
+    well. position_of (3 m,): workspace for the positions of old half-edges, -1 before and after.
     """
     size = len(cycle)
     inner = link_half_edges(better.reshape(-1))
-    fresh = np.empty(size, dtype=np.int32)  # the new half-edge at each position
-    beyond = np.empty(size, dtype=np.int32)  # the twin of the old half-edge
+    new_edge = np.empty(size, dtype=np.int32)  # the new half-edge at each position
+    old_twin = np.empty(size, dtype=np.int32)  # the twin of the old half-edge
     for index in range(len(rows)):
         for e in range(3):
             if inner[3 * index + e] < 0:
-                fresh[better[index, e]] = 3 * rows[index] + e
+                new_edge[better[index, e]] = 3 * rows[index] + e
     for position in range(size):
         position_of[outline[position]] = position
-        beyond[position] = twin[outline[position] // 3, outline[position] % 3]
+        old_twin[position] = twin[outline[position] // 3, outline[position] % 3]
     for index in range(len(rows)):
         for e in range(3):
             triangles[rows[index], e] = cycle[better[index, e]]
@@ -173,9 +173,9 @@ def fold_back(
             if other >= 0:
                 twin[rows[index], e] = 3 * rows[other // 3] + other % 3
     for position in range(size):
-        side, other = fresh[position], beyond[position]
+        side, other = new_edge[position], old_twin[position]
         if other >= 0 and position_of[other] >= 0:
-            other = fresh[position_of[other]]
+            other = new_edge[position_of[other]]
         twin[side // 3, side % 3] = other
         if other >= 0:
             twin[other // 3, other % 3] = side

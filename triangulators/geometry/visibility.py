@@ -74,7 +74,9 @@ def find_visible_pairs(
             count += 1
             if twin[row, (e + 1) % 3] >= 0:
                 stack[0, 0], stack[0, 1], stack[0, 2] = twin[row, (e + 1) % 3], right, left
-                count = _look_through(points, triangles, twin, v, v, stack, target, count)
+                count = _append_seen_through_window(
+                    points, triangles, twin, v, v, stack, target, count
+                )
             h = twin[row, (e + 2) % 3]
             if h < 0 and left > v:
                 target[count] = left
@@ -85,7 +87,7 @@ def find_visible_pairs(
 
 
 @njit(nogil=True)
-def _look_through(
+def _append_seen_through_window(
     points: np.ndarray,
     triangles: np.ndarray,
     twin: np.ndarray,
@@ -97,9 +99,10 @@ def _look_through(
 ) -> int:
     """Append the vertices > floor that v sees through a window to `target`; return the new count.
 
-    stack (k, 5): workspace, whose first row has the first three columns of the window on entry. A
-    row is a window: the half-edge of the triangle behind it, from left to right; the right end; the
-    left end; view_right; view_left. Or a row is (-1, vertex, ...): a vertex to append.
+    A window is an edge opposite to v, behind which the view continues. stack (k, 5): workspace,
+    whose first row has the first three columns of the window on entry. A row is a window: the
+    half-edge of the triangle behind it, from left to right; the right end; the left end;
+    view_right; view_left. Or a row is (-1, vertex, ...): a vertex to append.
     """
     height = 1
     stack[0, 3], stack[0, 4] = stack[0, 1], stack[0, 2]
@@ -158,7 +161,9 @@ def find_visible_sites(points: np.ndarray, triangles: np.ndarray, twin: np.ndarr
                 count = 2
             if twin[row, (e + 1) % 3] >= 0:
                 stack[0, 0], stack[0, 1], stack[0, 2] = twin[row, (e + 1) % 3], right, left
-                count = _look_through(points, triangles, twin, v, -1, stack, seen, count)
+                count = _append_seen_through_window(
+                    points, triangles, twin, v, -1, stack, seen, count
+                )
             if size + count > len(pairs):
                 grown = np.empty((2 * (size + count), 2), dtype=np.int32)
                 copy_rows(pairs[:size], grown)

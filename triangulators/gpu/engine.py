@@ -43,7 +43,7 @@ NO_RESULT = (1 << 64) - 1
 LANES = 32
 """Minimum number of shader invocations of a workgroup; rings of more than 32 vertices have 64."""
 
-CHUNK = 1 << 18
+CHUNK_VERTICES = 1 << 18
 """Number of vertices in an upload to the device (2 MiB; the result is 1 MiB)."""
 
 _LOG = logging.getLogger(__name__)
@@ -65,7 +65,7 @@ class Compute:
         self.version = str(ctx.info["GL_VERSION"])
         self._programs: dict[tuple[Any, ...], Any] = {}
 
-    def program(self, *names: str, **constants: int) -> Any:
+    def get_program(self, *names: str, **constants: int) -> Any:
         """Return a compiled compute shader; cached.
 
         names: files in shaders/, which are concatenated; constants: macros to define.
@@ -78,12 +78,12 @@ class Compute:
             self._programs[key] = self.ctx.compute_shader(source)
         return self._programs[key]
 
-    def run(self, program: Any, columns: int, rows: int = 1) -> None:
+    def dispatch(self, program: Any, columns: int, rows: int = 1) -> None:
         """Start columns x rows workgroups, and a barrier, so that later dispatches see results."""
         program.run(columns, rows)
         self.ctx.memory_barrier()
 
-    def check(self, doing: str) -> None:
+    def check_errors(self, doing: str) -> None:
         """Raise `DeviceError` if OpenGL has recorded an error since the last check.
 
         doing: description of the commands since then, for the message.
@@ -108,7 +108,7 @@ class Storage:
         """Ensure a capacity of `count` bytes; the content may be lost."""
         if self._buffer.size < count:
             self._buffer.orphan(count)
-            self._owner.check(f"allocating {count:,} bytes")
+            self._owner.check_errors(f"allocating {count:,} bytes")
 
     def write(self, array: np.ndarray) -> None:
         """Upload an array (C-contiguous) to the buffer's beginning."""
@@ -125,7 +125,7 @@ class Storage:
 
 
 def open_context(name: str) -> Compute:
-    """Open llvmpipe, gpu0, gpu1, ... (see `devices.check_name`) in the calling thread.
+    """Open llvmpipe, gpu0, gpu1, ... (see `devices.check_device_name`) in the calling thread.
 
     Raises `DeviceError` if there is no such device, or if the driver fails.
     """
@@ -180,7 +180,7 @@ def _read_shader(name: str) -> str:
 _warned: set[str] = set()
 
 
-def attempt(
+def solve_on_device(
     name: str, batch: Batch, selected: np.ndarray, max_vertices: int, feature: str, worst: bool
 ) -> None:
     """Solve the polygons of a batch that a device supports; mark solved polygons in `batch.done`.
@@ -210,7 +210,7 @@ def _warn_once(line: str) -> None:
         _LOG.warning(line)
 
 
-def describe(name: str) -> tuple[str, str]:
+def describe_device(name: str) -> tuple[str, str]:
     """Return the renderer and the version that a device's driver reports.
 
     Opens the device if necessary; raises `DeviceError` if that fails.
@@ -296,15 +296,15 @@ class Engine:
     ) -> int:
         """Solve a batch in chunks; return the number of wrong results.
 
-        See `attempt` for the arguments. A result is wrong unless the triangles are a triangulation
-        with the reported cost.
+        See `solve_on_device` for the arguments. A result is wrong unless the triangles are a
+        triangulation with the reported cost.
         """
         is_quads = feature == "expected_quads"
         rings = Rings.allocate(batch.vertex_offsets)
         prepare_rings(batch.coords, selected, min(max_vertices, MAX_VERTICES), rings)
         bases = np.zeros(len(rings.corners), dtype=np.uint32)
         wrong = 0
-        for first, last in pairwise(chunk_bounds(batch.vertex_offsets)):
+        for first, last in pairwise(find_chunk_bounds(batch.vertex_offsets)):
             indices = first + np.flatnonzero(rings.kind[first:last] != ON_CPU)
             if len(indices):
                 self._compute_chunk(rings, first, last, feature, worst, bases)
@@ -334,13 +334,13 @@ class Engine:
                 wide = {"WIDE": 1} if kind % 2 else {}
                 constants = {"MAX_SIZE": max_size, "LANES": max(LANES, max_size), **wide}
                 names = ("exact.glsl", f"{feature}.glsl", "ring.glsl")
-                program = self.compute.program(*names, **constants)
+                program = self.compute.get_program(*names, **constants)
                 program["number"], program["worst"] = len(jobs), int(worst)
                 columns = min(len(jobs), MAX_GROUPS)
-                self.compute.run(program, columns, -(-len(jobs) // columns))
-        self.compute.check("computing rings")
+                self.compute.dispatch(program, columns, -(-len(jobs) // columns))
+        self.compute.check_errors("computing rings")
         self._bases.read_into(bases[vertices])
-        self.compute.check("reading rings")
+        self.compute.check_errors("reading rings")
 
 
 def make_jobs(rings: Rings, first: int, last: int, kind: int) -> np.ndarray:
@@ -359,8 +359,11 @@ def make_jobs(rings: Rings, first: int, last: int, kind: int) -> np.ndarray:
     return jobs
 
 
-def chunk_bounds(vertex_offsets: np.ndarray, corners: int = CHUNK) -> list[int]:
-    """Return the polygon indices at which chunks of about `corners` vertices begin, and the end."""
+def find_chunk_bounds(vertex_offsets: np.ndarray, corners: int = CHUNK_VERTICES) -> list[int]:
+    """Return the polygon indices at which chunks of about `corners` vertices begin, and the end.
+
+    vertex_offsets (p + 1,): offsets of the polygons in the vertices.
+    """
     marks = np.arange(0, int(vertex_offsets[-1]), corners)
     cuts = np.searchsorted(vertex_offsets, marks, side="left")
     return [int(cut) for cut in np.unique(np.r_[cuts, len(vertex_offsets) - 1])]

@@ -24,7 +24,7 @@ from triangulators.compute.kernels import njit
 from triangulators.criteria.features import expected_quads
 from triangulators.geometry.order import put_in_walk_order
 from triangulators.geometry.predicates import find_bounding_box, find_grid_unit
-from triangulators.optimum.full_table import SPAN
+from triangulators.optimum.full_table import INT32_SPAN
 from triangulators.polygon import twice_ring_area
 from triangulators.polygon_arrays import Batch
 
@@ -61,7 +61,7 @@ class Rings(NamedTuple):
 
     @classmethod
     def allocate(cls, vertex_offsets: np.ndarray) -> "Rings":
-        """Return rings for the given offsets, all of the kind ON_CPU."""
+        """Return rings for vertex offsets (p + 1,), all of the kind ON_CPU."""
         count = len(vertex_offsets) - 1
         return cls(
             vertex_offsets,
@@ -101,19 +101,19 @@ def prepare_rings(
             source = n - 1 - k if is_reversed else k
             vertices[k, 0] = np.int32((points[source, 0] - low_x) / unit)
             vertices[k, 1] = np.int32((points[source, 1] - low_y) / unit)
-        if _repeats(vertices):
+        if _has_repeated_vertex(vertices):
             continue
         size = 0
         while n > SIZES[size]:
             size += 1
-        wide = max(w, h) >= SPAN * unit
+        wide = max(w, h) >= INT32_SPAN * unit
         kind[index] = 2 * size + (1 if wide else 0)
         longest[index] = np.int32((w + h) / unit)
         turned[index], units[index] = is_reversed, unit
 
 
 @njit(nogil=True)
-def _repeats(corners: np.ndarray) -> bool:
+def _has_repeated_vertex(corners: np.ndarray) -> bool:
     """Whether two consecutive vertices of a ring (n, 2) are equal, which shapely accepts."""
     x, y = corners[-1, 0], corners[-1, 1]
     for k in range(len(corners)):
@@ -145,9 +145,9 @@ def store_results(
 ) -> None:
     """Write the triangles of the rings `indices` (k,) to `batch`; mark valid results in its `done`.
 
-    bases (n,) uint32, by vertex: the base as i | j << 16 at apex k; costs (k,) float64: costs that
-    the device reported; is_quads: True if costs are expected quads, False if half-perimeters;
-    worst: True if the sum was maximised.
+    bases (n,) uint32, by vertex: for the triangle with apex k, its base i, j as i | j << 16 at
+    index k; costs (k,) float64: costs that the device reported; is_quads: True if costs are
+    expected quads, False if half-perimeters; worst: True if the sum was maximised.
     """
     offsets, corners, longest, turned, unit = (
         rings.vertex_offsets,
@@ -165,7 +165,7 @@ def store_results(
         ]
         base, ring = bases[begin:end], corners[begin:end]
         max_length, scale = longest[index] if worst else -1, unit[index] if is_quads else 0.0
-        total = _walk_tree(base, ring, max_length, scale, below, stack, triangles)
+        total = _write_ring_triangles(base, ring, max_length, scale, below, stack, triangles)
         cost = -costs[number] if is_quads and worst else costs[number]
         if not abs(total - cost) <= (_TOLERANCE * total if is_quads else 0.0):
             continue
@@ -173,7 +173,7 @@ def store_results(
             j, i, k = triangles[row]
             if turned[index]:
                 i, j, k = end - begin - 1 - i, end - begin - 1 - j, end - begin - 1 - k
-            # The order of vertices on the CPU: for quads, of `any_cost.solve_any`.
+            # The CPU's order of vertices in a row; for quads, that of `any_cost.solve_any_cost`.
             triangles[row] = (i, k, j) if is_quads else (j, i, k)
         if is_quads:
             triangles[:] = put_in_walk_order(
@@ -183,7 +183,7 @@ def store_results(
 
 
 @njit(nogil=True)
-def _walk_tree(
+def _write_ring_triangles(
     bases: np.ndarray,
     corners: np.ndarray,
     longest: int,
@@ -199,7 +199,7 @@ def _walk_tree(
     grid if the cost is expected quads, otherwise 0; below, stack: workspaces.
     """
     n = len(bases)
-    stack[0] = _link_tree(bases, below)
+    stack[0] = _link_triangles(bases, below)
     if stack[0] < 0:
         return np.nan
     height, size, total = 1, 0, 0.0
@@ -232,7 +232,7 @@ def _walk_tree(
 
 
 @njit(nogil=True)
-def _link_tree(bases: np.ndarray, below: np.ndarray) -> int:
+def _link_triangles(bases: np.ndarray, below: np.ndarray) -> int:
     """Link the triangles of a ring to a tree; return the apex of the root, or -1 if impossible.
 
     below (n, 2): output; for each apex k with base (i, j), the apexes of the triangles whose bases

@@ -2,9 +2,9 @@
 
 A pair of flips is the flip of a diagonal, which alone may increase the cost, and then the flip of a
 side of the quadrilateral: together they replace three triangles of a pentagon. Trying pairs doubles
-the time of single flips.
-In four scenes at 1024 px pairs save another 1 to 12 % of the helper lanes, more than a second start
-from the Delaunay triangulation does. ports/ORDER.md specifies the order.
+the time of single flips. In four scenes at 1024 px pairs save another 1 to 12 % of the helper
+lanes, more than repeating single flips from the Delaunay triangulation saves. ports/ORDER.md
+specifies the order.
 """
 
 from typing import Any
@@ -14,7 +14,7 @@ import numpy as np
 from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost, cost_at
 from triangulators.criteria.criterion import FEATURES
-from triangulators.geometry.flips import flip_edge, is_convex, list_diagonals
+from triangulators.geometry.flips import flip_edge, is_convex, push_diagonals
 from triangulators.geometry.half_edges import next_edge, previous_edge
 
 _SLACK = 1e-12  # a gain below this share of the costs may be a rounding error, and is ignored
@@ -22,7 +22,7 @@ _QUADS = FEATURES.index("expected_quads")
 
 
 @njit(nogil=True)
-def _is_less(new: float, old: float) -> bool:
+def _is_certainly_less(new: float, old: float) -> bool:
     """Whether a new cost is less than the old cost by more than rounding errors."""
     return new < old - _SLACK * (abs(old) + abs(new))
 
@@ -39,7 +39,7 @@ def flip_by_cost(
     the sum of `costs` decreases with every step, in spite of rounding errors: the flips terminate.
     """
     stack, waiting = np.empty(len(corner), dtype=np.int32), np.zeros(len(corner), dtype=np.bool_)
-    size = list_diagonals(twin, stack, waiting)
+    size = push_diagonals(twin, stack, waiting)
     costs = np.empty(len(corner) // 3)
     for t in range(len(costs)):
         costs[t] = cost_at(scaled, corner[3 * t], corner[3 * t + 1], corner[3 * t + 2], cost)
@@ -57,7 +57,7 @@ def flip_by_cost(
             continue
         old = costs[e // 3] + costs[f // 3]
         below, above = cost_at(scaled, a, b, d, cost), cost_at(scaled, a, d, c, cost)
-        if _is_less(below + above, old):
+        if _is_certainly_less(below + above, old):
             flips += 1
             costs[f // 3], costs[e // 3] = below, above
             size = flip_edge(corner, twin, e, stack, waiting, size)
@@ -82,7 +82,7 @@ def flip_by_cost(
             first = cost_at(scaled, third, tail, apex, cost)
             second = cost_at(scaled, third, apex, head, cost)
             total, new = old + costs[g // 3], other + first + second
-            if _is_less(new, total) and total - new > max_gain:
+            if _is_certainly_less(new, total) and total - new > max_gain:
                 max_gain, side, left, right = total - new, after, first, second
         if max_gain > 0.0:
             flips += 2

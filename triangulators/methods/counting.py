@@ -21,13 +21,13 @@ MAX_VERTICES = 2000  # maximum for `draw_triangulation`, which stores a matrix o
 def count_triangulations(polygon: shapely.Polygon, max_count: int | None = None) -> int:
     """Return the exact number of triangulations of a polygon without holes.
 
-    max_count: stop above this number and return a lower bound, see `count_in_cycle`. Raises
-    `InvalidPolygonError` for an invalid polygon, and `SkippedError` for holes.
+    max_count: stop above this number and return a lower bound, see `count_triangulations_of_cycle`.
+    Raises `InvalidPolygonError` for an invalid polygon, and `SkippedError` for holes.
     """
-    return count_in_cycle(make_cycle(checked_boundary(polygon), "count"), max_count)
+    return count_triangulations_of_cycle(make_cycle(checked_boundary(polygon), "count"), max_count)
 
 
-def count_in_cycle(ring: Cycle, max_count: int | None = None) -> int:
+def count_triangulations_of_cycle(ring: Cycle, max_count: int | None = None) -> int:
     """Return the exact number of triangulations of a `Cycle`.
 
     max_count: stop at the first sub-polygon with more triangulations, and return their number: a
@@ -93,11 +93,12 @@ def _draw_from_counts(
 ) -> np.ndarray:
     """Return a random triangulation (n - 2, 3) of a cycle of n vertices.
 
-    start, target: the p visible pairs of the cycle; ways (p,): see `compute_log_counts`; chances
-    (n - 2,): uniform random numbers in [0, 1). Of the W(i, j) triangulations of the sub-polygon
-    i..j, W(i, k) W(k, j) have the apex k: this fraction is subtracted from a random number for one
-    k after another. The first k that makes the number negative is the apex, or the last possible k
-    if rounding leaves a remainder. Stores n^2 numbers; takes up to n steps for each triangle.
+    start, target: the p visible pairs of the cycle; ways (p,): result of `compute_log_counts`;
+    chances (n - 2,): uniform random numbers in [0, 1). Of the W(i, j) triangulations of the
+    sub-polygon i..j, W(i, k) W(k, j) have the apex k: this fraction is subtracted from a random
+    number for one k after another. The first k that makes the number negative is the apex, or the
+    last possible k if rounding leaves a remainder. Stores n^2 numbers; takes up to n steps for each
+    triangle.
     """
     n = len(start) - 1
     counts = np.full((n, n), -np.inf)
@@ -133,7 +134,9 @@ def draw_triangulation(outline: Boundary, *, seed: int = 0) -> np.ndarray:
     Raises `SkippedError` for holes and for more than 2000 vertices.
     """
     if len(outline.edges) > MAX_VERTICES:
-        raise SkippedError(f"random: {len(outline.edges)} vertices, more than {MAX_VERTICES}")
+        raise SkippedError(
+            f"random: the polygon has {len(outline.edges)} vertices, more than {MAX_VERTICES}"
+        )
     ring = make_cycle(outline, "random")
     ways = compute_log_counts(ring.start, ring.target)
     chances = np.random.default_rng(seed).random(max(len(ring.cycle) - 2, 0))

@@ -18,7 +18,7 @@ from triangulators.criteria.cost import find_cheapest, make_cost
 from triangulators.errors import SkippedError
 from triangulators.geometry.predicates import orient
 from triangulators.initial import Cycle, make_cycle
-from triangulators.methods.counting import count_in_cycle
+from triangulators.methods.counting import count_triangulations_of_cycle
 from triangulators.polygon import (
     Boundary,
     boundary_area,
@@ -58,7 +58,7 @@ def enumerate_triangulations(
 
 def _check_count(ring: Cycle, max_count: int) -> None:
     """Raise `SkippedError` if a cycle has more than `max_count` triangulations."""
-    if count_in_cycle(ring, max_count) > max_count:
+    if count_triangulations_of_cycle(ring, max_count) > max_count:
         raise SkippedError(
             f"exhaustive: more than {max_count} triangulations; use 'optimal', which lists none"
         )
@@ -68,7 +68,7 @@ def _list_triangulations(ring: Cycle) -> np.ndarray:
     """Return all triangulations of a cycle, (count, n - 2, 3), as positions in the cycle."""
     _check_count(ring, MAX_TRIANGULATIONS)
     n = len(ring.cycle)
-    # lists[j][i]: those of sub-polygon i..j.
+    # lists[j][i]: the triangulations of sub-polygon i..j.
     lists: list[dict[int, np.ndarray]] = [{} for _ in range(n)]
     for i in range(n - 1, -1, -1):
         row: dict[int, np.ndarray] = {}
@@ -88,7 +88,7 @@ def _list_triangulations(ring: Cycle) -> np.ndarray:
 
 
 def _combine_parts(before: np.ndarray, after: np.ndarray, triangle: Triangle) -> np.ndarray:
-    """Return the triangulations (b * a, m, 3) that consist of a part before, a triangle, one after.
+    """Return all unions (b * a, m, 3) of one of `before`, the triangle and one of `after`.
 
     before (b, ., 3), after (a, ., 3): triangulations of the sub-polygons on both sides of the apex.
     """
@@ -124,15 +124,15 @@ def triangulate_listed(outline: Boundary, *, k: int = 0) -> np.ndarray:
     with T-junctions. The lists of the last eight polygons are cached. Raises `SkippedError` for
     holes, for more than 20,000 triangulations, and if the list has no entry k.
     """
-    listed = _list_sorted(polygon_of_rings(outline.points, outline.ring_offsets).wkb)
+    listed = _list_by_overdraw_and_shape(polygon_of_rings(outline.points, outline.ring_offsets).wkb)
     if not 0 <= k < len(listed):
         raise SkippedError(f"listed: k={k} is out of range (the list ends at {len(listed) - 1})")
     return listed[k].copy()
 
 
 @lru_cache(maxsize=8)
-def _list_sorted(wkb: bytes) -> list[np.ndarray]:
-    """Return all triangulations of a polygon in mode `paper`, by ascending A and then D."""
+def _list_by_overdraw_and_shape(wkb: bytes) -> list[np.ndarray]:
+    """Return all triangulations of a polygon in mode `paper`, by ascending overdraw and shape."""
     polygon = shapely.from_wkb(wkb)
     points = vertices(polygon)
 
@@ -162,13 +162,13 @@ class Recursion:
         self._drop_straight = drop_straight
         # Cached, because the same triples and the same remaining polygons occur many times.
         self._orientation = cache(lambda a, b, c: orient(*rows[a], *rows[b], *rows[c]))
-        self._triangulations = cache(self._cut_all)
+        self._triangulations = cache(self._list_by_cuts)
 
     def list_triangulations(self, cycle: Sequence[int]) -> set[Triangulation]:
         """Return the distinct triangulations of a counter-clockwise cycle of points."""
         return self._triangulations(_rotate_to_lowest(list(cycle)))
 
-    def _cut_all(self, cycle: Corners) -> set[Triangulation]:
+    def _list_by_cuts(self, cycle: Corners) -> set[Triangulation]:
         """Return the triangulations of a remaining polygon, over all cuts at all edges."""
         results: set[Triangulation] = set()
         if len(cycle) == 3:
@@ -211,7 +211,7 @@ class Recursion:
         )
 
     def _remove_vertex(self, cycle: Corners, at: int) -> Corners:
-        """Return a cycle without the vertex at index `at`, and without vertices to drop."""
+        """Return a cycle without the vertex at index `at`; drop collinear neighbours."""
         remaining = [*cycle[at + 1 :], *cycle[:at]]
         if self._drop_straight:
             # Only the neighbours of the cut vertex, the ends of `remaining`, may have become

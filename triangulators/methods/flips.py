@@ -21,7 +21,7 @@ from triangulators.compute.operations import copy_rows
 from triangulators.criteria import FLIP_TESTS
 from triangulators.criteria.cost import Cost, compute_total_cost, find_plain_cost, make_cost
 from triangulators.errors import UnknownNameError
-from triangulators.geometry.ear_clipping import clip_ring
+from triangulators.geometry.ear_clipping import clip_ears_of_ring
 from triangulators.geometry.flips import (
     flip_as_earcut,
     flip_by_delaunay,
@@ -36,11 +36,11 @@ from triangulators.methods.cost_flips import flip_by_cost
 from triangulators.optimum.windows import WINDOW_TRIANGLES, optimise_windows
 from triangulators.polygon import Boundary, boundary_area
 from triangulators.polygon_arrays import Batch, rings_at
-from triangulators.verify import check_rows
+from triangulators.verify import check_triangle_indices
 
-# Flip tests, the first three in the order of FLIP_TESTS; NONE: no flips. For COST, kernels
-# have the argument `decreased`, a cost or None, of which Numba compiles separate code: ear clipping
-# and lengths would need the windows as well, a sixth of the compile time of a first run.
+# Flip tests: the first three in the order of FLIP_TESTS; NONE: no flips. The kernels' argument
+# `decreased` is the cost if the test is COST, otherwise None. Numba compiles separate code for
+# None, without the windows, which would take a sixth of the compile time of a first run.
 L1, EUCLIDEAN, DELAUNAY, AS_EARCUT, COST, NONE = range(6)
 
 # Argument for flip tests that read no cost; compiled code needs a value of the type.
@@ -49,7 +49,7 @@ NO_COST = make_cost(criteria.find("half-perimeter"), 1.0, 1)
 
 @njit(nogil=True)
 def flip_by_test(points: np.ndarray, corner: np.ndarray, twin: np.ndarray, test: int) -> int:
-    """Flip in place until no flip passes `test`, except COST; return the number of flips.
+    """Flip in place until no flip passes `test`, which is not COST; return the number of flips.
 
     corner, twin: (3 m,), see `half_edges`. See `geometry.flips.flip_while_gaining` for the order of
     flips.
@@ -69,7 +69,7 @@ def flip_by_test(points: np.ndarray, corner: np.ndarray, twin: np.ndarray, test:
 def _shorten_if_cheaper(
     points: np.ndarray, corner: np.ndarray, twin: np.ndarray, cost: Cost
 ) -> None:
-    """Flip by L1 lengths, in place, unless the result costs more."""
+    """Flip by L1 lengths, in place, if the result costs less; corner, twin: (3 m,) half-edges."""
     shorter, shorter_twin = corner.copy(), twin.copy()
     flip_by_l1(points, shorter, shorter_twin)
     before = compute_total_cost(points, corner.reshape(-1, 3), cost)
@@ -129,10 +129,10 @@ def _refine_if_valid(
     cost: Cost,
     decreased: Cost | None,
 ) -> np.ndarray:
-    """Return the triangles (m, 3) of `refine`, or no rows if the given triangles are invalid.
+    """Return the triangles (m, 3) of `refine`, or no rows if the initial triangles are invalid.
 
-    corner (3 m,): the given triangles, overwritten; valid if they are a conforming triangulation of
-    the rings. See `refine` for other arguments.
+    corner (3 m,): the initial triangles, overwritten; valid if they are a conforming triangulation
+    of the rings. See `refine` for other arguments.
     """
     twin = link_half_edges(corner)
     if is_triangulation(points, ring_offsets, corner, twin):
@@ -149,15 +149,15 @@ def improve_batch(
     test: int,
     cost: Cost,
     decreased: Cost | None,
-    two_starts: bool,
+    uses_refine: bool,
     in_walk: bool,
 ) -> None:
-    """Improve the triangles of the polygons first..last - 1; mark in `done` those that conform.
+    """Write improved triangles of polygons first..last - 1 to `batch`; set `done` if they conform.
 
     raw: (triangles, bounds, to_clip): triangles (m, 3) of ear clipping, which are overwritten;
     polygon i has the rows bounds[i - first] to bounds[i - first + 1] - 1; to_clip (p,): flags of
     polygons without such rows, whose ears are clipped here. test, cost, decreased: see
-    `refine`. two_starts: True to improve triangles by `refine`, False to flip the given triangles
+    `refine`. uses_refine: True to improve triangles by `refine`, False to flip the given triangles
     only. in_walk: True to put flipped triangles in walk order; the result of `refine` is always in
     walk order.
     """
@@ -168,18 +168,18 @@ def improve_batch(
         rows = raw_triangles[bounds[index - first] : bounds[index - first + 1]]
         room = triangles[offsets[index] : offsets[index + 1]]
         if to_clip[index]:
-            rows = clip_ring(points)
+            rows = clip_ears_of_ring(points)
         if len(rows) == 0 or len(rows) != len(room):
             continue
         corner = rows.reshape(-1)
         twin = link_half_edges(corner)
-        if not two_starts:
+        if not uses_refine:
             if decreased is not None:
                 flip_by_cost(points, points, corner, twin, decreased)
             else:
                 flip_by_test(points, corner, twin, test)
         if is_triangulation(points, rings, corner, twin):
-            if two_starts:
+            if uses_refine:
                 rows = refine(points, corner, twin, test, cost, decreased)
             elif in_walk:
                 rows = put_in_walk_order_by_twins(rows, twin, len(points))
@@ -259,7 +259,7 @@ def flip(
         raise ValueError(f"flip: points have shape {points.shape}, expected (n, 2)")
     indices = np.asarray(triangles)
     flat = indices.ndim == 1 and indices.size % 3 == 0
-    rows = check_rows(indices.reshape(-1, 3) if flat else indices, points).copy()
+    rows = check_triangle_indices(indices.reshape(-1, 3) if flat else indices, points).copy()
     if not 0.0 < scale < math.inf:
         raise ValueError(f"flip: scale must be a positive number, not {scale}")
     scaled = points * scale
@@ -342,6 +342,6 @@ def triangulate_refined(
 
 @lru_cache(maxsize=64)
 def _find_plain_cost_and_test(criterion: criteria.Criterion) -> tuple[Cost | None, int]:
-    """Return the cost and flip test of a criterion; (None, NONE) if polygons differ."""
+    """Return a criterion's cost and flip test; (None, NONE) if the cost depends on the polygon."""
     cost = find_plain_cost(criterion)
     return cost, NONE if cost is None else find_flip_test(cost)

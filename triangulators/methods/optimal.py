@@ -4,7 +4,7 @@ For polygons without holes a dynamic program over all sub-polygons is exact, up 
 For few holes and vertices all ways to cut the holes open are tried (`cut_holes`, `bridges`). For
 other polygons with holes, `certificate.proof` improves the better of the ear-clipping and the
 Delaunay triangulation, and proves optimality if possible. Beyond `limit` vertices, pieces of that
-better triangulation are optimised (`best_way.sweep_windows`).
+better triangulation are optimised (`best_way.sweep_pieces`).
 """
 
 import math
@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from triangulators import criteria
-from triangulators.checking.units import EXACT, find_exact_scale
+from triangulators.checking.units import MAX_EXACT_INTEGER, find_exact_scale
 from triangulators.criteria.cost import Cost, compute_total_cost, make_cost, replace_fields
 from triangulators.errors import SkippedError
 from triangulators.geometry.order import put_in_walk_order
@@ -24,13 +24,13 @@ from triangulators.initial import (
     find_best_initial,
     find_ring_triangulation,
 )
-from triangulators.optimum.any_cost import FLOAT
+from triangulators.optimum.any_cost import INFEASIBLE_COST
 from triangulators.optimum.best_way import (
-    PIECE,
+    MAX_PIECE_TRIANGLES,
     find_optimum,
-    search_cuts,
+    optimise_along_random_trees,
     solve_small,
-    sweep_windows,
+    sweep_pieces,
 )
 from triangulators.polygon import Boundary, boundary_area
 
@@ -79,12 +79,12 @@ def triangulate(outline: Boundary, **parameters: Any) -> np.ndarray:
     parameters: `criterion` (see `criteria.find`; "overdraw" by default), the fields of
     `SearchOptions`, and parameters of the criterion.
     """
-    return _optimise(outline, 1.0, **parameters).triangles
+    return _find_optimum_in_walk_order(outline, 1.0, **parameters).triangles
 
 
 def triangulate_worst(outline: Boundary, **parameters: Any) -> np.ndarray:
     """Return the triangulation (m, 3) that maximises `criterion`; see `triangulate`."""
-    return _optimise(outline, -1.0, **parameters).triangles
+    return _find_optimum_in_walk_order(outline, -1.0, **parameters).triangles
 
 
 def triangulate_with_gap(outline: Boundary, **parameters: Any) -> tuple[np.ndarray, float]:
@@ -95,7 +95,7 @@ def triangulate_with_gap(outline: Boundary, **parameters: Any) -> tuple[np.ndarr
     integer costs exceed 2^53, the gap is a bound of the rounding error, about 1e-16. The gap is
     infinite after local search, which gives no lower bound.
     """
-    result = _optimise(outline, 1.0, **parameters)
+    result = _find_optimum_in_walk_order(outline, 1.0, **parameters)
     if result.exact_for is None:
         return result.triangles, result.gap
     return result.triangles, _bound_rounding_gap(outline, result.exact_for, result.triangles)
@@ -117,17 +117,19 @@ def _bound_rounding_gap(
     unit, weights = find_grid_unit(points), float(np.abs(cost["weights"]).sum())
     steps = max(width, height) / unit if unit > 0.0 else math.inf
     # Fast path: a simple bound shows that sums are exact.
-    if weights * max(2.0, steps) * steps * count < EXACT:
+    if weights * max(2.0, steps) * steps * count < MAX_EXACT_INTEGER:
         return 0.0
     scale, is_integer, max_units = find_exact_scale(points, cost)
-    if (scale == 0.0 and not is_integer) or (scale > 0.0 and max_units * count < EXACT):
+    if (scale == 0.0 and not is_integer) or (scale > 0.0 and max_units * count < MAX_EXACT_INTEGER):
         return 0.0
     if cost["box"].min() < 0.0:
         return math.inf
     total = compute_total_cost(
         points, triangles, replace_fields(cost, weights=np.abs(cost["weights"]))
     )
-    if scale > 0.0 and 2.0 * total * scale < EXACT:  # a diagonal counts for both its triangles
+    if (
+        scale > 0.0 and 2.0 * total * scale < MAX_EXACT_INTEGER
+    ):  # a diagonal counts for both its triangles
         return 0.0
     size = abs(compute_total_cost(points, triangles, cost))
     return (16 * count + 32) * 2.0**-53 * total / size if size > 0.0 else math.inf
@@ -145,7 +147,7 @@ class _Result(NamedTuple):
     exact_for: criteria.Criterion | None = None
 
 
-def _optimise(
+def _find_optimum_in_walk_order(
     outline: Boundary,
     sign: float,
     *,
@@ -158,19 +160,19 @@ def _optimise(
     small = solve_small(outline, resolved, sign, options.limit)
     if small is not None:
         return _Result(put_in_walk_order(small, len(outline.points)), 0.0, resolved)
-    result = _search(outline, resolved, sign, options)
+    result = _search_optimum(outline, resolved, sign, options)
     return result._replace(triangles=put_in_walk_order(result.triangles, len(outline.points)))
 
 
-def _search(
+def _search_optimum(
     outline: Boundary, criterion: criteria.Criterion, sign: float, options: SearchOptions
 ) -> _Result:
-    """Return the optimum, or the best triangulation found, in any order of triangles."""
+    """Return the optimum or, after local search, the best triangulation found, in any order."""
     points, (limit, seed) = outline.points, options
     if criterion.depends_on_position and len(points) > MAX_PLACED_VERTICES:
         raise SkippedError(
-            f"{criterion.name}: {len(points):,} vertices (more than {MAX_PLACED_VERTICES});"
-            " counting pixels of all triangles would take too long"
+            f"{criterion.name}: the polygon has {len(points):,} vertices"
+            f" (more than {MAX_PLACED_VERTICES}); counting pixels would take too long"
         )
     cost = make_cost(criterion, boundary_area(outline), outline.expected_triangles, sign)
     if outline.holes == 0 and len(outline.edges) <= limit:
@@ -179,20 +181,24 @@ def _search(
         return _Result(cycle[find_optimum(points[cycle], start, cost)], 0.0, criterion)
     if len(outline.edges) > limit:
         start = find_best_initial(outline, cost)
-        return _Result(sweep_windows(points, start, cost, min(PIECE, limit), seed), math.inf)
+        return _Result(
+            sweep_pieces(points, start, cost, min(MAX_PIECE_TRIANGLES, limit), seed), math.inf
+        )
     optimal = _solve_few_holes(outline, cost)
     if optimal is not None:
         return _Result(optimal, 0.0, criterion)
     if sign > 0.0:
-        # No finite time limit, so that the result is the same on any machine.
+        # No time limit, or no linear program (0 s): with a limit, results would depend on speed.
         seconds = math.inf if len(points) <= MAX_PROGRAM_VERTICES else 0.0
-        # Most polygons have no holes and need no proof.
+        # Imported here, because most polygons have no holes and need no proof.
         from triangulators.certificate.proof import minimise_cost
 
         result = minimise_cost(outline, cost, seconds)
         if result is not None:
             return _Result(*result)
-    return _Result(search_cuts(points, find_best_initial(outline, cost), cost, seed), math.inf)
+    return _Result(
+        optimise_along_random_trees(points, find_best_initial(outline, cost), cost, seed), math.inf
+    )
 
 
 def _solve_few_holes(outline: Boundary, cost: Cost) -> np.ndarray | None:
@@ -212,5 +218,5 @@ def _solve_few_holes(outline: Boundary, cost: Cost) -> np.ndarray | None:
         return None
     weights = weigh_candidates(candidates.points, candidates.triangles, cost)
     alive = np.ones(len(weights), dtype=np.bool_)
-    selection = solve_by_bridges(candidates, outline.ring_offsets, alive, weights, FLOAT)
+    selection = solve_by_bridges(candidates, outline.ring_offsets, alive, weights, INFEASIBLE_COST)
     return candidates.triangles[selection] if len(selection) else None

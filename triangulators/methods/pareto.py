@@ -78,8 +78,10 @@ def triangulate(outline: Boundary, *, k: int = 0) -> np.ndarray:
     Raises `SkippedError` for holes, for more than 100 vertices, and if the front has no entry k.
     """
     if len(outline.edges) > MAX_VERTICES:
-        raise SkippedError(f"pareto: {len(outline.edges)} vertices, more than {MAX_VERTICES}")
-    triangles = _find_front_of_a_and_d(
+        raise SkippedError(
+            f"pareto: the polygon has {len(outline.edges)} vertices, more than {MAX_VERTICES}"
+        )
+    triangles = _find_front_of_overdraw_and_shape(
         polygon_of_rings(outline.points, outline.ring_offsets).wkb
     ).triangles
     if not 0 <= k < len(triangles):
@@ -90,7 +92,7 @@ def triangulate(outline: Boundary, *, k: int = 0) -> np.ndarray:
 
 
 @lru_cache(maxsize=32)
-def _find_front_of_a_and_d(wkb: bytes) -> Front:
+def _find_front_of_overdraw_and_shape(wkb: bytes) -> Front:
     """Return the front of overdraw (A) and shape (D) of a polygon in WKB."""
     return pareto_front(shapely.from_wkb(wkb))
 
@@ -99,7 +101,9 @@ def _compute_fronts(ring: Cycle, first: Cost, second: Cost) -> dict[tuple[int, i
     """Return the front of the sub-polygon i..j of every visible pair (i, j) of a cycle."""
     n = len(ring.cycle)
     fronts: dict[tuple[int, int], _Partial] = {}
-    below: list[list[int]] = [[] for _ in range(n)]  # below[j]: the i < j that j sees, descending
+    below: list[list[int]] = [
+        [] for _ in range(n)
+    ]  # below[j]: vertices i < j that j sees, descending
     for i in range(n - 1, -1, -1):
         for j in ring.target[ring.start[i] : ring.start[i + 1]].tolist():
             if j == i + 1:
@@ -157,6 +161,7 @@ def _find_non_dominated(costs: np.ndarray) -> np.ndarray:
 
 
 def _list_triangles(fronts: dict[tuple[int, int], _Partial], n: int, entry: int) -> list[Any]:
+    """Return the triangles of point `entry` of the front of the full polygon, 0..n - 1."""
     triangles: list[tuple[int, int, int]] = []
     waiting = [(0, n - 1, entry)]
     while waiting:

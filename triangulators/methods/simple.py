@@ -26,7 +26,7 @@ def triangulate_fan(outline: Boundary) -> np.ndarray:
 
     Raises `SkippedError` for holes and if there is no such vertex.
     """
-    return _apply_to_ring(outline, "fan", _find_fan, "no vertex sees the whole polygon")
+    return _triangulate_ring(outline, "fan", _find_fan, "no vertex sees the whole polygon")
 
 
 def triangulate_strip(outline: Boundary) -> np.ndarray:
@@ -34,21 +34,21 @@ def triangulate_strip(outline: Boundary) -> np.ndarray:
 
     Raises `SkippedError` for holes and if every zigzag leaves the polygon.
     """
-    return _apply_to_ring(outline, "strip", _find_zigzag, "no zigzag stays inside the polygon")
+    return _triangulate_ring(outline, "strip", _find_zigzag, "no zigzag stays inside the polygon")
 
 
-def _apply_to_ring(
-    outline: Boundary, name: str, rule: Callable[..., Any], why_not: str
+def _triangulate_ring(
+    outline: Boundary, name: str, rule: Callable[..., Any], reason: str
 ) -> np.ndarray:
     """Return the triangles of `rule`(points, ring); raise `SkippedError` if there are none.
 
-    name, why_not: the triangulator and the reason, for the message.
+    name, reason: the triangulator and the reason, for the message.
     """
     if outline.holes:
         raise SkippedError(f"{name}: the polygon has holes")
     triangles: np.ndarray = rule(outline.points, outline.edges[:, 0].copy())
     if len(triangles) == 0:
-        raise SkippedError(f"{name}: {why_not}")
+        raise SkippedError(f"{name}: {reason}")
     return triangles
 
 
@@ -112,7 +112,8 @@ def triangulate_greedy(outline: Boundary) -> np.ndarray:
     """
     if len(outline.edges) > MAX_GREEDY_VERTICES:
         raise SkippedError(
-            f"greedy: {len(outline.edges)} vertices, more than {MAX_GREEDY_VERTICES}"
+            f"greedy: the polygon has {len(outline.edges)} vertices,"
+            f" more than {MAX_GREEDY_VERTICES}"
         )
     if not outline.holes:
         return _triangulate_cycle_greedily(outline)
@@ -129,16 +130,16 @@ def _triangulate_cycle_greedily(outline: Boundary) -> np.ndarray:
     tails = np.repeat(np.arange(n, dtype=np.int32), np.diff(ring.start))
     pairs = sort_by_length(ring.points, np.column_stack((tails, ring.target)))
     sides = np.column_stack((np.arange(n), (np.arange(n) + 1) % n))
-    selected = np.concatenate((pairs[_select_in_cycle(n, pairs)], np.sort(sides, axis=1)))
+    selected = np.concatenate((pairs[_select_uncrossed_in_cycle(n, pairs)], np.sort(sides, axis=1)))
     selected = selected[np.lexsort((selected[:, 1], selected[:, 0]))]
     selected = selected[np.r_[True, np.any(selected[1:] != selected[:-1], axis=1)]]
-    # Two consecutive neighbours above i of vertex i form a triangle with i.
+    # Two consecutive neighbours of vertex i with numbers above i form a triangle with i.
     same = np.flatnonzero(selected[1:, 0] == selected[:-1, 0])
     return np.asarray(ring.cycle[np.column_stack((selected[same], selected[same + 1, 1]))])
 
 
 @njit
-def _select_in_cycle(n: int, pairs: np.ndarray) -> np.ndarray:
+def _select_uncrossed_in_cycle(n: int, pairs: np.ndarray) -> np.ndarray:
     """Return flags of the pairs (i, j) of a cycle, i < j, that cross no earlier selected pair.
 
     n: number of vertices; pairs (p, 2): in order of preference. Diagonals of a cycle cross if their
@@ -170,7 +171,8 @@ def triangulate_largest_first(outline: Boundary) -> np.ndarray:
     """
     if len(outline.edges) > MAX_LARGEST_VERTICES:
         raise SkippedError(
-            f"max-area: {len(outline.edges)} vertices, more than {MAX_LARGEST_VERTICES}"
+            f"max-area: the polygon has {len(outline.edges)} vertices,"
+            f" more than {MAX_LARGEST_VERTICES}"
         )
     ring = make_cycle(outline, "max-area")
     n = len(ring.cycle)

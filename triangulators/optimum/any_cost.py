@@ -17,12 +17,14 @@ from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost, allocate_block, weigh_block
 
 # Cost of a sub-polygon without a triangulation, in float64; the sum of two does not overflow.
-FLOAT = 1e300
-_BLOCK = 256  # triangles whose costs are computed in one call
+INFEASIBLE_COST = 1e300
+_BLOCK_TRIANGLES = 256  # triangles whose costs are computed in one call
 
 
 @njit(nogil=True)
-def solve_any(start: np.ndarray, target: np.ndarray, points: np.ndarray, cost: Cost) -> np.ndarray:
+def solve_any_cost(
+    start: np.ndarray, target: np.ndarray, points: np.ndarray, cost: Cost
+) -> np.ndarray:
     """Return the optimum (n - 2, 3) of a cycle (n, 2) for any cost; no rows if there is none.
 
     start, target: the visible pairs of the cycle, see `find_visible_pairs`.
@@ -62,9 +64,9 @@ def _find_best_apexes(
 ) -> np.ndarray:
     """Return the best apex (p,) of each visible pair, -1 if there is none.
 
-    A block has triangles i, k, j of one i and several j. The costs of the pairs i-k and k-j are
-    final when the block's triangles are compared, j by j. If several apexes have the minimum cost,
-    the highest is taken.
+    start, target: see `solve_any_cost`. A block has triangles i, k, j of one i and several j. The
+    costs of the pairs i-k and k-j are final when the block's triangles are compared, j by j. If
+    several apexes have the minimum cost, the one with the highest index is taken.
     """
     n, pairs = len(points), start[len(points)]
     first = np.zeros(n + 1, dtype=np.int64)
@@ -74,11 +76,11 @@ def _find_best_apexes(
         first[j + 1] += first[j]
     end = first[:n].copy()
     apex, below = np.empty(pairs, dtype=np.int32), np.empty(pairs)
-    chosen, row = np.full(pairs, -1, dtype=np.int32), np.full(n, FLOAT)
+    chosen, row = np.full(pairs, -1, dtype=np.int32), np.full(n, INFEASIBLE_COST)
     sees = np.zeros(n, dtype=np.bool_)
-    corners, totals = allocate_block(_BLOCK + n)
+    corners, totals = allocate_block(_BLOCK_TRIANGLES + n)
     ax, ay = corners[0], corners[1]
-    entries = np.empty(_BLOCK + n + 1, dtype=np.int64)
+    entries = np.empty(_BLOCK_TRIANGLES + n + 1, dtype=np.int64)
     ends, lists = np.empty(n, dtype=np.int64), (first, end, apex)
     for i in range(n - 1, -1, -1):
         for p in range(start[i], start[i + 1]):
@@ -94,7 +96,10 @@ def _find_best_apexes(
             weigh_block(cost, corners, count, totals)
             at = 0
             for pair in range(p, last):
-                vertex, best = np.int64(target[pair]), FLOAT if target[pair] > i + 1 else 0.0
+                vertex, best = (
+                    np.int64(target[pair]),
+                    INFEASIBLE_COST if target[pair] > i + 1 else 0.0,
+                )
                 while at < ends[pair - p]:
                     r = entries[at]
                     k = apex[r]
@@ -107,7 +112,7 @@ def _find_best_apexes(
                 end[vertex] += 1
             p = last
         for p in range(start[i], start[i + 1]):
-            row[target[p]], sees[target[p]] = FLOAT, False
+            row[target[p]], sees[target[p]] = INFEASIBLE_COST, False
     return chosen
 
 
@@ -123,7 +128,7 @@ def _collect_triangles(
     entries: np.ndarray,
     ends: np.ndarray,
 ) -> int:
-    """Collect a block of triangles of the pairs from `pair` on; return the first pair left out.
+    """Collect triangles of the pairs `pair`, `pair` + 1, ...; return the first pair left out.
 
     The pairs, up to `stop` - 1, have the same lower vertex i. target: higher vertex j of each pair;
     lists: start and end of each j's list, and the apexes of all lists; sees (n,): flags of the
@@ -133,7 +138,7 @@ def _collect_triangles(
     first, end, apex = lists
     bx, by, cx, cy = corners[2], corners[3], corners[4], corners[5]
     count, number = 0, 0
-    while pair < stop and count < _BLOCK:
+    while pair < stop and count < _BLOCK_TRIANGLES:
         j = target[pair]
         x, y = points[j, 0], points[j, 1]
         for r in range(first[j], end[j]):

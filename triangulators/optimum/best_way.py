@@ -19,10 +19,10 @@ from triangulators.criteria.cost import Cost, compute_total_cost, find_plain_cos
 from triangulators.errors import TriangulationError
 from triangulators.geometry.half_edges import find_twins
 from triangulators.geometry.predicates import find_grid_unit
-from triangulators.geometry.unfold import fold_back, grow_tree, unfold
+from triangulators.geometry.unfold import grow_tree, replace_tree_triangles, unfold_tree
 from triangulators.geometry.visibility import find_visible_pairs
 from triangulators.optimum.cut_holes import solve_by_cuts
-from triangulators.optimum.full_table import SMALL, solve_ring
+from triangulators.optimum.full_table import MAX_SMALL_VERTICES, solve_ring
 from triangulators.optimum.visible_lists import solve_visible_pairs
 from triangulators.polygon import Boundary
 
@@ -30,10 +30,10 @@ from triangulators.polygon import Boundary
 MAX_DENSE_VERTICES = 128
 _SPARSE_TO_DENSE = 2.0  # measured time per apex of the sparse program, relative to the dense one
 
-PIECE = 200  # maximum number of triangles in a piece of a large polygon
+MAX_PIECE_TRIANGLES = 200  # maximum number of triangles in a piece of a large polygon
 _MAX_SWEEPS = 12  # maximum number of sweeps; a sweep optimises pieces that cover all triangles
 _MIN_GAIN = 5e-3  # a sweep that saves less than this share of the cost is the last
-_PATIENCE = 6  # consecutive choices of cuts without a gain after which `search_cuts` stops
+_PATIENCE = 6  # consecutive trees without a gain after which `optimise_along_random_trees` stops
 
 
 def find_optimum(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.ndarray:
@@ -86,7 +86,7 @@ def solve_small(
     bounding-box area and edge length varies the criterion (see `Cost`).
     """
     points = outline.points
-    if len(points) > min(limit, SMALL) or not (outline.simple or outline.holes):
+    if len(points) > min(limit, MAX_SMALL_VERTICES) or not (outline.simple or outline.holes):
         return None
     cost = find_plain_cost(criterion, sign)
     if cost is None or not cost["is_box"]:
@@ -106,7 +106,7 @@ def _solve_dense(points: np.ndarray, box: np.ndarray) -> np.ndarray | None:
 
 
 class Patchwork:
-    """A triangulation to optimise piece by piece: triangles (m, 3) of points (n, 2), and twins.
+    """A triangulation to optimise piece by piece: triangles (m, 3) of points (n, 2), their twins.
 
     The triangles are copied; `optimise_piece` replaces them in place.
     """
@@ -133,23 +133,28 @@ class Patchwork:
             self.twin, root, max_size, depth_first, first_edge, self._tree, rows, *marks, 0
         )
         rows = rows[:size]
-        cycle, local, outline = unfold(self.triangles, self.twin, self._tree, root, size)
+        cycle, local, outline = unfold_tree(self.triangles, self.twin, self._tree, root, size)
         self._tree[rows] = False
         if size > 1:
             better = find_optimum(self.points[cycle], local, self.cost)
-            fold_back(self.triangles, self.twin, rows, cycle, outline, better, self._position_of)
+            replace_tree_triangles(
+                self.triangles, self.twin, rows, cycle, outline, better, self._position_of
+            )
         return rows
 
-    def total(self) -> float:
+    def compute_cost(self) -> float:
         """Return the cost of all triangles."""
         return compute_total_cost(self.points, self.triangles, self.cost)
 
 
-def search_cuts(points: np.ndarray, triangles: np.ndarray, cost: Cost, seed: int = 0) -> np.ndarray:
-    """Optimise a polygon with holes for several choices of cuts; return the triangles (m, 3).
+def optimise_along_random_trees(
+    points: np.ndarray, triangles: np.ndarray, cost: Cost, seed: int = 0
+) -> np.ndarray:
+    """Optimise a polygon with holes, opened along random trees; return the triangles (m, 3).
 
-    triangles: (m, 3), the initial solution; seed: seed of the random choices of cuts. The search
-    stops after six consecutive choices without a gain.
+    A tree of adjacent triangles is unfolded into a simple polygon and optimised: the diagonals that
+    the tree does not cross are the cuts. triangles: (m, 3), the initial solution. The search stops
+    after six consecutive trees without a gain.
     """
     work = Patchwork(points, triangles, cost)
     size = len(triangles)
@@ -158,33 +163,37 @@ def search_cuts(points: np.ndarray, triangles: np.ndarray, cost: Cost, seed: int
         work.optimise_piece(0, size)
         return work.triangles
     rng = np.random.default_rng(seed)
-    best = work.total()
+    best = work.compute_cost()
     failures = 0
     while failures < _PATIENCE:
         root, first_edge = int(rng.integers(size)), int(rng.integers(3))
         work.optimise_piece(root, size, depth_first=bool(failures % 2), first_edge=first_edge)
-        total = work.total()
+        total = work.compute_cost()
         failures = 0 if total < best - 1e-12 * abs(best) else failures + 1
         best = min(best, total)
     return work.triangles
 
 
-def sweep_windows(
-    points: np.ndarray, triangles: np.ndarray, cost: Cost, piece: int = PIECE, seed: int = 0
+def sweep_pieces(
+    points: np.ndarray,
+    triangles: np.ndarray,
+    cost: Cost,
+    piece: int = MAX_PIECE_TRIANGLES,
+    seed: int = 0,
 ) -> np.ndarray:
-    """Optimise overlapping pieces of at most `piece` triangles; return the triangles (m, 3).
+    """Optimise overlapping pieces of up to `piece` triangles; return all triangles (m, 3).
 
     triangles: (m, 3), the initial solution; seed: seed of the random order of pieces.
     """
     work = Patchwork(points, triangles, cost)
     rng = np.random.default_rng(seed)
-    best = work.total()
+    best = work.compute_cost()
     for _ in range(_MAX_SWEEPS):
         waiting = np.ones(len(triangles), dtype=np.bool_)
         for root in rng.permutation(len(triangles)).tolist():
             if waiting[root]:
                 waiting[work.optimise_piece(root, piece)] = False
-        total = work.total()
+        total = work.compute_cost()
         if total >= best - _MIN_GAIN * abs(best):
             break
         best = total

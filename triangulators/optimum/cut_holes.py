@@ -18,10 +18,10 @@ and copied. The dynamic program from scratch takes less time than completing a c
 import numpy as np
 
 from triangulators.compute.kernels import njit
-from triangulators.compute.operations import FAST, copy_row, copy_rows, fmin
+from triangulators.compute.operations import FAST_MATH_FLAGS, copy_row, copy_rows, fmin
 from triangulators.geometry.order import put_in_walk_order
-from triangulators.geometry.predicates import FILTER, find_bounding_box, find_grid_unit
-from triangulators.optimum.full_table import SMALL, solve_ring, weigh_diagonal
+from triangulators.geometry.predicates import ORIENTATION_FILTER, find_bounding_box, find_grid_unit
+from triangulators.optimum.full_table import MAX_SMALL_VERTICES, solve_ring, weigh_diagonal
 from triangulators.polygon import orient_rings
 
 MAX_HOLES = 3
@@ -43,11 +43,11 @@ def solve_by_cuts(
     """
     n, holes = len(points), len(ring_offsets) - 2
     ring_size = n + 2 * holes
-    if ring_size > SMALL or holes > MAX_HOLES or _do_rings_touch(points, ring_offsets):
+    if ring_size > MAX_SMALL_VERTICES or holes > MAX_HOLES or _do_rings_touch(points, ring_offsets):
         return False
     _, _, w, h = find_bounding_box(points)
-    # The filter's bound is a multiple of two products, each below the span's square.
-    doubt = 0.0 if find_grid_unit(points) > 0.0 else 4.0 * FILTER * max(w, h) ** 2
+    # Bound of a determinant's rounding error: its products are below the span's square.
+    doubt = 0.0 if find_grid_unit(points) > 0.0 else 4.0 * ORIENTATION_FILTER * max(w, h) ** 2
     ring = orient_rings(points, ring_offsets)
     cycle = np.empty((holes + 1, ring_size), dtype=np.int32)  # at each depth, the ring cut so far
     copy_row(ring[: ring_offsets[1]], cycle[0])
@@ -142,16 +142,18 @@ def _find_cut_ends(
     holes; doubt: see `_is_blocked`. Diagonal directions are tried only if sums of coordinates are
     exact, that is if `doubt` is 0.
     """
-    edges = _list_edges(points, ring_offsets, ring, cycle, merged)
+    edges = _list_blocking_edges(points, ring_offsets, ring, cycle, merged)
     min_count = len(cycle) + 1
     positions = np.empty(len(cycle), dtype=np.int32)
     for direction in range(8 if doubt == 0.0 else 4):
-        best, limit = _find_furthest(points, ring_offsets, ring, merged, direction)
+        best, limit = _find_furthest_vertex(points, ring_offsets, ring, merged, direction)
         x, y = points[ring[best], 0], points[ring[best], 1]
         count = 0
         for position in range(len(cycle)):
             ax, ay = points[cycle[position], 0], points[cycle[position], 1]
-            if _project(ax, ay, direction) < limit and not _is_blocked(edges, x, y, ax, ay, doubt):
+            if _project_on_direction(ax, ay, direction) < limit and not _is_blocked(
+                edges, x, y, ax, ay, doubt
+            ):
                 positions[count] = position
                 count += 1
                 if count == min_count:
@@ -164,8 +166,8 @@ def _find_cut_ends(
 
 
 @njit(nogil=True)
-def _project(x: float, y: float, direction: int) -> float:
-    """Return the coordinate of a point along one of eight directions, lowest for the furthest."""
+def _project_on_direction(x: float, y: float, direction: int) -> float:
+    """Return a point's coordinate along a direction (0 to 7), lowest for the furthest point."""
     along = x if direction % 4 < 2 else y
     if direction >= 4:
         along = x + y if direction < 6 else x - y
@@ -173,7 +175,7 @@ def _project(x: float, y: float, direction: int) -> float:
 
 
 @njit(nogil=True)
-def _find_furthest(
+def _find_furthest_vertex(
     points: np.ndarray,
     ring_offsets: np.ndarray,
     ring: np.ndarray,
@@ -182,27 +184,32 @@ def _find_furthest(
 ) -> tuple[int, float]:
     """Return the index in `ring` of the furthest vertex of unmerged holes, and its coordinate.
 
-    The coordinate is that along `direction`, see `_project`.
+    merged (h + 1,): flags of merged holes; `_project_on_direction` returns the coordinate along
+    `direction`.
     """
     furthest, min_along = -1, 0.0
     for hole in range(1, len(ring_offsets) - 1):
         if not merged[hole]:
             for k in range(ring_offsets[hole], ring_offsets[hole + 1]):
-                along = _project(points[ring[k], 0], points[ring[k], 1], direction)
+                along = _project_on_direction(points[ring[k], 0], points[ring[k], 1], direction)
                 if furthest < 0 or along < min_along:
                     furthest, min_along = k, along
     return furthest, min_along
 
 
 @njit(nogil=True)
-def _list_edges(
+def _list_blocking_edges(
     points: np.ndarray,
     ring_offsets: np.ndarray,
     ring: np.ndarray,
     cycle: np.ndarray,
     merged: np.ndarray,
 ) -> np.ndarray:
-    """Return the edges that may block a cut, (4, e): x and y of the start and of the end."""
+    """Return the edges that may block a cut, (4, e): x and y of the start and of the end.
+
+    They are the edges of the cycle, and those of the holes that are not in `merged` (h + 1,).
+    ring (n,): vertex indices ring by ring.
+    """
     edges = np.empty((4, len(cycle) + len(ring)))
     count = len(cycle)
     for k in range(count):
@@ -220,14 +227,14 @@ def _list_edges(
     return edges[:, :count]
 
 
-@njit(nogil=True, fastmath=FAST)
+@njit(nogil=True, fastmath=FAST_MATH_FLAGS)
 def _is_blocked(edges: np.ndarray, x: float, y: float, ax: float, ay: float, doubt: float) -> bool:
     """Whether the segment from x, y to ax, ay certainly crosses an edge in the interior of both.
 
-    edges (4, e): see `_list_edges`. Segment and edge cross if the ends of each are on different
-    sides of the other, by determinants of more than `doubt`. A segment that only touches an edge,
-    or whose crossing is in doubt, is not blocked: if such a cut is invalid, the dynamic program
-    finds no triangulation of the ring.
+    edges (4, e): see `_list_blocking_edges`. Segment and edge cross if the ends of each are on
+    different sides of the other, by determinants of more than `doubt`. A segment that only touches
+    an edge, or whose crossing is in doubt, is not blocked: if such a cut is invalid, the dynamic
+    program finds no triangulation of the ring.
     """
     dx, dy = ax - x, ay - y
     min_crossing = 0.0
@@ -248,7 +255,7 @@ def _is_blocked(edges: np.ndarray, x: float, y: float, ax: float, ay: float, dou
 
 @njit(nogil=True)
 def _do_rings_touch(points: np.ndarray, ring_offsets: np.ndarray) -> bool:
-    """Whether a vertex of one ring lies on or very near an edge of another."""
+    """Whether a vertex of one ring lies on or very near an edge of another ring."""
     n = len(points)
     span = 0.0
     for k in range(n):

@@ -41,13 +41,18 @@ from typing import Any
 import numpy as np
 
 from triangulators.compute.kernels import njit
-from triangulators.compute.operations import FAST, LANES, fmin, push
-from triangulators.geometry.predicates import FILTER, find_bounding_box, find_grid_unit, orient
+from triangulators.compute.operations import FAST_MATH_FLAGS, LANES, fmin, update_minimum_costs
+from triangulators.geometry.predicates import (
+    ORIENTATION_FILTER,
+    find_bounding_box,
+    find_grid_unit,
+    orient,
+)
 from triangulators.polygon import twice_ring_area
 from triangulators.polygon_arrays import Batch
 
-SMALL = 192  # maximum number of vertices for batches and for polygons with holes
-SPAN = 1 << 15  # width and height below which orientations fit int32: differences of two products
+MAX_SMALL_VERTICES = 192  # maximum number of vertices for batches and for polygons with holes
+INT32_SPAN = 1 << 15  # width and height below which two products' difference fits int32
 _NO_INT: Any = np.int32(1 << 29)  # int32 cost without a triangulation; the sum of three fits int32
 # Indices of rows in the int32 workspace of a ring; the cost table begins at row _TABLE.
 _X, _Y, _FROM_X, _FROM_Y, _WEIGHT, _ROW, _TABLE = range(7)
@@ -56,7 +61,7 @@ _FAR = 1e30  # x and y of the vertices that pad float64 rows, far from all verti
 
 
 @njit(nogil=True)
-def _fill_int(space: np.ndarray, n: int, sign: int, base: int) -> None:
+def _fill_int_table(space: np.ndarray, n: int, sign: int, base: int) -> None:
     """Fill the cost table of a ring of n integer vertices.
 
     space: (_TABLE + n, lanes) int32. Rows _X and _Y are input: coordinates, padded to full SIMD
@@ -77,7 +82,7 @@ def _fill_int(space: np.ndarray, n: int, sign: int, base: int) -> None:
                 numbers = (_ROW, _FROM_X, _FROM_Y, _WEIGHT, _TABLE + k)
                 values = (space[_FROM_X, k], space[_FROM_Y, k], cost, _NO_INT)
                 for j in range((k + 1) & ~(LANES - 1), lanes, LANES):
-                    push(space, numbers, j, values)
+                    update_minimum_costs(space, numbers, j, values)
             k += 1
             if k == n:
                 break
@@ -88,7 +93,8 @@ def _fill_int(space: np.ndarray, n: int, sign: int, base: int) -> None:
 def _weigh_diagonals(space: np.ndarray, n: int, i: int, sign: int, base: int) -> None:
     """Fill the workspace rows of vertex i: coordinates relative to i, costs of diagonals from i.
 
-    The row _ROW, the minimum costs found so far, is reset. sign, base: see `_fill_int`.
+    The row _ROW, the minimum costs found so far, is reset. space, sign, base: see
+    `_fill_int_table`.
 
     A diagonal must start into the polygon's angle at i: left of both sides, or of either side if
     the angle is reflex.
@@ -115,7 +121,7 @@ def _weigh_diagonals(space: np.ndarray, n: int, i: int, sign: int, base: int) ->
 
 
 @njit(nogil=True)
-def _fill_float(
+def _fill_float_table(
     x: np.ndarray, y: np.ndarray, n: int, box: np.ndarray, doubt: float, convex: bool
 ) -> np.ndarray:
     """Return the cost table of a ring, (n, lanes) float64.
@@ -180,11 +186,11 @@ def _is_convex(x: np.ndarray, y: np.ndarray, n: int) -> bool:
     return changes == 2
 
 
-@njit(nogil=True, fastmath=FAST)
+@njit(nogil=True, fastmath=FAST_MATH_FLAGS)
 def _compute_sides(
     number: np.ndarray, rx: np.ndarray, ry: np.ndarray, k: int, first: np.uint64, side: np.ndarray
 ) -> float:
-    """Write the determinants of the triangles i, k, j to side[j] for j from `first` on.
+    """Write the determinants of the triangles i, k, j to side[j] for j = first, first + 1, ....
 
     rx, ry (lanes,): coordinates relative to vertex i; number (lanes,): 0.0, 1.0, ... Returns the
     minimum absolute determinant over j > k.
@@ -223,10 +229,11 @@ def _write_triangles(
 ) -> bool:
     """Write the optimum of a cost table to `triangles` (n - 2, 3); return False if there is none.
 
-    by_box: coefficient of bounding-box areas; exact: whether float64 determinants are exact; sign,
-    base: cost of a diagonal (see `_fill_int`), sign 0 for float costs. The table has no apexes: the
-    apex of each of the optimum's pairs is found again as the minimum of the same sums. Integer sums
-    are exact, so the search of a pair stops at the first apex whose sum equals the table's entry.
+    x, y (lanes,): coordinates; by_box: coefficient of bounding-box areas; exact: whether float64
+    determinants are exact; sign, base: cost of a diagonal (see `_fill_int_table`), sign 0 for float
+    costs. The table has no apexes: the apex of each of the optimum's pairs is found again as the
+    minimum of the same sums. Integer sums are exact, so the search of a pair stops at the first
+    apex whose sum equals the table's entry.
     """
     n, none = len(triangles) + 2, float(_NO_INT) if sign != 0 else _NONE
     stack = np.empty((n, 2), dtype=np.int32)
@@ -289,7 +296,7 @@ def solve_ring(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> fl
     area = twice_ring_area(points)
     low_x, low_y, w, h = find_bounding_box(points)
     edges_only = box[1] == 0.0 and box[2] == 0.0
-    if unit > 0.0 and edges_only and max(w, h) < SPAN * unit:
+    if unit > 0.0 and edges_only and max(w, h) < INT32_SPAN * unit:
         space = np.empty((_TABLE + n, lanes), dtype=np.int32)
         for k in range(n):
             source = k if area > 0.0 else n - 1 - k
@@ -298,7 +305,7 @@ def solve_ring(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> fl
         space[_X : _Y + 1, n:] = 0
         sign = 1 if box[0] >= 0.0 else -1
         base = 0 if sign > 0 else int((w + h) / unit)
-        _fill_int(space, n, sign, base)
+        _fill_int_table(space, n, sign, base)
         costs, x, y = space[_TABLE:], space[_X], space[_Y]
         if not _write_triangles(costs, x, y, 0.0, True, sign, base, triangles):
             return np.inf
@@ -308,9 +315,9 @@ def solve_ring(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> fl
         for k in range(n):
             source = k if area > 0.0 else n - 1 - k
             u[k], v[k] = points[source, 0], points[source, 1]
-        # The filter's bound is a multiple of two products, each below the span's square.
-        doubt = -1.0 if unit > 0.0 else 4.0 * FILTER * max(w, h) ** 2
-        table = _fill_float(u, v, n, box, doubt, unit == 0.0 and _is_convex(u, v, n))
+        # Bound of a determinant's rounding error: its products are below the span's square.
+        doubt = -1.0 if unit > 0.0 else 4.0 * ORIENTATION_FILTER * max(w, h) ** 2
+        table = _fill_float_table(u, v, n, box, doubt, unit == 0.0 and _is_convex(u, v, n))
         if not _write_triangles(table, u, v, box[1], unit > 0.0, 0, 0, triangles):
             return np.inf
         total = table[0, n - 1]
@@ -322,12 +329,12 @@ def solve_ring(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> fl
 
 
 @njit(nogil=True)
-def triangulate_rings(
+def triangulate_rings_optimally(
     first: int, last: int, batch: Batch, selected: np.ndarray, box: np.ndarray
 ) -> None:
-    """Triangulate the polygons among first..last - 1 that are `selected` (p,); none has a hole.
+    """Write the optima of the `selected` (p,) polygons among first..last - 1; none has a hole.
 
-    Sets `batch.done` of the polygons with a result. One call triangulates many polygons, because a
+    Sets their `batch.done`; box: see `solve_ring`. One call triangulates many polygons, because a
     call from Python takes as long as a polygon of ten vertices, two microseconds. The polygons of a
     thread are adjacent in the arrays, so threads rarely share a cache line.
     """

@@ -47,7 +47,7 @@ import numpy as np
 
 from triangulators.checking.units import Units, compute_weight
 from triangulators.compute.kernels import njit
-from triangulators.compute.operations import FAST, fmin
+from triangulators.compute.operations import FAST_MATH_FLAGS, fmin
 from triangulators.criteria.cost import (
     BBOX_AREA,
     HALF_PERIMETER,
@@ -56,18 +56,18 @@ from triangulators.criteria.cost import (
     replace_fields,
 )
 from triangulators.geometry.predicates import find_bounding_box, find_grid_unit
-from triangulators.optimum.any_cost import FLOAT, solve_any
+from triangulators.optimum.any_cost import INFEASIBLE_COST, solve_any_cost
 
 INT32_LIMIT = 1 << 30  # sums of lengths fit int32 if n (w + h), in units of the grid, is below this
 _NONE: dict[np.dtype, Any] = {
     np.dtype(np.int32): np.int32((1 << 30) - 1),
     np.dtype(np.int64): np.int64((1 << 61) - 1),
-    np.dtype(np.float64): np.float64(FLOAT),
+    np.dtype(np.float64): np.float64(INFEASIBLE_COST),
 }
 """Cost of a sub-polygon without a triangulation; the sum of two does not overflow."""
 
 # Weight of a sub-polygon without a triangulation; the sum of three fits int64.
-NOTHING = np.int64(2**60 - 1)
+INFEASIBLE_WEIGHT = np.int64(2**60 - 1)
 _UNSEEN = np.int64(2**62)  # marks vertices that vertex i does not see, which are skipped
 
 
@@ -131,11 +131,14 @@ def _list_triangles(
 ) -> np.ndarray:
     """Return the triangles (n - 2, 3) of the optimum, from the result `filled` of `_fill_costs`.
 
-    No rows if there is none. triangle_cost(i, k, j, context): cost of a triangle. `_fill_costs`
-    stores no apexes: for each pair i-j of the optimum the apex is found again as the minimum of the
-    same sums, without the cost of the pair itself, which is equal for all apexes. If several apexes
-    have the minimum cost, the highest is taken. A function that is passed on to a further kernel
-    would prevent Numba from caching the caller, so `triangle_cost` is called here.
+    No rows if there is none. start, target: see `_fill_costs`. triangle_cost(i, k, j, context):
+    cost of a triangle.
+
+    `_fill_costs` stores no apexes: for each pair i-j of the optimum the apex is found again as the
+    minimum of the same sums, without the cost of the pair itself, which is equal for all apexes. If
+    several apexes have the minimum cost, the one with the highest index is taken. A function that
+    is passed on to a further kernel would prevent Numba from caching the caller, so `triangle_cost`
+    is called here.
     """
     row_cost, first, apex, lists = filled
     n = len(start) - 1
@@ -173,7 +176,7 @@ def _list_triangles(
     return triangles
 
 
-@njit(nogil=True, forceinline=True, fastmath=FAST)
+@njit(nogil=True, forceinline=True, fastmath=FAST_MATH_FLAGS)
 def _minimise_edges(
     row: np.ndarray,
     apex: np.ndarray,
@@ -183,19 +186,19 @@ def _minimise_edges(
     none: Any,
     weights: np.ndarray,
 ) -> Any:
-    """Return the cost of a pair whose diagonal costs weights[p], without costs of triangles."""
+    """Return a pair's minimum cost (see `_fill_costs`); edges cost weights[p], triangles 0."""
     (first, end), (_, _, p) = between, pair
-    # Arrays are named once, and `weights` is read without a branch: otherwise Numba would count
-    # references for each apex or pair. The casts keep Numba from widening to int64, which would
-    # halve the number of SIMD lanes. The side from vertex 0 to the last counts as a diagonal, which
-    # adds the same constant to every triangulation.
+    # No array has a second variable, and `weights` is read without a branch: otherwise Numba would
+    # count references for each apex or pair. The casts keep Numba from widening to int64, which
+    # would halve the number of SIMD lanes. The side from vertex 0 to the last counts as a diagonal,
+    # which adds the same constant to every triangulation.
     kind, best = row.dtype.type, none
     for r in range(first, end):
         best = min(best, kind(row[np.uint32(apex[r])] + lists[0, r]))
     return min(kind(best + weights[p]), none)
 
 
-@njit(forceinline=True, fastmath=FAST)
+@njit(forceinline=True, fastmath=FAST_MATH_FLAGS)
 def _minimise_boxes(
     row: np.ndarray,
     apex: np.ndarray,
@@ -205,7 +208,7 @@ def _minimise_boxes(
     none: float,
     context: tuple[np.ndarray, np.ndarray],
 ) -> float:
-    """Return the cost of a pair; a triangle costs the half-perimeter and area of its box.
+    """Return a pair's minimum cost (see `_fill_costs`); triangles' boxes and edges have costs.
 
     context: points (n, 2), and the coefficients of half-perimeter, box area and edge length.
     """
@@ -233,9 +236,9 @@ def _minimise_weights(
     none: np.int64,
     context: tuple[np.ndarray, np.ndarray, Cost, Units],
 ) -> np.int64:
-    """Return the minimum weight of a pair's sub-polygon; context: see `compute_far_costs`."""
+    """Return a pair's minimum weight (see `_fill_costs`); context: see `compute_far_costs`."""
     (first, end), (i, j, _), (points, ring, cost, units) = between, pair, context
-    best = NOTHING
+    best = INFEASIBLE_WEIGHT
     for r in range(first, end):
         k = apex[r]
         if row[k] < none:
@@ -266,6 +269,7 @@ def _get_weight(
 def _solve_edges(
     start: np.ndarray, target: np.ndarray, weights: np.ndarray, none: Any
 ) -> np.ndarray:
+    """Return the optimum (n - 2, 3) if only edges cost: weights[p] is the cost of pair p."""
     extra_rows = np.empty((0, len(start) - 1), dtype=weights.dtype)
     filled = _fill_costs(start, target, extra_rows, none, _minimise_edges, weights)
     return _list_triangles(start, target, filled, none, _get_zero, None)
@@ -275,9 +279,10 @@ def _solve_edges(
 def _solve_boxes(
     start: np.ndarray, target: np.ndarray, points: np.ndarray, box: np.ndarray, in_boxes: Cost
 ) -> np.ndarray:
+    """Return the optimum (n - 2, 3) if boxes and edges cost; in_boxes: cost of the boxes only."""
     context = (points, box)
-    filled = _fill_costs(start, target, points.T.copy(), FLOAT, _minimise_boxes, context)
-    return _list_triangles(start, target, filled, FLOAT, _get_cost, (points, in_boxes))
+    filled = _fill_costs(start, target, points.T.copy(), INFEASIBLE_COST, _minimise_boxes, context)
+    return _list_triangles(start, target, filled, INFEASIBLE_COST, _get_cost, (points, in_boxes))
 
 
 @njit(nogil=True)
@@ -293,8 +298,8 @@ def compute_far_costs(
 
     Position i of the ring (n,) is the site ring[i] of `points`, and sees the positions
     `target[start[i]:start[i + 1]]`, all above i. The far cost far(i, j) is the minimum weight of a
-    triangulation of the sub-polygon i, i + 1, ..., j by triangles of such pairs, `NOTHING` if there
-    is none:
+    triangulation of the sub-polygon i, i + 1, ..., j by triangles of such pairs,
+    `INFEASIBLE_WEIGHT` if there is none:
 
         far(i, i + 1) = 0,    far(i, j) = min over k of far(i, k) + far(k, j) + weight(ikj).
 
@@ -305,9 +310,9 @@ def compute_far_costs(
         -far(i, k) - far(k, j) + far(i, j) <= weight(ikj),
 
     holds for every triangle of such pairs, because far(i, j) is the minimum over all k; also for
-    triangles in no triangulation, whose sums contain `NOTHING`. Sides of the ring have the
-    potential 0, except the side from n - 1 to 0, which has far(0, n - 1): so the bound equals the
-    optimum. All numbers are exact integers. Source: G. T. Klincsek, "Minimal triangulations of
+    triangles in no triangulation, whose sums contain `INFEASIBLE_WEIGHT`. Sides of the ring have
+    the potential 0, except the side from n - 1 to 0, which has far(0, n - 1): so the bound equals
+    the optimum. All numbers are exact integers. Source: G. T. Klincsek, "Minimal triangulations of
     polygonal domains", 1980.
     """
     context = (points, ring, cost, units)
@@ -356,12 +361,12 @@ def weigh_pairs(
 def solve_visible_pairs(
     points: np.ndarray, start: np.ndarray, target: np.ndarray, cost: Cost
 ) -> np.ndarray:
-    """Return the optimum (n - 2, 3) of a counter-clockwise cycle (n, 2); no rows if none.
+    """Return the optimum (n - 2, 3) of a counter-clockwise cycle (n, 2), or no rows.
 
     start, target: all visible pairs of the cycle, see `find_visible_pairs`.
     """
     if not cost["is_box"]:
-        triangles: np.ndarray = solve_any(start, target, points, cost)
+        triangles: np.ndarray = solve_any_cost(start, target, points, cost)
     elif cost["box"][1] == 0.0:
         weights = weigh_pairs(points, start, target, cost["box"])
         triangles = _solve_edges(start, target, weights, _NONE[weights.dtype])

@@ -14,9 +14,9 @@ import numpy as np
 from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost
 from triangulators.geometry.half_edges import link_half_edges
-from triangulators.geometry.unfold import fold_back, grow_tree, unfold
+from triangulators.geometry.unfold import grow_tree, replace_tree_triangles, unfold_tree
 from triangulators.geometry.visibility import find_visible_pairs
-from triangulators.optimum.any_cost import solve_any
+from triangulators.optimum.any_cost import solve_any_cost
 
 WINDOW_TRIANGLES = 48
 _MAX_OVERLAP = 20  # triangles of a window that are in earlier windows
@@ -26,9 +26,9 @@ _MAX_OVERLAP = 20  # triangles of a window that are in earlier windows
 def optimise_windows(
     points: np.ndarray, triangles: np.ndarray, twin: np.ndarray, cost: Cost
 ) -> bool:
-    """Replace windows by optimal triangulations, in place; return True if one window is enough.
+    """Replace windows, trees of up to 48 adjacent triangles, by their optima, in place.
 
-    That is the case if the first window is the full polygon, without cuts: the result is then the
+    Returns True if the first window is the full polygon, without cuts: the result is then the
     optimum. triangles, twin: (m, 3), see `half_edges`. Windows grow breadth first from the
     triangles that are in no window yet, in ascending order. No replacement increases the cost.
     """
@@ -43,7 +43,7 @@ def optimise_windows(
             twin, root, len(rows), False, 0, tree, rows, visited, covered, _MAX_OVERLAP
         )
         window = rows[:size]
-        cycle, local, outline = unfold(triangles, twin, tree, root, size)
+        cycle, local, outline = unfold_tree(triangles, twin, tree, root, size)
         for row in window:
             covered[row] = True
             for e in range(3):
@@ -53,9 +53,9 @@ def optimise_windows(
         corners = points[cycle]
         local_twin = link_half_edges(local.reshape(-1)).reshape(-1, 3)
         start, target = find_visible_pairs(corners, local, local_twin, len(cycle) ** 2)
-        better = solve_any(start, target, corners, cost)
+        better = solve_any_cost(start, target, corners, cost)
         if len(better) == size:
-            fold_back(triangles, twin, window, cycle, outline, better, position_of)
+            replace_tree_triangles(triangles, twin, window, cycle, outline, better, position_of)
         if size == count:
             return len(cycle) == len(points)  # no vertex occurs twice: without cuts
     return False

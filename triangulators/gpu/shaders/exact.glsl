@@ -22,8 +22,8 @@ bool left(ivec2 a, ivec2 b) {
 }
 
 // Whether d leads into the angle between the sides `before` and `after` of a corner: left of both,
-// or of either where the angle is not convex.
+// or of either if the angle is not convex.
 bool inward(ivec2 before, ivec2 after, ivec2 d) {
-    bool beside = left(after, d), along = left(before, d);
-    return (beside && along) || ((beside || along) && !left(before, after));
+    bool left_of_after = left(after, d), left_of_before = left(before, d);
+    return (left_of_after && left_of_before) || ((left_of_after || left_of_before) && !left(before, after));
 }

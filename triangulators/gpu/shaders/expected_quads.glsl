@@ -51,7 +51,7 @@ double weigh_triangle(ivec2 to_apex, ivec2 along, float unit, bool maximised) {
 
 const bool HAS_NEGATIVE = true;  // whether triangles have negative costs if maximised
 
-// If sums are equal, the highest apex is taken.
+// If sums are equal, the apex with the highest index is taken.
 bool precedes(double total, double best) {
     return total <= best;
 }

@@ -18,7 +18,7 @@ int weigh_triangle(ivec2 to_apex, ivec2 along, float unit, bool maximised) {
 
 const bool HAS_NEGATIVE = false;  // whether triangles have negative costs if maximised
 
-// If sums are equal, the lowest apex is taken.
+// If sums are equal, the apex with the lowest index is taken.
 bool precedes(int total, int best) {
     return total < best;
 }
