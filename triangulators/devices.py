@@ -20,7 +20,7 @@ def is_software(renderer: str) -> bool:
     return any(word in renderer.lower() for word in SOFTWARE_RENDERERS)
 
 
-def matches(name: str, renderer: str) -> bool:
+def selects_renderer(name: str, renderer: str) -> bool:
     """Whether a device's name, such as "gpu0", selects the renderer of this GL_RENDERER string."""
     if name.startswith("gpu"):
         return not is_software(renderer)
@@ -37,7 +37,7 @@ def check_device_name(name: str) -> None:
         raise UnknownNameError(f"unknown device {name!r}; known: {choices}")
 
 
-def cores() -> int:
+def count_usable_cores() -> int:
     """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))

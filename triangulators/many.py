@@ -14,7 +14,7 @@ from triangulators.criteria import FLIP_TESTS, Criterion
 from triangulators.criteria import find as find_criterion
 from triangulators.criteria.cost import Cost, find_plain_cost
 from triangulators.criteria.criterion import FEATURES
-from triangulators.devices import CPU, check_device_name, cores
+from triangulators.devices import CPU, check_device_name, count_usable_cores
 from triangulators.errors import (
     ArgumentError,
     TriangulationError,
@@ -170,7 +170,7 @@ def triangulate_supported(
     arrays = polygons if isinstance(polygons, PolygonArray) else PolygonArray.from_shapely(polygons)
     batch = allocate_batch(arrays)
     result = Triangulations(batch.triangles, batch.triangle_offsets, compiled=batch.done)
-    threads = threads or cores()
+    threads = threads or count_usable_cores()
     choice = parse(name)
     in_walk = choice.entry.uses_walk(order)
     if not choice.entry.builtin:

@@ -24,7 +24,7 @@ from harness.triangulating.triangulate import time_in_rounds, triangulate_polygo
 from harness.workers.pool import WorkerPool, WorkerSpec, get_third_party_limits
 from harness.workers.worker import Limits, OpenWorker, TaskError, TaskTimeoutError
 from triangulators.compute.compiled_files import is_cached
-from triangulators.devices import cores
+from triangulators.devices import count_usable_cores
 
 T = TypeVar("T")
 
@@ -127,7 +127,7 @@ class MeasuringPool(WorkerPool):
         if (
             self.is_used(SECOND_PROCESS)
             or len(builtin) < 2
-            or cores() < 2
+            or count_usable_cores() < 2
             or is_cached(COMPILED_LATE)
         ):
             return

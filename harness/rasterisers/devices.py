@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 from harness import atomic
 from harness.machine import system
 from harness.rasterisers.base import Device
-from triangulators.devices import is_software, matches
+from triangulators.devices import is_software, selects_renderer
 
 PROBE = Path(__file__).with_name("probe.py")
 INSTALL = "apt-get install -y libegl1 libgl1 libgl1-mesa-dri"
@@ -96,7 +96,7 @@ def find_vulkan_environment(patterns: Sequence[str]) -> dict[str, str] | None:
 def _filter_reports(kind: DeviceKind, reports: Reports) -> Reports:
     """Return the reports about devices of a kind; a probe may also report other devices."""
     if kind.arguments[0] == "egl":
-        return [report for report in reports if matches(kind.name, report["renderer"])]
+        return [report for report in reports if selects_renderer(kind.name, report["renderer"])]
     if kind.name != "gpu":
         return [report for report in reports if identify_software_adapter(report) == kind.name][:1]
     # A GPU is listed once per backend; the best backend that lists a GPU is used.

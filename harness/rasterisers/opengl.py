@@ -27,7 +27,7 @@ from harness.rasterisers.base import (
 )
 from harness.rasterisers.context import Context
 from harness.rasterisers.reference import SHADED, count_visible_per_triangle
-from triangulators.devices import is_software, matches
+from triangulators.devices import is_software, selects_renderer
 
 KEEP_ALPHA = (True, True, True, False)
 WRITE_ALL = (True, True, True, True)
@@ -69,7 +69,7 @@ class GLRasteriser(Rasteriser):
         self.ctx = self.context.ctx
         info = self.ctx.info
         renderer = info["GL_RENDERER"]
-        if not matches(self.drawn_by or device.name, renderer):
+        if not selects_renderer(self.drawn_by or device.name, renderer):
             self.context.close()
             raise NoRasteriserError(
                 f"{device.name}: OpenGL opened '{renderer}' instead; {self.remedy(device.name)}"

@@ -29,7 +29,7 @@ from harness.rasterisers.base import (
 )
 from harness.rasterisers.reference import choose_polygon_colours
 from harness.rasterisers.spans import DEEPEST
-from triangulators.devices import is_software, matches
+from triangulators.devices import is_software, selects_renderer
 
 FIELD_OF_VIEW = np.radians(40.0)
 ELEVATION = np.radians(50.0)
@@ -102,7 +102,7 @@ class Pyrender(Rasteriser):
         from OpenGL import GL
 
         renderer = GL.glGetString(GL.GL_RENDERER).decode()
-        if not matches("llvmpipe" if device.software else device.name, renderer):
+        if not selects_renderer("llvmpipe" if device.software else device.name, renderer):
             self.close()
             raise NoRasteriserError(f"{device.name}: pyrender opened '{renderer}' instead")
         details = {**device.details, "renderer": renderer}

@@ -111,7 +111,7 @@ class DaskExecutor(Executor):
 
     def __init__(self, address: str) -> None:
         from scenes.spec import format_install_command  # not needed in a worker
-        from triangulators.devices import cores
+        from triangulators.devices import count_usable_cores
 
         try:
             import dask
@@ -132,7 +132,7 @@ class DaskExecutor(Executor):
         self._address = address
         try:
             if local is not None:
-                self._address = self._start(address, int(local[1] or cores()))
+                self._address = self._start(address, int(local[1] or count_usable_cores()))
             self._client = distributed.Client(
                 self._address, timeout=CONNECT_TIMEOUT_S, set_as_default=False
             )

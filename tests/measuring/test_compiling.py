@@ -101,7 +101,7 @@ def test_a_second_process_compiles_in_reverse_order_if_nothing_is_compiled(monke
     ):
         log: list[tuple[str, list[str]]] = []
         monkeypatch.setattr(measuring_pool, "is_cached", lambda _, is_cached=is_cached: is_cached)
-        monkeypatch.setattr(measuring_pool, "cores", lambda cores=cores: cores)
+        monkeypatch.setattr(measuring_pool, "count_usable_cores", lambda cores=cores: cores)
         pool = measuring_pool.MeasuringPool(lambda name, *_: Recorded(name, log), 1.0)  # noqa: B023 - used up at once
         pool.compile_ahead(recipes)
         pool.compile_ahead(recipes)

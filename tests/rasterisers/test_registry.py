@@ -9,7 +9,7 @@ import pytest
 from harness import rasterisers
 from harness.errors import NoRasteriserError, UsageError
 from harness.rasterisers import Device, Rasteriser, devices, find_device, get, names
-from triangulators.devices import matches
+from triangulators.devices import selects_renderer
 
 
 def test_get_returns_the_rasteriser_of_each_name():
@@ -53,7 +53,7 @@ def test_best_device_is_listed_first(monkeypatch):
     ],
 )
 def test_renderer_must_match_the_device_name(name, renderer, expected):
-    assert matches(name, renderer) is expected
+    assert selects_renderer(name, renderer) is expected
 
 
 def test_devices_have_strings_of_the_driver():

@@ -29,7 +29,7 @@ from triangulators.checking.units import (
 )
 from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost
-from triangulators.devices import cores
+from triangulators.devices import count_usable_cores
 from triangulators.geometry.predicates import orientation
 from triangulators.polygon import Boundary
 
@@ -90,7 +90,7 @@ def _check_potentials(
         vertices = _find_violation(edges, starts, potential, lift, cost, units, number, slices)
         return list(vertices.tolist())
 
-    with ThreadPoolExecutor(min(slices, cores())) as pool:
+    with ThreadPoolExecutor(min(slices, count_usable_cores())) as pool:
         violations = [violation for violation in pool.map(check_slice, range(slices)) if violation]
     if violations and len(violations[0]) == 1:
         raise CertificateError("criterion: a weight is too large for exact arithmetic")

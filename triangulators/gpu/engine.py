@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from triangulators.devices import LLVMPIPE, matches
+from triangulators.devices import LLVMPIPE, selects_renderer
 from triangulators.gpu.rings import (
     KINDS,
     MAX_VERTICES,
@@ -142,7 +142,7 @@ def open_context(name: str) -> Compute:
             problems.append(str(error))
             continue
         compute = Compute(ctx)
-        if matches(name, compute.renderer):
+        if selects_renderer(name, compute.renderer):
             if passed == number:
                 return compute
             passed += 1
