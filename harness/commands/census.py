@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from harness.commands.many_files import complete, raise_if_set_aside, warn_of_skipped
+from harness.commands.many_files import complete_dataset, raise_if_set_aside, warn_of_skipped
 from harness.commands.options import (
     Condition,
     Dask,
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 MAX_DAMAGED_NAMED = 10
 """Maximum number of unreadable tiles to name."""
 
-CENSUS = (
+DEFAULT_TRIANGULATORS = (
     "ear-clipping",
     "refined:half-perimeter",
     "optimal:overdraw",
     "optimal:half-perimeter",
 )
-"""Default triangulators, all of them in compiled code."""
+"""All of them in compiled code."""
 
 UNITS_PER_PIXEL = 0.25
 """Default scale: units of the file, or metres if the file is in degrees, per pixel."""
@@ -56,7 +56,7 @@ def census(
             metavar="NAME,...",
             help="Two or more triangulators; the others are compared with the first.",
         ),
-    ] = ValueList(CENSUS),
+    ] = ValueList(DEFAULT_TRIANGULATORS),
     units_per_pixel: Annotated[
         float | None,
         typer.Option(
@@ -83,7 +83,7 @@ def census(
 ) -> None:
     """Report the gain of each triangulator on every footprint of a data set, by exact counting.
 
-    Footprints are drawn separately on the pixel grid of a map, and counted by the CPU reference.
+    Each footprint is drawn alone on the pixel grid of a map, and counted by the CPU reference.
     Writes census.csv, cells.csv, and a plot and a map of the gains. Map tiles are drawn as maps
     draw them, cut at the tile's edge, and reported by zoom and layer. The same command, run again,
     processes the missing parts.
@@ -100,7 +100,7 @@ def census(
     tiles = parse_tile_selection(file)
     if tiles is None:
         scale = UNITS_PER_PIXEL if units_per_pixel is None else units_per_pixel
-        # A thousand units, or a hundredth of a degree: a kilometre.
+        # About a kilometre, if the file's units are metres.
         size = cell or (0.01 if has_degrees(list_files(file)[0]) else 1000.0)
         _count_dataset(file, out, Census(names, scale, size, layer, condition), dask, reporter)
         return
@@ -123,7 +123,7 @@ def _count_dataset(
     dask: str | None,
     reporter: Reporter,
 ) -> None:
-    """Count the polygons of many files or tiles, write the results, and print a table.
+    """Count the shading of many files' polygons or tiles; write the results, and print a table.
 
     Raises InputError or UsageError if no file matches, no file has a polygon, or the folder cannot
     be used; NothingMeasuredError if no polygon was triangulated by all triangulators;
@@ -137,7 +137,7 @@ def _count_dataset(
     from scenes.spec import format_suggestion
 
     dataset = Dataset(pattern, out / "parts", census)
-    summary = complete(dataset, out, dask, reporter)
+    summary = complete_dataset(dataset, out, dask, reporter)
     totals = Counted.read(dataset.out / f"{key}{census.suffix}" for key in dataset.keys_done)
     if summary.set_aside and not summary.parts_done and dask is None:
         raise InputError(next(iter(summary.set_aside.values())))
@@ -156,10 +156,9 @@ def _count_dataset(
             f"{os.path.relpath(out)}: no {census.noun[:-1]} was completed by all triangulators"
         )
     if not totals.sum_groups().total("fragments")[0]:
-        option = "pixels=" if isinstance(census, TileCensus) else "--units-per-pixel"
-        raise NothingMeasuredError(
-            f"{os.path.relpath(out)}: no pixel is covered: choose another {option}"
-        )
+        is_tile = isinstance(census, TileCensus)
+        remedy = "a larger pixels=" if is_tile else "a smaller --units-per-pixel"
+        raise NothingMeasuredError(f"{os.path.relpath(out)}: no pixel is covered: give {remedy}")
     with translate_errors(out, "run the same command again"), reporter.stage("drawing", 1):
         written = census_report.write_census(out, totals, census)
     for name, reason in totals.damaged[:MAX_DAMAGED_NAMED]:
@@ -169,5 +168,6 @@ def _count_dataset(
         f"{os.path.relpath(out)}: {counted:,} {census.noun} in {summary.seconds:.1f} s: "
         f"{', '.join(written)}"
     )
-    # A polygon on which one triangulator fails is skipped for all; a warning gives the number.
+    # Failed polygons do not change the exit code: if one triangulator fails on a polygon, the
+    # polygon is skipped for all, and a warning has given the number.
     raise_if_set_aside(out, summary)

@@ -9,7 +9,7 @@ from harness.errors import InconclusiveError, InputError
 
 
 def check_evidence(
-    file: Annotated[Path, typer.Argument(help="File of triangulate --certify --evidence FILE.")],
+    file: Annotated[Path, typer.Argument(help="Proofs by triangulate --certify --evidence FILE.")],
 ) -> None:
     """Check optimality proofs of triangulations in integer arithmetic; refuse invalid proofs.
 
@@ -26,6 +26,6 @@ def check_evidence(
             checked += 1
             refused += not holds
     if not checked:
-        raise InputError(f"{file} has no evidence: triangulate --certify --evidence writes it")
+        raise InputError(f"{file} has no proof: triangulate --certify --evidence writes proofs")
     if refused:
         raise InconclusiveError(f"{file}: {refused} of {checked} proofs are refused; see above")

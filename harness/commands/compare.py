@@ -27,7 +27,7 @@ def compare(
     head: Annotated[Path, typer.Argument(help="The run to test: a folder or cases.jsonl.")],
     gate: Annotated[
         str | None,
-        typer.Option(help="Gates that can fail: counters, time, or counters,time (the default)."),
+        typer.Option(help="Changes to fail on: counters, time, or counters,time (the default)."),
     ] = None,
     threshold: Annotated[
         list[str] | None,

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from harness.results.run_folder import Run
 
 
-def _filter_option(kind: str) -> Any:
+def _make_filter_option(kind: str) -> Any:
     return typer.Option(parser=make_list_parser(), metavar="NAME,...", help=f"Only these {kind}.")
 
 
@@ -38,9 +38,9 @@ def history(
             "the counters that represent the cost.",
         ),
     ] = ValueList(HISTORY_METRICS),
-    scene: Annotated[ValueList | None, _filter_option("scenes")] = None,
-    triangulator: Annotated[ValueList | None, _filter_option("triangulators")] = None,
-    rasteriser: Annotated[ValueList | None, _filter_option("rasterisers")] = None,
+    scene: Annotated[ValueList | None, _make_filter_option("scenes")] = None,
+    triangulator: Annotated[ValueList | None, _make_filter_option("triangulators")] = None,
+    rasteriser: Annotated[ValueList | None, _make_filter_option("rasterisers")] = None,
     everything: Annotated[
         bool,
         typer.Option("--all", help="Include studies, and cases that only one run measured."),
@@ -65,11 +65,11 @@ def history(
     if studies:
         typer.echo(f"skipped: {format_count(studies, 'study', 'studies')}; see --all")
     if not runs:
-        raise NothingMeasuredError("all runs are studies, which measure each case once; see --all")
+        raise NothingMeasuredError("all runs are studies; give --all to include studies")
     filters = {"scene": scene, "triangulator": triangulator, "rasteriser": rasteriser}
     series = filter_series(read_series(runs, metrics), {k: v for k, v in filters.items() if v})
     if not series:
-        raise NothingMeasuredError(f"none of the {len(runs)} runs has any of: {metrics}")
+        raise NothingMeasuredError(f"no selected case of {len(runs)} runs has a value of {metrics}")
     shown_series = series if everything else select_series(series)
     if shown_series:
         with atomic.create_folder(out, merge=True) as folder:

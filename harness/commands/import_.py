@@ -26,7 +26,8 @@ def import_(
         typer.Option(
             "--out",
             "-o",
-            help="Folder for the run, results/<device>-<time> if absent; file for the profile.",
+            help="Folder for the run, by default results/<device>-<time>; for a profile, its file, "
+            "by default in results/profiles.",
         ),
     ] = None,
     run: Annotated[
@@ -52,9 +53,9 @@ def import_(
     """Make a run folder, or a profile, from a file that a measuring page saved.
 
     `report`, `compare`, `gains` and `history` read the run like any other. The result of a page
-    made with --profile becomes a profile, as the command profile writes: draws, counters and law
-    are computed again, and the result is refused if it contradicts them. Given the folder of a
-    run, the command writes only the --summary of the run's device.
+    made with --profile becomes a profile, as the command profile writes: the draws, the counters
+    and the fitted cost model (law) are computed again, and a result that differs from these is
+    refused. Given the folder of a run, the command writes only the --summary of the run's device.
     """
     from harness.commands.outcome import choose_folder, make_run
     from harness.page import profile_result
@@ -82,7 +83,7 @@ def import_(
     name = make_file_stem(device) or make_device_name(result)
     if isinstance(result, profile_result.Result):
         if run or summary:
-            raise UsageError(f"{file} is a profile, which has neither --run nor --summary")
+            raise UsageError(f"{file} is a profile; --run and --summary are only for runs")
         _import_profile(file, result, name, out)
         return
     assert isinstance(result, Result)

@@ -14,7 +14,7 @@ LATER = "results/city-20260102-120000"
 
 
 class Entry(NamedTuple):
-    """A command.
+    """Description of a command for `load` and for the documents.
 
     panel : heading of `--help` that lists it
     function : "module:function" in `harness.commands`
@@ -127,7 +127,7 @@ def load(name: str) -> Any:
     function = resolve_name(f"harness.commands.{entry.function}")
     # Unwrap paragraphs, which click wraps at the terminal's width.
     paragraphs = [" ".join(part.split()) for part in (getdoc(function) or "").split("\n\n")]
-    # Plain text, as Rich's table of options cuts long defaults.
+    # No Rich markup: its table of options would cut long defaults.
     app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
     app.command(
         name.rpartition(" ")[2],
@@ -153,7 +153,7 @@ class CheckedCommand(typer.core.TyperCommand):
 
 
 def _find_problem(value: Any) -> str:
-    """Return why a value is invalid, or ""."""
+    """Return why a value from the command line is invalid, or ""."""
     if isinstance(value, list):
         return next(filter(None, map(_find_problem, value)), "")
     if isinstance(value, float) and not isfinite(value):

@@ -22,10 +22,11 @@ if TYPE_CHECKING:
 
 PICTURE_TRIANGULATORS = ("ear-clipping", "optimal:half-perimeter")
 SIZES_TRIANGULATORS = ("ear-clipping", "earcut-refine", "flips:l1", "optimal:half-perimeter")
-"""Default triangulators of the picture, and of --sizes, whose base is the first."""
+"""Default triangulators of the picture, and of --sizes, which compares the others with the first."""
 
 SHAPE_OPTIMUM = "optimal:expected-quads"
-"""Further default triangulator of --sizes with a profile: it has the fewest covering triangles."""
+"""Added to the defaults of --sizes with a profile: few of its triangles cover a pixel, which is
+cheap on devices whose slowest stage handles these triangles."""
 
 
 def _parse_sizes(text: str) -> options.ValueList:
@@ -94,8 +95,9 @@ def inspect(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Picture to write, PNG; named after the file if absent. With --sizes, the chart, "
-            "PNG or SVG; no chart if absent. With --every, the folder."
+            help="PNG file for the picture; by default, FILE's name with the polygon's index. With "
+            "--sizes: PNG or SVG file for a chart; by default, no chart is drawn. With --every: "
+            "folder for the list of triangulations."
         ),
     ] = None,
 ) -> None:
@@ -119,14 +121,14 @@ def inspect(
     if profile is not None:
         default = (*default, SHAPE_OPTIMUM)
     recipes = parse_all(triangulator or default, seed=seed)
-    options.refuse_own_source(scene, out)
+    options.refuse_overwriting_input(scene, out)
     scene = join_name(scene, layer=layer, where=condition)
     loaded = load_scene(scene, seed, Reporter(quiet=as_json))
     if polygon is not None and polygon >= len(loaded.polygons):
         raise UsageError(f"{scene} has polygons 0 to {len(loaded.polygons) - 1}, not {polygon}")
     if polygon is not None and loaded.dropped:
         typer.echo(
-            f"polygon {polygon} is an index, from 0, of the {len(loaded.polygons):,} valid polygons"
+            f"polygon {polygon}: counted from 0, among the {len(loaded.polygons):,} valid polygons"
         )
     if every is not None:
         _list_all_triangulations(loaded, polygon or 0, every, out)
@@ -237,7 +239,7 @@ def _prepare_file(out: Path, *endings: str) -> Path:
 def _list_all_triangulations(
     scene: Scene, polygon: int, mode: Literal["conforming", "paper"], out: Path | None
 ) -> None:
-    """List all triangulations of a polygon and their criteria."""
+    """Write a CSV file of all triangulations of a polygon and their criteria; print the first."""
     from harness import atomic
     from harness.commands.outcome import choose_folder
     from harness.study.pareto import make_triangulation_table

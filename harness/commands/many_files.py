@@ -32,7 +32,7 @@ MAX_PARTS_NAMED = 10
 
 @contextmanager
 def open_executor(dask: str | None, reporter: Reporter) -> Iterator[Executor]:
-    """Yield the executor for the value of --dask; None means this process."""
+    """Yield the executor for the value of --dask; None or "" means this process."""
     from harness.scaling.executors import DaskExecutor, Executor
 
     if not dask:
@@ -58,8 +58,8 @@ def triangulate_many_files(
     from harness.scaling.dataset import Dataset
 
     if out.suffix.lower() in FORMATS and not out.is_dir():
-        raise UsageError(f"-o {out}: not a folder; give a folder, to which a file per part goes")
-    summary = complete(Dataset(pattern, out, work), out, dask, reporter)
+        raise UsageError(f"-o {out}: not a folder; give a folder, to store a file for each part")
+    summary = complete_dataset(Dataset(pattern, out, work), out, dask, reporter)
     warn_of_skipped(summary, out, reporter)
     typer.echo(
         f"{out}: {summary.polygons:,} polygons, {summary.triangles:,} triangles in "
@@ -72,7 +72,7 @@ def triangulate_many_files(
     raise_if_failed(summary.counts, out)
 
 
-def complete(dataset: Dataset, out: Path, dask: str | None, reporter: Reporter) -> Summary:
+def complete_dataset(dataset: Dataset, out: Path, dask: str | None, reporter: Reporter) -> Summary:
     """Process the missing parts and return the summary; if stopped, print a remedy and exit."""
     done = len(dataset.done)
     if done:
@@ -97,7 +97,8 @@ def format_notes(
 ) -> Iterator[str]:
     """Yield a line for each reason: the number of polygons, and the names of the first ones.
 
-    counts : polygons by (kind, reason); notes : (kind, polygon, reason)
+    counts : number of polygons by (kind, reason); a kind is, for example, "skipped" or "failed"
+    notes : (kind, polygon's name, reason)
     """
     from scenes.scene import remove_location
 

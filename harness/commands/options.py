@@ -99,14 +99,14 @@ StudyFolder = Annotated[
 Quick = Annotated[
     bool,
     typer.Option(
-        "--quick", help="Measure briefly, in a study few polygons: low precision, a first look."
+        "--quick", help="Measure with low precision, and in a study few polygons: a first look."
     ),
 ]
 Base = Annotated[
     str | None,
     typer.Option(
         help="Triangulator to compare the others with; by default ear-clipping, or original for a "
-        "model's views; without these, the triangulator that drew the most polygons.",
+        "model's views; if that was not measured, the triangulator that drew the most polygons.",
     ),
 ]
 Json = Annotated[
@@ -227,7 +227,8 @@ Precision = Annotated[
         min=1e-9,
         max=1.0,
         metavar="SHARE",
-        help="Target half-width of the 95 % interval of a time, or of a ratio of times.",
+        help="Target half-width of the 95 % confidence interval of a time, or of a ratio of times, "
+        "as a share of the value: 0.01 is 1 %.",
     ),
 ]
 
@@ -258,7 +259,7 @@ def refuse_given(values: Mapping[str, object], reason: str) -> None:
             raise UsageError(f"{option} {reason}")
 
 
-def refuse_own_source(source: str, out: Path | None) -> None:
+def refuse_overwriting_input(source: str, out: Path | None) -> None:
     """Raise UsageError if the output would overwrite the input."""
     from scenes.spec import parse_name
 

@@ -101,7 +101,7 @@ def finish_study(run: Run) -> None:
     raise_if_cases_failed(run)
 
 
-def format_json(outcome: RunResult) -> dict[str, Any]:
+def make_json_content(outcome: RunResult) -> dict[str, Any]:
     """Return the content of `--json`: the run's folder, and the cases as in summary.csv."""
     return {
         "results": os.path.relpath(outcome.path),
@@ -110,7 +110,7 @@ def format_json(outcome: RunResult) -> dict[str, Any]:
     }
 
 
-def finish(
+def finish_run(
     outcome: RunResult,
     console: Console,
     reporter: Reporter,
@@ -120,7 +120,8 @@ def finish(
 ) -> None:
     """Print and store the results; raise or exit with the command's exit code.
 
-    report, plots : write the report, and draw its plots, now; otherwise the command `report` does
+    report, plots : whether to write the report, and to draw its plots; the command `report` can
+        do both later
 
     Raises NothingMeasuredError if no case was measured, or no case covers a pixel.
     """

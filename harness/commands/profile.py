@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from harness.measuring.pool import MeasuringPool
 
 BUDGET_S = 0.5
-"""Seconds of drawing for each draw of the design."""
+"""Default seconds of drawing for each of the designed draws."""
 
 
 def profile(
@@ -120,7 +120,7 @@ def write_profile(content: Mapping[str, Any], out: Path | None, trouble: str) ->
         raise InconclusiveError(f"{trouble}: close other programs and repeat; saved as {file}")
     if content["refused"]:
         raise InconclusiveError(
-            f"the law fits too poorly (R2 {content['r2_over']:.2f} over all draws, "
+            f"the cost model fits the times poorly (R2 {content['r2_over']:.2f} over all draws, "
             f"{content['r2_within']:.2f} within groups): close other programs or raise --budget, "
             f"e.g. four times; saved as {file}"
         )

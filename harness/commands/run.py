@@ -170,11 +170,13 @@ def run(
         result = carry_out(plan, folder, reporter, run_options)
     if as_json:
         typer.echo(
-            json.dumps(outcome.format_json(result), indent=2, ensure_ascii=False, allow_nan=False)
+            json.dumps(
+                outcome.make_json_content(result), indent=2, ensure_ascii=False, allow_nan=False
+            )
         )
     # With --json, standard output holds nothing but the JSON.
     screen = Screen(stderr=as_json, quiet=as_json)
-    outcome.finish(result, screen, reporter, report=report, plots=not quick)
+    outcome.finish_run(result, screen, reporter, report=report, plots=not quick)
     if baseline and not as_json:
         path = os.path.relpath(result.path)
         typer.echo(f"to compare: raster-harness compare {path}/{BASE_FOLDER} {path}")

@@ -25,7 +25,10 @@ from scenes.registry import is_tiled
 def open_baseline(
     reference: str | None, plan: Plan, resume: Path | None, *, twice: bool
 ) -> Iterator[OtherVersion | None]:
-    """Yield the interleaved baseline that --beside or the resumed run names, or None."""
+    """Yield the interleaved baseline that --beside or the resumed run names, or None.
+
+    twice : True to draw both versions even if their triangles are equal, see --draw-twice
+    """
     stored = (read_run(resume).facts.get("beside") or {}) if resume else {}
     reference = reference or str(stored.get("base") or "")
     if not reference:
@@ -76,7 +79,7 @@ def find_profile_file(name: str | None, resume: Path | None) -> Path | None:
 
 
 def read_profile_options(file: Path | None) -> dict[str, Any]:
-    """Return the fields `profile` and `calibrate` of `RunOptions`, {} without a profile.
+    """Return the fields `profile` and `calibrate` of `RunOptions`, or {} if `file` is None.
 
     Raises InputError if the profile is invalid.
     """

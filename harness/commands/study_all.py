@@ -205,7 +205,7 @@ def _measure_gains(
     result = carry_out(plan, folder, reporter, run_options)
     incomplete = None
     try:
-        outcome.finish(result, Screen(quiet=True), reporter, plots=not settings.quick)
+        outcome.finish_run(result, Screen(quiet=True), reporter, plots=not settings.quick)
     except InconclusiveError as error:
         incomplete = error
     study_gains.write_gains([read_run(folder)], bases, folder)

@@ -38,7 +38,7 @@ def study_gains(
         ),
     ] = options.ValueList(BASES),
 ) -> None:
-    """Compare each triangulator's time with the bases' in all views; print the faster ones."""
+    """Compare each triangulator's time with the bases' in all views; list the faster ones."""
     from harness.metrics.processors import find_mixed_processors, format_processors
     from harness.progress import Reporter
     from harness.results.run_folder import read_latest

@@ -27,7 +27,7 @@ EXACT_RASTERISERS = ("reference", "binning")
 QUICK = StudySize(polygons=6, random=10, max_vertices=60)
 BUDGET_S = 0.1
 QUICK_S = 0.02
-"""Seconds of drawing per triangulation with --quick; also the longest warm-up, always."""
+"""Seconds of drawing per triangulation with --quick; also the maximum warm-up of any validation."""
 
 
 def study_validate(

@@ -14,7 +14,7 @@ from harness.commands.options import (
     Quiet,
     Verbose,
     refuse_given,
-    refuse_own_source,
+    refuse_overwriting_input,
 )
 from harness.errors import (
     NothingMeasuredError,
@@ -53,8 +53,8 @@ def triangulate(
     criterion: Annotated[
         str | None,
         typer.Option(
-            help="Criterion, if the triangulator's name has none; without --triangulator, of "
-            "optimal. E.g. mixed=1/0.5/0; see: raster-harness list criteria."
+            help="Criterion to minimise, if the triangulator's name has none; the default "
+            "triangulator is then optimal. E.g. mixed=1/0.5/0; see: raster-harness list criteria."
         ),
     ] = None,
     layer: Layer = None,
@@ -119,7 +119,7 @@ def triangulate(
     shortest edges; the file's format, vertices and appearance stay the same.
     """
     source = Path(file)
-    refuse_own_source(file, out)
+    refuse_overwriting_input(file, out)
     single_file_options: dict[str, object] = {
         "--limit": limit,
         "--device": device,
@@ -195,7 +195,10 @@ def triangulate(
 
 
 def _is_model_output(source: Path, out: Path | None, check: bool) -> bool:
-    """Return whether a 3D model is written as a model, or only checked."""
+    """Return whether a 3D model is written as a model, or only checked.
+
+    Raises UsageError unless exactly one of -o and --check is given.
+    """
     from scenes.readers.reader import is_model
 
     if check and out is not None:
@@ -232,7 +235,7 @@ def _retriangulate_model(
     share = result.flat_area / result.area if result.area else 0.0
     typer.echo(
         f"{source}: {result.triangles:,} triangles, {result.flat:,} of them in {result.faces:,} "
-        f"flat faces of two or more ({share:.0%} of the area)"
+        f"flat faces of two or more triangles ({share:.0%} of the area)"
     )
     if not result.triangles:
         raise NothingMeasuredError(f"{source} has no triangles")
@@ -257,6 +260,6 @@ def _retriangulate_model(
 
 
 def _is_many_files(file: str, out: Path) -> bool:
-    """Return whether a name means many files: a folder, or a pattern that is no file's name."""
+    """Return whether `file` means many files: a pattern, or a folder if `out` has no suffix."""
     pattern = any(sign in file for sign in "*?[") and not Path(file).exists()
     return pattern or (Path(file).is_dir() and not out.suffix)

@@ -78,19 +78,19 @@ class ModelPart:
 
 
 def get_single_precision_tolerance(values: NDArray[np.float64]) -> float:
-    """Return the rounding error of single precision in the units of the values (n, k)."""
+    """Return `TOLERANCE_ULPS` rounding errors of single precision at the largest of the values."""
     finite = np.abs(values[np.isfinite(values)])
     return TOLERANCE_ULPS * float(np.spacing(np.float32(finite.max(initial=0.0))))
 
 
 def number_edges(ends: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return numbers (d,) of undirected edges (d, 2)."""
+    """Return a number (d,) for each edge (d, 2), the same for both orders of its two vertices."""
     a, b = ends.T
     return np.asarray((np.minimum(a, b) << INDEX_BITS) + np.maximum(a, b))
 
 
 def number_sides(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the numbers (3 m,) of the sides of triangles (m, 3)."""
+    """Return the numbers (3 m,) by `number_edges` of the sides of triangles (m, 3)."""
     return number_edges(np.stack([triangles, triangles[:, [1, 2, 0]]], axis=2).reshape(-1, 2))
 
 
@@ -152,7 +152,7 @@ def _has_height(mesh: ModelMesh) -> NDArray[np.bool_]:
 
 
 def _find_neighbours(mesh: ModelMesh) -> tuple[Ints, Counter[str]]:
-    """Return pairs (e, 2) of adjacent triangles of one face, and counts of skips by reason.
+    """Return pairs (e, 2) of adjacent triangles in one flat face, and counts of skips by reason.
 
     Degenerate triangles with a repeated vertex, which join strips, have no neighbours.
     """
@@ -260,9 +260,10 @@ def _check_faces(mesh: ModelMesh, slots: Ints, face: Ints) -> tuple[Faces, Count
 def _project_to_planes(positions: Floats, owner: Ints, normal: Floats) -> tuple[Floats, Floats]:
     """Return coordinates (p, 2) in the faces' planes, and distances (p,) from these planes.
 
-    A plane goes through the mean of its face's positions, which is its origin.
+    owner : (p,) face of each position; normal : (f, 3) normal of each face, of any length
 
-    The axes are right-handed with the normal; the first axis is horizontal if z is up.
+    The origin of a plane is the mean of its face's positions. The axes are right-handed with the
+    normal; the first axis is horizontal if z is up.
     """
     count = len(normal)
     unit = normal / np.linalg.norm(normal, axis=1, keepdims=True)
@@ -276,7 +277,10 @@ def _project_to_planes(positions: Floats, owner: Ints, normal: Floats) -> tuple[
 
 
 def _compute_affine_residuals(values: Floats, points: Floats, owner: Ints, count: int) -> Floats:
-    """Return the largest residual (p,) of values (p, k) from affine functions of the points."""
+    """Return the largest residual (p,) of each point's values (p, k) from affine fits, one per face.
+
+    points : (p, 2) in the planes of the faces; owner : (p,) face of each point
+    """
     if values.shape[1] == 0:
         return np.zeros(len(values))
     x, y = points.T
@@ -290,7 +294,7 @@ def _compute_affine_residuals(values: Floats, points: Floats, owner: Ints, count
 
 
 def _has_repeated_side(triangles: Ints, count: int) -> NDArray[np.bool_]:
-    """Return flags (t,) of triangles with a half-edge of another triangle."""
+    """Return (t,) whether a triangle has a side in the same direction as another triangle."""
     keys = (triangles * count + triangles[:, [1, 2, 0]]).reshape(-1)
     _, number, times = np.unique(keys, return_inverse=True, return_counts=True)
     return np.asarray((times[number.reshape(-1)] > 1).reshape(-1, 3).any(axis=1))
@@ -309,5 +313,5 @@ def _average_groups(values: Floats, owner: Ints, count: int) -> Floats:
 
 
 def _flag_groups(flags: NDArray[np.bool_], owner: Ints, count: int) -> NDArray[np.bool_]:
-    """Return which groups have a member with a flag, (count,); owner : (p,) groups."""
+    """Return (count,) whether a group has a flagged member; owner : (p,) group of each member."""
     return np.bincount(owner[flags], minlength=count) > 0

@@ -37,7 +37,7 @@ class GltfModel(GltfEditor):
         self.unchanged: Counter[str] = Counter()
 
     def iterate_groups(self) -> Iterator[list[ModelPart]]:
-        """Yield the parts of each mesh; a part that meshes share is yielded with the first."""
+        """Yield the parts of each mesh; a part of several meshes is yielded with the first mesh."""
         seen: set[str] = set()
         meshes = self.json.get("meshes", [])
         primitives: dict[str, list[dict[str, Any]]] = {}

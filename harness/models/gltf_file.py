@@ -49,13 +49,13 @@ class GltfEditor(GltfFile):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self._images = [image["uri"] for image in self.json.get("images", []) if "uri" in image]
-        self._grown: set[int] = set()
-        self._changed: set[int] = set()
+        self._grown: set[int] = set()  # numbers of buffers with appended bytes
+        self._changed: set[int] = set()  # numbers of buffers with any new bytes
 
     def replace_indices(self, primitives: list[dict[str, Any]], indices: NDArray[np.int64]) -> None:
         """Replace the indices of primitives that share an accessor by `indices` (k,)."""
         number = primitives[0].get("indices")
-        # a strip or fan may have no indices
+        # A strip or fan may have no indices: new ones have 32 bits (5125) or 16 bits (5123).
         accessor = {"componentType": 5125 if int(indices.max()) > 0xFFFE else 5123}
         if number is not None:
             accessor = self.json["accessors"][number]

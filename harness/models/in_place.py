@@ -27,7 +27,7 @@ from scenes.readers import guard
 from scenes.readers.guard import check_path
 
 CRITERION = "edge-length"
-"""Default criterion; proportional to the half-perimeter averaged over all rotations."""
+"""Default criterion; edge length is proportional to half-perimeter averaged over all rotations."""
 
 Model = GltfModel | ObjModel
 """A model with replaceable triangles."""

@@ -63,8 +63,8 @@ class ObjModel:
         for largest, (kind, lines) in zip(self._largest, self._lines.items(), strict=True):
             if largest > len(lines):
                 raise InputError(
-                    f"{path}: not OBJ (a face refers to {kind.decode()} {largest:,} of "
-                    f"{len(lines):,})"
+                    f"{path}: invalid OBJ (a face refers to {kind.decode()} line {largest:,}, but "
+                    f"the file has {len(lines):,})"
                 )
 
     def _read_line(self, line: bytes, offset: int) -> None:
@@ -147,13 +147,13 @@ class ObjModel:
     def _parse_values(
         self, kind: bytes, lines: list[list[bytes]]
     ) -> tuple[NDArray[np.float64], float]:
-        """Return the numbers of lines (n, width), and the tolerance of these numbers."""
+        """Return the values in `lines` (n, width), with 0 for missing ones, and their tolerance."""
         width = max((len(line) for line in lines), default=0)
         try:
             rows = [[float(word) for word in line] + [0.0] * (width - len(line)) for line in lines]
         except ValueError as error:
             raise InputError(
-                f"{self._path}: not OBJ ({error} in a line of {kind.decode()})"
+                f"{self._path}: not OBJ ({error} in a line that begins with {kind.decode()})"
             ) from error
         if kind == b"v" and lines and min(map(len, lines)) < 3:
             raise InputError(f"{self._path}: not OBJ (a vertex has fewer than 3 coordinates)")
@@ -163,7 +163,7 @@ class ObjModel:
         )
 
     def replace_triangles(self, part: ModelPart, triangles: NDArray[np.int64]) -> None:
-        """Replace the triangles (m, 3) of a part."""
+        """Replace the triangles of a part by (m, 3) `triangles`."""
         spans, tokens = part.source
         for row in np.flatnonzero((part.mesh.triangles != triangles).any(axis=1)).tolist():
             for span, vertex in zip(spans[row].tolist(), triangles[row].tolist(), strict=True):
@@ -183,7 +183,7 @@ class ObjModel:
 
 
 def _format_word(vertex: list[int]) -> bytes:
-    """Format a triple: 7, 7/1, 7//3 or 7/1/3."""
+    """Format a vertex, [position, texture coordinate, normal], as 7, 7/1, 7//3 or 7/1/3."""
     position, texture, normal = (b"%d" % number if number else b"" for number in vertex)
     if normal:
         return b"/".join((position, texture, normal))
@@ -196,10 +196,10 @@ def _find_step(tokens: Iterable[bytes]) -> float:
 
 
 def _compute_tolerance(positions: NDArray[np.float64], step: float) -> float:
-    """Return the flatness tolerance of a face whose positions (n, 3) were read from a text.
+    """Return the flatness tolerance of a part whose positions (n, 3) were read from decimal text.
 
-    The tolerance depends on distances from the centre: unlike single precision, a text is exact far
-    from 0.
+    The tolerance depends on distances from the part's centre, not from 0: decimal text, unlike
+    single precision, is as exact far from 0 as near it.
     """
     finite = positions[np.isfinite(positions).all(axis=1)]
     local = finite - (finite.min(axis=0) / 2 + finite.max(axis=0) / 2) if len(finite) else finite

@@ -23,7 +23,7 @@ PIXELS = (256, 1024)
 DISTANCE = 3.0
 """Distance of the camera from the centre, in radii of the model."""
 
-_UNITS = 256.0
+_STEPS_PER_PIXEL = 256.0
 _CHUNK_TRIANGLES = 1 << 18
 
 
@@ -74,7 +74,7 @@ def count_views(
     sizes: Sequence[int] = PIXELS,
     tick: Callable[[int], None] = lambda _: None,
 ) -> list[ViewCounts]:
-    """Count the front faces of parts, before and after, summed over all views, at each size.
+    """Count helper lanes and quads of the parts' front faces, before and after, at each size.
 
     Returns [] if no part has a finite extent.
 
@@ -106,7 +106,7 @@ def count_views(
         tick(placements * number // VIEWS)
         flat, _ = project(local, direction)
         for pixels, size_sums in zip(sizes, sums, strict=True):
-            grid = np.rint(np.nan_to_num(flat) * (pixels * _UNITS)).astype(np.int32)
+            grid = np.rint(np.nan_to_num(flat) * (pixels * _STEPS_PER_PIXEL)).astype(np.int32)
             shared, before, after = (
                 _count_front_faces(grid, triangles) for triangles in (unchanged, old, new)
             )
@@ -145,13 +145,13 @@ def project(
     right = np.array([-y / level, x / level, 0.0])
     up = np.array([-z * right[1], z * right[0], x * right[1] - y * right[0]])
     distances = distance - _dot(local, direction)
-    widest = 1.0 / np.sqrt(distance**2 - 1.0)  # the tangent of the sphere's half angle
+    widest = 1.0 / np.sqrt(distance**2 - 1.0)  # tangent of half the angle that the sphere subtends
     sides = [_dot(local, axis) / (distances * widest) for axis in (right, up)]
     return (np.stack(sides, axis=1) + 1.0) / 2, distances
 
 
 def _dot(points: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return scalar products (n,) of points (n, 3) with an axis."""
+    """Return scalar products (n,) of points (n, 3) with an axis (3,)."""
     products = points[:, 0] * axis[0] + points[:, 1] * axis[1] + points[:, 2] * axis[2]
     return np.asarray(products)
 

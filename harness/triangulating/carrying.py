@@ -105,7 +105,7 @@ def _replace_faces(
     method, _, criterion = recipe.base.partition(":")
     if method not in FLIPPING_TRIANGULATORS or recipe.calibration is not None or frame.flat is None:
         return {}
-    from harness.models.diagonals import choose_diagonals, find_cost, is_cheaper  # compiled code
+    from harness.models.diagonals import choose_diagonals, find_cheaper_faces, find_cost  # compiled
     from harness.models.flat_faces import Faces
 
     try:
@@ -120,7 +120,7 @@ def _replace_faces(
         [originals[k] for k in same_size], first_vertices[same_size]
     )
     after, _ = _concatenate_faces([parts[k] for k in same_size], first_vertices[same_size])
-    cheaper = is_cheaper(frame.flat.points.astype(np.float64), before, after, offsets, cost)
+    cheaper = find_cheaper_faces(frame.flat.points.astype(np.float64), before, after, offsets, cost)
     replaced = {k: originals[k] for k in np.array(same_size, int)[~cheaper].tolist()}
     if viewing.invalid_faces:
         points = np.concatenate([vertices for vertices, _ in viewing.invalid_faces])

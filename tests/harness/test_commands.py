@@ -140,7 +140,7 @@ def test_inspect_numbers_polygons_as_the_scene_does(harness, block, monkeypatch)
     assert "counted from 0" not in out
     Path("two.wkt").write_text("POINT (1 1)\nPOLYGON ((0 0, 2 0, 2 2, 0 1, 0 0))\n")
     _, out, _ = harness("inspect", "two.wkt", "--polygon", "0")
-    assert "polygon 0 is an index, from 0, of the 1 valid polygons" in out
+    assert "polygon 0: counted from 0, among the 1 valid polygons" in out
 
 
 def test_triangulate_reports_compilation(harness, block, monkeypatch):

@@ -166,7 +166,7 @@ def test_a_shapefile_folder_is_read_once(harness):
     assert "4 footprints" in out
     code, _, err = harness("census", "folder", "-o", "nothing", *two, "--units-per-pixel", "1000")
     assert code == 4
-    assert "no pixel is covered: choose another --units-per-pixel" in " ".join(err.split())
+    assert "no pixel is covered: give a smaller --units-per-pixel" in " ".join(err.split())
 
 
 def test_models_without_triangles_are_refused(harness):

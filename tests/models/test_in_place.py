@@ -69,7 +69,7 @@ def test_check_writes_nothing(tmp_path, harness):
 def test_triangulate_prints_the_changes_of_a_model(tmp_path, harness):
     make_solid().export(tmp_path / "plate.glb")
     output, _ = require_ok(harness("triangulate", "plate.glb", "-o", "out.glb"))
-    assert "in 70 flat faces of two or more (100% of the area)" in output
+    assert "in 70 flat faces of two or more triangles (100% of the area)" in output
     assert "out.glb: 2 faces get other diagonals" in output
     assert "No vertex changes" in output
     assert trimesh.load_mesh(tmp_path / "out.glb").is_watertight

@@ -226,7 +226,7 @@ def test_ctrl_c_keeps_completed_parts_and_names_the_remedy(harness, parts, tmp_p
 def test_usage_errors_are_one_line(harness, parts):
     for arguments, message in (
         (["nothing-*.parquet", "-o", "out"], "nothing-*.parquet: no such file"),
-        ([f"{parts}/*.parquet", "-o", "out.glb"], "give a folder, to which a file per part goes"),
+        ([f"{parts}/*.parquet", "-o", "out.glb"], "give a folder, to store a file for each part"),
         ([f"{parts}/*.parquet", "-o", "out", "--limit", "3"], "--limit is for one file"),
         ([f"{parts}/*.parquet", "-o", "out", "--where", "colour = 3"], None),
     ):

@@ -263,7 +263,7 @@ def test_study_without_findings_measured_nothing(harness, monkeypatch):
 def test_study_with_failed_parts_is_inconclusive(harness, monkeypatch):
     """The gains of a run with failed cases are those of the measured cases."""
     monkeypatch.setattr("harness.commands.study_all._measure_validation", lambda *_: None)
-    monkeypatch.setattr("harness.commands.outcome.finish", _failed_in_part)
+    monkeypatch.setattr("harness.commands.outcome.finish_run", _failed_in_part)
     monkeypatch.setattr("harness.measuring.run.run", lambda *_: None)
     monkeypatch.setattr("harness.results.run_folder.read_run", lambda folder: folder)
     asked = []
@@ -280,5 +280,5 @@ def test_study_with_failed_parts_is_inconclusive(harness, monkeypatch):
     assert "error: 3 of 4 parts of the study are incomplete" in err
     assert "city: 11 of 11 findings hold" in out
     assert [path.name for path in asked] == ["choice", "walked", "turned"]
-    monkeypatch.setattr("harness.commands.outcome.finish", lambda *_, **__: None)
+    monkeypatch.setattr("harness.commands.outcome.finish_run", lambda *_, **__: None)
     assert harness("study", "all", "city", "--out", "out")[0] == 0
