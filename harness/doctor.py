@@ -70,7 +70,7 @@ class Finding(NamedTuple):
     fix: str = ""
 
 
-def examine() -> list[Finding]:
+def examine_devices() -> list[Finding]:
     """Examine all devices, which takes some seconds; a missing device raises no error."""
     findings: list[Finding] = []
     for rasteriser, expected in EXAMINED.items():

@@ -24,7 +24,7 @@ class Snapped(NamedTuple):
     """Polygons on the grid.
 
     pieces : (q,) shapely polygons in px, valid and oriented
-    source : (q,) number of the polygon of which each piece is the result
+    source : (q,) number of the polygon from which each piece results
     dropped, repaired : (polygon number, reason) of polygons that snapping broke
     """
 
@@ -43,8 +43,8 @@ def snap_polygons(polygons: Sequence[Polygon] | NDArray[Any]) -> Snapped:
     rounded = shapely.transform(before, lambda xy: np.rint(xy * SUBPIXEL) / SUBPIXEL)
     sound = shapely.is_valid(rounded) & (shapely.area(rounded) > 0)
     distinct = shapely.remove_repeated_points(rounded[sound])
-    counts = shapely.get_num_coordinates
-    sound[sound] = counts(distinct) == counts(rounded[sound])
+    count_points = shapely.get_num_coordinates
+    sound[sound] = count_points(distinct) == count_points(rounded[sound])
     pieces: list[Polygon] = []
     source: list[int] = []
     dropped: list[tuple[int, str]] = []

@@ -88,7 +88,7 @@ def draw_heatmaps(
     pen.text((GAP_PX, GAP_PX), title, "black")
     for row, ((label, palette), top) in enumerate(zip(ROWS, tops, strict=True)):
         max_lanes = max(1, *(int(maps[row].max()) for maps in panels))
-        colours = _make_levels(palette, min(max_lanes, MAX_LEVELS))
+        colours = _make_level_colours(palette, min(max_lanes, MAX_LEVELS))
         for column, (maps, triangles) in enumerate(
             zip(panels, triangulations.values(), strict=True)
         ):
@@ -114,8 +114,8 @@ def draw_heatmaps(
     picture.save(out, format="PNG")
 
 
-def _make_levels(palette: tuple[str, ...], count: int) -> NDArray[np.uint8]:
-    """Return white, for 0 lanes, and then `count` colours of the palette: (count + 1, 3)."""
+def _make_level_colours(palette: tuple[str, ...], count: int) -> NDArray[np.uint8]:
+    """Return (count + 1, 3) RGB colours: white for 0 lanes, then `count` colours of the palette."""
     anchors = np.array([ImageColor.getrgb(colour) for colour in palette], np.float64)
     positions = np.linspace(0, len(anchors) - 1, count)
     shades = [np.interp(positions, np.arange(len(anchors)), channel) for channel in anchors.T]

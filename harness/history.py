@@ -31,7 +31,7 @@ from harness.results.record import CaseGroup, CaseId, Record
 from harness.results.run_folder import Run, read_facts, read_run, select_latest
 from harness.settings import HISTORY_METRICS
 from harness.stats.run_quality import get_run_state
-from harness.style import COLOURS, MARKERS, add_legend_below, draw_figure, make_grid
+from harness.style import COLOURS, MARKERS, add_legend_below, draw_figure, make_figure
 from scenes.spec import format_install_command
 
 if TYPE_CHECKING:
@@ -224,7 +224,7 @@ def filter_series(series: Sequence[Series], names: Mapping[str, Sequence[str]]) 
     Raises
     ------
     UsageError
-        if no run has a selected name
+        if no series has a selected name
     """
     selected = list(series)
     for kind, values in names.items():
@@ -259,6 +259,7 @@ def _get_preference(entry: Series) -> tuple[float, bool, float]:
 
 
 def _measure_step(before: float, after: float) -> float:
+    """Return the absolute log ratio of two levels, infinite if a level is not positive."""
     if before == after:
         return 0.0
     return abs(math.log(after / before)) if before > 0 and after > 0 else math.inf
@@ -342,7 +343,7 @@ def draw_metric(runs: Sequence[Run], series: Sequence[Series]) -> Figure:
     metric = series[0].metric
     quantity = find_metric(metric)
     label = "time, relative" if metric == TIME else f"{quantity.title}, {quantity.unit}"
-    figure, panels = make_grid((7.0, 0.8 + 2.4 * len(groups)), len(groups), sharex=True)
+    figure, panels = make_figure((7.0, 0.8 + 2.4 * len(groups)), len(groups), sharex=True)
     for panel, group in zip(panels, groups, strict=True):
         for entry in series:
             if entry.id.group == group:

@@ -155,14 +155,14 @@ def make_panels(
     wide = min(across, count)
     high = -(-count // wide)
     inches = (max(wide * size[0] + 0.6, 4.6), high * size[1] + 0.6)
-    figure, cells = make_grid(inches, high, wide, **shared)
+    figure, cells = make_figure(inches, high, wide, **shared)
     for panel in cells[count:]:
         panel.set_visible(False)
     figure.suptitle(title, fontsize=9)
     return figure, cells[:count]
 
 
-def make_grid(
+def make_figure(
     size: tuple[float, float], rows: int = 1, columns: int = 1, **shared: Any
 ) -> tuple[Figure, list[Axes]]:
     """Return a figure of `size` in inches, and its panels row by row.

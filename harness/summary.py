@@ -72,7 +72,7 @@ def _make_table(decision: Decision, *, wide: bool) -> Table:
         table.add_column(metric.heading or metric.label, justify="right", no_wrap=True)
     base = decision.base
     table.add_column(f"vs {base.name}", no_wrap=True)
-    # The column is omitted if no triangulator has a break-even; verdicts are next to the ratios.
+    # Without a break-even, the column is omitted, and verdicts are in the column of ratios.
     has_break_even = any(standing.break_even for standing in decision.standings)
     if has_break_even:
         table.add_column("break-even")
@@ -81,7 +81,9 @@ def _make_table(decision: Decision, *, wide: bool) -> Table:
         table.add_row(
             standing.name,
             *(_format_number(metric(standing.record), metric.form) for metric in metrics),
-            *_compare_cells(standing, standing is base, complete, has_break_even=has_break_even),
+            *_make_comparison_cells(
+                standing, standing is base, complete, has_break_even=has_break_even
+            ),
             style="" if standing.complete else "dim",
         )
     bound = compute_lower_bound(base.record) if base.complete else None
@@ -91,8 +93,8 @@ def _make_table(decision: Decision, *, wide: bool) -> Table:
     return table
 
 
-def list_table(decisions: Sequence[Decision]) -> tuple[list[str], list[list[str]], int]:
-    """Return one table of several groups: heading, rows, and how many first columns are text."""
+def make_combined_table(decisions: Sequence[Decision]) -> tuple[list[str], list[list[str]], int]:
+    """Return one table of several groups: heading, rows, and the number of leading text columns."""
     standings = [standing for decision in decisions for standing in decision.standings]
     metrics = _select_metrics([standing.record for standing in standings], wide=True)
     heading = ["scene, device", "triangulator", *(m.heading or m.label for m in metrics)]
@@ -102,7 +104,7 @@ def list_table(decisions: Sequence[Decision]) -> tuple[list[str], list[list[str]
         for standing in decision.standings:
             numbers = (_format_number(metric(standing.record), metric.form) for metric in metrics)
             is_base = standing is decision.base
-            ratio, _ = _compare_cells(standing, is_base, complete, has_break_even=True)
+            ratio, _ = _make_comparison_cells(standing, is_base, complete, has_break_even=True)
             rows.append([format_title(decision), standing.name, *numbers, ratio.plain])
     return [*heading, "time relative to the base (95 % CI)"], rows, 2
 
@@ -145,7 +147,7 @@ def _describe_proofs(records: Sequence[Record]) -> list[str]:
 
 
 def _describe_regret(records: Sequence[Record]) -> list[str]:
-    """Return a line with the number of polygons with known regret, or [] if none or all have it."""
+    """Return a line with the number of polygons of known regret, or [] if it is none or all."""
     covered = max((record.least.polygons for record in records if record.least), default=0)
     drawn = max((record.polygons for record in records), default=0)
     if not 0 < covered < drawn:
@@ -153,7 +155,7 @@ def _describe_regret(records: Sequence[Record]) -> list[str]:
     return [f"regret: for the {covered:,} of {drawn:,} polygons whose minimum is computed quickly"]
 
 
-def _compare_cells(
+def _make_comparison_cells(
     standing: Standing, is_base: bool, complete: int, *, has_break_even: bool
 ) -> list[Text]:
     """Return the cells that compare a triangulator with the base.
@@ -227,13 +229,13 @@ def make_row(record: Record, decision: Decision | None) -> dict[str, Any]:
     standings = decision.standings if decision else ()
     standing = next((s for s in standings if s.record is record), None)
     if decision and standing:
-        row |= _compare_columns(standing, decision.base.record)
+        row |= _make_comparison_columns(standing, decision.base.record)
     # JSON has no NaN, for unknown values, and no infinity, for unbounded intervals.
     unknown = {name for name, v in row.items() if isinstance(v, float) and not math.isfinite(v)}
     return row | dict.fromkeys(unknown)
 
 
-def _compare_columns(standing: Standing, base: Record) -> dict[str, Any]:
+def _make_comparison_columns(standing: Standing, base: Record) -> dict[str, Any]:
     """Return the columns that compare a record with the base."""
     row: dict[str, Any] = {}
     if (statistics := compare_views(standing.record, base)) is not None:

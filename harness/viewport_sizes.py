@@ -35,7 +35,14 @@ from harness.profile.device_costs import (
     format_saving,
     predict_draw_costs,
 )
-from harness.style import ONE_COLUMN, STYLE, choose_looks, format_count, make_grid, make_plain_table
+from harness.style import (
+    ONE_COLUMN,
+    STYLE,
+    choose_looks,
+    format_count,
+    make_figure,
+    make_plain_table,
+)
 from harness.triangulating.recipes import Recipe
 from harness.triangulating.triangulate import time_in_rounds, triangulate_polygons
 from scenes import Scene
@@ -280,7 +287,7 @@ def draw_chart(sizes: Sizes, file: Path) -> None:
     base = next(iter(sizes.sizes[0].costs))
     at = [size.resolution for size in sizes.sizes]
     with matplotlib.rc_context(STYLE):
-        figure, (panel,) = make_grid((ONE_COLUMN, 2.3))
+        figure, (panel,) = make_figure((ONE_COLUMN, 2.3))
         for name, look in choose_looks(list(sizes.sizes[0].costs)).items():
             saved = [100 * size.saved[name] for size in sizes.sizes]
             panel.plot(at, saved, label=name, color=look.colour, marker=look.marker, markersize=4)

@@ -155,7 +155,7 @@ def _count_dataset(
         raise NothingMeasuredError(
             f"{os.path.relpath(out)}: no {census.noun[:-1]} was completed by all triangulators"
         )
-    if not totals.sum_groups().total("fragments")[0]:
+    if not totals.sum_groups().get_total("fragments")[0]:
         is_tile = isinstance(census, TileCensus)
         remedy = "a larger pixels=" if is_tile else "a smaller --units-per-pixel"
         raise NothingMeasuredError(f"{os.path.relpath(out)}: no pixel is covered: give {remedy}")

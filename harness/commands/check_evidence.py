@@ -14,8 +14,8 @@ def check_evidence(
     """Check optimality proofs of triangulations in integer arithmetic; refuse invalid proofs.
 
     Prints a line for each polygon of FILE, and exits with 5 if a proof is refused. The program,
-    harness/export/check_evidence.py, needs only Python and no other file of this project. All
-    empty triangles are listed: a polygon of 60 vertices takes seconds, 300 vertices take hours.
+    harness/export/check_evidence.py, needs only Python and no other file of this project. It lists
+    all triangles without a vertex inside: 60 vertices take seconds, 300 vertices take hours.
     """
     from harness.export.check_evidence import check_lines
 

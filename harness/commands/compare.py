@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from harness.compare.model import Comparison
-    from harness.compare.polygons import Grown
+    from harness.compare.polygons import GrownPolygon
     from harness.results.run_folder import Run
 
 
@@ -87,7 +87,7 @@ def compare(
     )
     after = read_run(head)
     before = _read_baseline(base, allow_missing=allow_missing_baseline)
-    grown: list[Grown] = []
+    grown: list[GrownPolygon] = []
     if before is None:
         comparison = compare_without_baseline(str(base), after, settings)
     else:
@@ -132,7 +132,7 @@ def _read_baseline(path: Path, *, allow_missing: bool) -> Run | None:
     )
 
 
-def _format_comparison(comparison: Comparison, kind: str, grown: Sequence[Grown]) -> str:
+def _format_comparison(comparison: Comparison, kind: str, grown: Sequence[GrownPolygon]) -> str:
     from harness.compare import outputs
 
     if kind == "table":

@@ -11,12 +11,12 @@ STATUS_COLOURS = {"ok": "green", "warning": "yellow", "missing": "red"}
 def doctor() -> None:
     """Check devices, drivers, extensions and timers; print a remedy for each problem."""
     from harness import rasterisers
-    from harness.doctor import examine
+    from harness.doctor import examine_devices
     from harness.rasterisers import devices
 
     devices.clear_cache()
     console = Screen(highlight=False)
-    findings = examine()
+    findings = examine_devices()
     width = max(len(finding.name) for finding in findings)
     for finding in findings:
         line = Text(f"{finding.status:<8}", style=STATUS_COLOURS[finding.status])

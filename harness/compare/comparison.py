@@ -275,7 +275,7 @@ def _compare_values(name: str, base: float, head: float, settings: Settings) -> 
     """Return the change of an exact metric between BASE and HEAD, with the gate's decision."""
     exact: Exact = "equal"
     are_integers = float(base).is_integer() and float(head).is_integer()
-    # Sums of square roots may differ in their last digits.
+    # Sums of square roots may differ in their last digits, which is no change of the triangles.
     if base != head and (are_integers or not math.isclose(base, head, rel_tol=1e-12)):
         decreased, better = head < base, find_metric(name).better
         exact = "better" if decreased == (better == "lower") else "worse"

@@ -37,7 +37,9 @@ class MachineShift:
 
 
 def estimate_peer_shift(logs: NDArray[np.float64], confidence: float) -> MachineShift:
-    """Return the machine's share of a case's log ratio, estimated from (k,) log ratios of peers.
+    """Return the machine's share of a case's log ratio, estimated from its peers.
+
+    logs : (k,) log ratios of the peers, cases timed together with the case on the same polygons
 
     With equal code all k + 1 log ratios scatter about the drift with the same unknown standard
     deviation sigma. A median of k normal values has about pi / 2k of their variance, so the

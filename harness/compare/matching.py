@@ -171,7 +171,7 @@ def machines_differ(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool
 
 def list_changes(base: Run, head: Run) -> list[str]:
     """Return a line for each fact of plan, software and machine that differs between the runs."""
-    before, after = _flatten(base.facts), _flatten(head.facts)
+    before, after = _flatten_compared_facts(base.facts), _flatten_compared_facts(head.facts)
     return [
         f"{name} was {_format_value(before[name])}, is {_format_value(value)}"
         for name, value in after.items()
@@ -183,7 +183,7 @@ def _format_value(value: Any) -> str:
     return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
-def _flatten(facts: Mapping[str, Any]) -> dict[str, Any]:
+def _flatten_compared_facts(facts: Mapping[str, Any]) -> dict[str, Any]:
     """Return the compared facts of a run, by names such as "plan: seed"."""
     environment = facts.get("environment") or {}
     machine = {name: environment.get(name) for name in ENVIRONMENT}

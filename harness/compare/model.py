@@ -92,9 +92,9 @@ class TimeChange:
     raw_ratio : HEAD over BASE as timed
     against : source of the estimate of machine drift
     threshold : tolerated relative increase, or None if the times were not compared
-    p_value : of the Mann-Whitney test, or in common rounds of the sign test
-    q_value : p-value corrected for the number of cases; without common rounds, of the larger of
-        `p_value` and the interval's p-value
+    p_value : of the Mann-Whitney test in separate runs, or of the sign test in common rounds
+    q_value : p-value corrected for the number of cases; in separate runs, the larger of `p_value`
+        and the interval's p-value is corrected
     reason : why the change is inconclusive, or ""
     """
 
@@ -118,7 +118,7 @@ class TimeChange:
 class Drift:
     """Common change of all cases that were timed together, between BASE and HEAD.
 
-    ratio, low, high : median of the cases' HEAD over BASE; of separate runs, the interval includes
+    ratio, low, high : median of the cases' HEAD over BASE; the interval for separate runs includes
         both the ratio as timed and the ratio relative to the reference draw
     reference : HEAD over BASE of the reference draw, or None if a run has none
     gated : True if `regressed` makes the gate fail: only if both were timed in the same rounds
@@ -318,14 +318,14 @@ def parse_threshold(text: str) -> tuple[str, float]:
     Raises
     ------
     UsageError
-        if the value is not a percentage, or the metric has no better direction; names are checked
-        by `check_thresholds`
+        if the value is not a percentage, or neither an increase nor a decrease of the metric is
+        better; `check_thresholds` checks names
     """
     name, sign, value = (part.strip() for part in text.partition("="))
     if not sign:
         raise UsageError(f"threshold '{text}': give name=percentage, e.g. time=5%")
     if name not in ("time", "counters") and not find_metric(name).has_direction:
-        raise UsageError(f"threshold '{text}': {name} has no better direction; give another metric")
+        raise UsageError(f"threshold '{text}': no change of {name} is better; give another metric")
     if not re.fullmatch(r"\d+(\.\d+)?\s*%", value):
         raise UsageError(f"threshold '{text}': give a percentage, e.g. {name}=5%")
     return name, float(value.rstrip("% ")) / 100

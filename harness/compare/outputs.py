@@ -33,7 +33,7 @@ from harness.webpages import load_template
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from harness.compare.polygons import Grown
+    from harness.compare.polygons import GrownPolygon
 
 
 SCHEMA_VERSION = 2
@@ -106,7 +106,7 @@ MARKER = "<!-- raster-harness compare -->"
 
 
 def to_markdown(
-    comparison: Comparison, limit: int = MAX_COMMENT_LENGTH, grown: Sequence[Grown] = ()
+    comparison: Comparison, limit: int = MAX_COMMENT_LENGTH, grown: Sequence[GrownPolygon] = ()
 ) -> str:
     """Return Markdown: the verdict, then differences, then other facts in collapsed sections.
 
@@ -131,7 +131,7 @@ def to_markdown(
     )
     blocks.append(_make_collapsed_section("Runs, machines and settings", _format_facts(comparison)))
     for position, block in enumerate(blocks):
-        if len(text) + len(block) > limit - 200:
+        if len(text) + len(block) > limit - 200:  # leaves room for the note and the marker
             omitted = sum(map(bool, blocks[position:]))
             text += (
                 f"\n{format_count(omitted, 'table')} omitted: too long for a comment; see --html.\n"
@@ -283,9 +283,10 @@ TOTALS = (
     ("Counters over all compared cases", True),
     ("Predictions and driver counters", False),
 )
+"""Heading of each table of totals, and its `counted` for `build_totals`."""
 
 
-def to_html(comparison: Comparison, grown: Sequence[Grown] = ()) -> str:
+def to_html(comparison: Comparison, grown: Sequence[GrownPolygon] = ()) -> str:
     """Return a self-contained page without scripts: the verdict, tables and plotted times.
 
     grown : polygons with the largest growth, drawn as heatmaps

@@ -25,7 +25,7 @@ QUAD = 2 * SUBPIXEL
 
 
 @dataclass(frozen=True)
-class Grown:
+class GrownPolygon:
     """A polygon of a case that costs more in HEAD.
 
     case : name of the case
@@ -53,7 +53,7 @@ class Grown:
         return f"data:image/png;base64,{base64.b64encode(content.getvalue()).decode()}"
 
 
-def find_largest_growth(base: Run, head: Run, comparison: Comparison) -> list[Grown]:
+def find_largest_growth(base: Run, head: Run, comparison: Comparison) -> list[GrownPolygon]:
     """Return the polygons with the largest growth in the regressed cases, in descending order.
 
     Both runs must have stored the counters per polygon and the triangles.
@@ -73,7 +73,10 @@ def find_largest_growth(base: Run, head: Run, comparison: Comparison) -> list[Gr
 
 
 def _find_growths(base: Run, head: Run, match: Match) -> Iterator[tuple[str, int, int, int]]:
-    """Yield (counter, polygon, BASE, HEAD) of the polygons whose main counter grew most."""
+    """Yield (counter, polygon, value in BASE, value in HEAD) of polygons with the largest growth.
+
+    The counter is the first of `COST_COUNTERS` that both runs have.
+    """
     if match.base is None or match.head is None:
         return
     before, after = _read_counters(base, match.base), _read_counters(head, match.head)
@@ -101,11 +104,11 @@ def _read_counters(run: Run, record: Record) -> dict[str, NDArray[np.int64]]:
 
 def _read_polygon(
     base: Run, head: Run, match: Match, metric: str, index: int, old: int, new: int
-) -> Grown | None:
+) -> GrownPolygon | None:
     """Return a polygon with the triangles of both runs, or None if a run did not store them."""
     triangles, frame = {}, None
     for side, run, record in (("BASE", base, match.base), ("HEAD", head, match.head)):
-        assert record is not None  # only matched cases grow
+        assert record is not None  # growth is computed only for cases of both runs
         geometry = drawings.read(run, record.id.view)
         rows = None if geometry is None else geometry.triangles.get(record.name)
         if geometry is None or rows is None or index >= len(geometry.source):
@@ -121,4 +124,4 @@ def _read_polygon(
         )
         triangles[f"{side}: {record.name}"] = indices.astype(np.int32)
     assert frame is not None
-    return Grown(str(match.id), metric, old, new, int(frame.source[0]), frame, triangles)
+    return GrownPolygon(str(match.id), metric, old, new, int(frame.source[0]), frame, triangles)

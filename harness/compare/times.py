@@ -43,9 +43,11 @@ from harness.stats.intervals import compute_paired_ratio
 from harness.stats.run_quality import MIN_QUIET_ROUNDS, select_rounds
 
 QUANTILE = 0.1
-"""Low enough to exclude samples that other programs lengthened, steadier than the minimum."""
+"""Quantile of the samples that represents a case's time: low enough to exclude samples that other
+programs lengthened, steadier than the minimum."""
 
 RESAMPLES = 2000
+"""Number of bootstrap resamples for an interval."""
 
 MAX_ROUNDS_Q = 1e-3
 """Maximum q-value of a change in common rounds: 1 in 1,000 reported changes may be chance."""
@@ -99,7 +101,10 @@ class Pair:
 def read_pair(
     base: Record, head: Record, *, same_work: bool, machines_differ: bool = False
 ) -> Pair | TimeChange | None:
-    """Return a case's times, an inconclusive change if incomparable, or None without times."""
+    """Return a case's times in both runs, or None if neither run timed the case.
+
+    Times that cannot be compared give an inconclusive change, with the reason.
+    """
     if base.time is None and head.time is None:
         return None
     before, after = base.time or Time(), head.time or Time()
@@ -124,7 +129,7 @@ def read_pair(
             pair,
             reference=references,
             same_rounds=True,
-            same_drawing=_are_one_drawing(base, head),
+            same_drawing=_is_same_drawing(base, head),
             parts=(after.epochs or None, after.processes or None),
             quiet=select_rounds(before, after),
         )
@@ -132,7 +137,7 @@ def read_pair(
     return replace(pair, reference=references, obstacle=obstacle)
 
 
-def _are_one_drawing(base: Record, head: Record) -> bool:
+def _is_same_drawing(base: Record, head: Record) -> bool:
     """Return whether both versions have equal triangles, so that one drawing was timed for both.
 
     Both records then have the same samples. A coarse timer may give equal samples by chance, so the
@@ -186,10 +191,11 @@ def _estimate_shift(
 ) -> MachineShift | str:
     """Return the machine's share of a pair's log ratio, or why it cannot be estimated.
 
-    The estimate uses peers. Without enough peers the share lies between 0 and the reference draw's
-    log ratio; on different machines it equals the latter. A case that drew other polygons
-    than the rest of its group (`fan` draws 229 of 500) has no estimate: 49 of 49 wrong verdicts
-    between separate runs of equal code were of such cases.
+    The estimate uses peers: those of the group's other `cases` that drew the same polygons. Without
+    enough peers the share lies between 0 and the reference draw's log ratio; on different machines
+    it equals the latter. A case that drew other polygons than the rest of its group (`fan` draws
+    229 of 500) has no estimate: 49 of 49 wrong verdicts between separate runs of equal code were of
+    such cases.
     """
     if settings.normalise == "auto":
         peers = [case for case in cases if case.polygons == pair.polygons]
@@ -431,7 +437,7 @@ def compute_log_ratio(base: Samples, head: Samples) -> float:
 
 
 def compute_margins(base: Samples, head: Samples, confidence: float) -> Samples:
-    """Return the reach (2,) of the bootstrap interval below and above `compute_log_ratio`."""
+    """Return (2,) how far the bootstrap interval extends below and above `compute_log_ratio`."""
     rng = np.random.default_rng(zlib.crc32(base.tobytes() + head.tobytes()))
     ratios = np.log(_resample(head, rng) / _resample(base, rng))
     low, high = np.quantile(ratios, [(1 - confidence) / 2, (1 + confidence) / 2])

@@ -24,7 +24,7 @@ from harness.settings import COST_COUNTERS
 from harness.style import format_count, format_number, format_percent, format_step
 
 if TYPE_CHECKING:
-    from harness.compare.polygons import Grown
+    from harness.compare.polygons import GrownPolygon
 
 SAME_TRIANGLES = "same triangles"
 """Shown in place of the ratio of a case with the same drawing in both versions."""
@@ -130,7 +130,7 @@ def format_counter(change: CounterChange) -> str:
     )
 
 
-def format_grown(grown: Grown) -> str:
+def format_grown(grown: GrownPolygon) -> str:
     """Return `polygon 12 (9 vertices) of mine:cut, city 64 px: helper lanes 12 → 31 (+158 %)`."""
     vertices = format_count(len(grown.frame.points), "vertex", "vertices")
     polygon = f"polygon {grown.polygon} ({vertices})"

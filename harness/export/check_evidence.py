@@ -45,7 +45,7 @@ class EvidenceError(Exception):
     """An invalid proof; the message is the reason."""
 
 
-def need(holds: Any, reason: str) -> None:
+def require(holds: Any, reason: str) -> None:
     """Raise EvidenceError with `reason` unless `holds`."""
     if not holds:
         raise EvidenceError(reason)
@@ -53,7 +53,7 @@ def need(holds: Any, reason: str) -> None:
 
 def require_int(value: Any) -> int:
     """Return an integer; refuse any other value."""
-    need(type(value) is int, f"{value!r:.40} is not an integer")
+    require(type(value) is int, f"{value!r:.40} is not an integer")
     return int(value)
 
 
@@ -61,14 +61,14 @@ def require_double(value: Any) -> Fraction:
     """Return the exact value of a double of the file; refuse any other value."""
     # Integers that a double cannot hold are refused, too.
     is_double = type(value) in (int, float) and value == float(value)
-    need(is_double, f"{value!r:.40} is not a double")
+    require(is_double, f"{value!r:.40} is not a double")
     return Fraction(value)
 
 
 def require_list(value: Any, length: int | None = None) -> list[Any]:
     """Return a list of the required length; refuse any other value."""
-    need(type(value) is list, f"{value!r:.40} is not a list")
-    need(length in (None, len(value)), f"{value!r:.40} should have {length} entries")
+    require(type(value) is list, f"{value!r:.40} is not a list")
+    require(length in (None, len(value)), f"{value!r:.40} should have {length} entries")
     return list(value)
 
 
@@ -78,14 +78,22 @@ def list_directed_sides(t: Triangle) -> tuple[Edge, Edge, Edge]:
 
 
 class Claim:
-    """A polygon with triangles and the proof that their cost is minimal."""
+    """A polygon with triangles and the proof that their cost is minimal.
+
+    points : exact integer coordinates, the file's times 2^k
+    site, sites : first of each vertex's coincident vertices; the distinct ones, sorted
+    boundary : directed edges with the interior on the left
+    exact : True if doubles hold all costs exactly; total : cost of the triangles
+    """
 
     def __init__(self, fields: Any) -> None:
-        need(type(fields) is dict and fields.get("format") == FORMAT, f"the format is not {FORMAT}")
-        need(fields.get("potentials") is not None, "no evidence")
-        need(fields.keys() == FIELDS, f"the fields differ from {', '.join(sorted(FIELDS))}")
+        require(
+            type(fields) is dict and fields.get("format") == FORMAT, f"the format is not {FORMAT}"
+        )
+        require(fields.get("potentials") is not None, "the line has no proof (no potentials)")
+        require(fields.keys() == FIELDS, f"the fields differ from {', '.join(sorted(FIELDS))}")
         self.fields, self.criterion = fields, fields["criterion"]
-        need(
+        require(
             self.criterion in CRITERIA,
             f"{self.criterion}: unsupported criterion (supported: {', '.join(CRITERIA)})",
         )
@@ -106,16 +114,18 @@ class Claim:
         site = iter(self.site)
         self.boundary = self._list_boundary([[next(site) for _ in r] for r in fields["rings"]])
         triangles = [require_list(t, 3) for t in require_list(fields["triangles"])]
-        need(all(require_int(v) >= 0 for t in triangles for v in t), "a vertex below 0")
+        require(all(require_int(v) >= 0 for t in triangles for v in t), "a negative vertex index")
         self.triangles = [tuple(self.site[v] for v in t) for t in triangles]
-        need(all(self.turn(*t) > 0 for t in self.triangles), "a triangle is not counter-clockwise")
+        require(
+            all(self.orient(*t) > 0 for t in self.triangles), "a triangle is not counter-clockwise"
+        )
         sides = [side for t in self.triangles for side in list_directed_sides(t)]
-        need(len(set(sides)) == len(sides), "two triangles are on the same side of an edge")
+        require(len(set(sides)) == len(sides), "two triangles are on the same side of an edge")
         unpaired = set(sides) - {(b, a) for a, b in sides}
-        need(unpaired == self.boundary, "the triangles do not cover the polygon once")
+        require(unpaired == self.boundary, "the triangles do not cover the polygon once")
         self._compute_units()
 
-    def turn(self, a: int, b: int, c: int) -> int:
+    def orient(self, a: int, b: int, c: int) -> int:
         """Return twice the signed area of triangle a, b, c: positive if counter-clockwise."""
         (ax, ay), (bx, by), (cx, cy) = self.points[a], self.points[b], self.points[c]
         return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
@@ -123,11 +133,16 @@ class Claim:
     def is_between(self, v: int, a: int, b: int) -> bool:
         """Return whether v lies inside the segment a-b: collinear, and between the ends."""
         p, q = sorted((self.points[a], self.points[b]))
-        return p < self.points[v] < q and self.turn(a, b, v) == 0
+        return p < self.points[v] < q and self.orient(a, b, v) == 0
 
     def is_crossing(self, a: int, b: int, c: int, d: int) -> bool:
         """Return whether two segments cross in a point inside both."""
-        sides = self.turn(a, b, c), self.turn(a, b, d), self.turn(c, d, a), self.turn(c, d, b)
+        sides = (
+            self.orient(a, b, c),
+            self.orient(a, b, d),
+            self.orient(c, d, a),
+            self.orient(c, d, b),
+        )
         return min(sides[:2]) < 0 < max(sides[:2]) and min(sides[2:]) < 0 < max(sides[2:])
 
     def _list_boundary(self, rings: list[list[int]]) -> set[Edge]:
@@ -140,18 +155,18 @@ class Claim:
         pieces: list[Edge] = []
         for index, ring in enumerate(rings):
             sides = [(a, b) for a, b in zip(ring, ring[1:] + ring[:1], strict=True) if a != b]
-            need(len(sides) > 2, "a ring without area")
+            require(len(sides) > 2, "a ring without area")
             meets_itself = len({a for a, _ in sides}) < len(sides)
             meets_itself |= any(self.is_between(v, *side) for side in sides for v, _ in sides)
             meets_itself |= any(self.is_crossing(*s, *t) for s, t in combinations(sides, 2))
-            need(not meets_itself, "a ring intersects or touches itself")
-            doubled_area = sum(self.turn(ring[0], a, b) for a, b in sides)
+            require(not meets_itself, "a ring intersects or touches itself")
+            doubled_area = sum(self.orient(ring[0], a, b) for a, b in sides)
             edges += sides if (doubled_area > 0) == (index == 0) else [(b, a) for a, b in sides]
         for a, b in edges:  # if rings touch, an edge is split at the vertex on it
             splits = [v for v in self.sites if self.is_between(v, a, b)]
             splits.sort(key=self.points.__getitem__, reverse=self.points[a] > self.points[b])
             pieces += zip([a, *splits], [*splits, b], strict=True)
-        need(len(set(pieces)) == len(pieces), "two rings share an edge")
+        require(len(set(pieces)) == len(pieces), "two rings share an edge")
         return set(pieces)
 
     def compute_cost(self, a: int, b: int, c: int) -> Fraction:
@@ -163,7 +178,7 @@ class Claim:
             roots = sum(1 + math.isqrt((x * x + y * y << 160) - 1) for x, y in sides)
             return step * Fraction(roots, 2**80)
         w, h = max(ax, bx, cx) - min(ax, bx, cx), max(ay, by, cy) - min(ay, by, cy)
-        area = w * h - Fraction(abs(self.turn(a, b, c)), 2)
+        area = w * h - Fraction(abs(self.orient(a, b, c)), 2)
         return step * (w + h) if self.criterion == "half-perimeter" else step * step * area
 
     def _compute_units(self) -> None:
@@ -184,7 +199,7 @@ class Claim:
             exponent = (36 - math.frexp(float(self.total))[1]) // 4 * 4
             small = exponent >= 900 or not float(self.total)
             off = "large" * large or "small" * small
-            need(not (off and self.fields["proven"]), f"too {off} to be proven")
+            require(not (off and self.fields["proven"]), f"too {off} to be proven")
             scale, self.exact = Fraction(2) ** max(-900, min(900, exponent)), False
             bits, factor = next(c for c in choices if c[1] << 38 < 2**61)
         self.scale, self.factor, self.bits = scale, factor, bits
@@ -193,7 +208,7 @@ class Claim:
             require_int(self.fields["factor"]),
             require_int(self.fields["bits"]),
         )
-        need(stated == (scale, factor, bits), "the units differ from the polygon's")
+        require(stated == (scale, factor, bits), "the units differ from the polygon's")
 
     def compute_noise(self, a: int, b: int) -> int:
         """Return the noise of an edge a < b: the upper bits of a hash (splitmix64)."""
@@ -204,7 +219,7 @@ class Claim:
         return (x ^ x >> 31) >> (64 - self.bits)
 
     def compute_weight(self, t: Triangle) -> int:
-        """Return the weight of a triangle, clamped to 2^59."""
+        """Return a triangle's weight: cost in units times `factor`, at most 2^59, plus noise."""
         units = math.floor(self.scale * self.compute_cost(*t) * (1 if self.exact else COST_FACTOR))
         units = min(units, 2**59 // self.factor)
         return units * self.factor + sum(
@@ -212,7 +227,7 @@ class Claim:
         )
 
     def is_edge(self, a: int, b: int) -> bool:
-        """Return whether the segment of two vertices is a boundary or inner edge."""
+        """Return whether the segment a-b is a boundary edge, or a diagonal inside the polygon."""
         if {(a, b), (b, a)} & self.boundary:
             return True
         met = any(self.is_between(v, a, b) for v in self.sites)
@@ -226,14 +241,19 @@ class Claim:
         return inside
 
     def list_empty_triangles(self) -> list[Triangle]:
-        """Return all empty triangles, counter-clockwise."""
+        """Return all triangles inside the polygon without a vertex inside, counter-clockwise."""
         edges, triangles = {e for e in combinations(self.sites, 2) if self.is_edge(*e)}, []
         for a, b, c in combinations(self.sites, 3):
-            if (a, b) in edges and (b, c) in edges and (a, c) in edges and self.turn(a, b, c) != 0:
-                t = (a, b, c) if self.turn(a, b, c) > 0 else (a, c, b)
+            if (
+                (a, b) in edges
+                and (b, c) in edges
+                and (a, c) in edges
+                and self.orient(a, b, c) != 0
+            ):
+                t = (a, b, c) if self.orient(a, b, c) > 0 else (a, c, b)
                 outside = any((q, p) in self.boundary for p, q in list_directed_sides(t))
                 inner = (
-                    all(self.turn(p, q, v) > 0 for p, q in list_directed_sides(t))
+                    all(self.orient(p, q, v) > 0 for p, q in list_directed_sides(t))
                     for v in self.sites
                 )
                 if not outside and not any(inner):
@@ -244,8 +264,10 @@ class Claim:
         """Return the lower bound from the potentials, checked for all empty triangles."""
         pairs = [require_list(edge, 2) for edge in require_list(self.fields["edges"])]
         edges = [(require_int(a), require_int(b)) for a, b in pairs]
-        need(all(0 <= a < b < len(self.site) for a, b in edges), "an edge is not (a, b) with a < b")
-        need(len(set(edges)) == len(edges), "duplicate edge")
+        require(
+            all(0 <= a < b < len(self.site) for a, b in edges), "an edge is not (a, b) with a < b"
+        )
+        require(len(set(edges)) == len(edges), "duplicate edge")
         potentials, lift = (
             require_list(self.fields["potentials"], len(edges)),
             require_int(self.fields["lift"]),
@@ -254,42 +276,42 @@ class Claim:
         y |= {(b, a): -value for (a, b), value in y.items()}
         for t, weight in weights.items():
             total = sum(y.get(side, 0) for side in list_directed_sides(t))
-            need(total + lift <= weight, f"the potentials exceed the weight of {t}")
+            require(total + lift <= weight, f"the potentials exceed the weight of {t}")
         return sum(y.get(side, 0) for side in self.boundary) + lift * len(self.triangles)
 
     def check(self) -> str:
         """Return the proven statement; refuse if it is weaker than the claim."""
         empty = self.list_empty_triangles()
         lowest_first = {min(t, t[1:] + t[:1], t[2:] + t[:2]) for t in self.triangles}
-        need(lowest_first <= set(empty), "a triangle is not empty")
+        require(lowest_first <= set(empty), "a triangle is not empty")
         weights = {t: self.compute_weight(t) for t in empty}
         bound = self.compute_bound(weights) // self.factor / self.scale
         cost, low, gap = (
             require_double(self.fields[name]) for name in ("cost", "lower_bound", "gap")
         )
         off = 0 if self.exact else DOUBLE_ERROR
-        need(bound <= self.total * (1 + off), "the bound is above the cost")
+        require(bound <= self.total * (1 + off), "the bound is above the cost")
         near = abs(cost - Fraction(float(self.total))) <= self.total * off
-        need(near, f"the cost is {float(self.total)}")
-        need(low <= bound, f"the bound is {float(bound)}")
+        require(near, f"the cost is {float(self.total)}")
+        require(low <= bound, f"the bound is {float(bound)}")
         # The relative gap from exact numbers, a lower bound of the stated gap.
         share = max(Fraction(0), (self.total - bound) / self.total if self.total else 0)
-        need(gap >= 0 and gap >= Fraction(float(share)) - off, f"the gap is {float(share)}")
-        need(type(self.fields["proven"]) is bool, "proven is neither true nor false")
+        require(gap >= 0 and gap >= Fraction(float(share)) - off, f"the gap is {float(share)}")
+        require(type(self.fields["proven"]) is bool, "proven is neither true nor false")
         if not self.fields["proven"]:
             return f"at most {float(share):.3g} of the cost above the optimum"
         slack = 0 if self.exact else len(self.triangles) / self.scale + self.total * off
-        need(self.total - bound <= slack, "optimality is not proven")
+        require(self.total - bound <= slack, "optimality is not proven")
         return "optimal" if share == 0 else f"optimal, to a relative error of {float(share):.2g}"
 
 
 def require_unique_fields(fields: list[tuple[str, Any]]) -> dict[str, Any]:
     """Return the fields of an object; refuse duplicate fields, which are ambiguous."""
-    need(len(dict(fields)) == len(fields), "duplicate field")
+    require(len(dict(fields)) == len(fields), "duplicate field")
     return dict(fields)
 
 
-def check(line: str | bytes) -> str:
+def check_line(line: str | bytes) -> str:
     """Return the statement that a line of JSON proves; raises `EvidenceError`."""
     try:
         return Claim(json.loads(line, object_pairs_hook=require_unique_fields)).check()
@@ -303,7 +325,7 @@ def check_lines(lines: Iterable[str | bytes]) -> Iterator[tuple[int, str, bool]]
     """Yield for each line of a file the number, the result, and whether the proof holds."""
     for index, line in enumerate(lines, 1):
         try:
-            yield index, check(line), True
+            yield index, check_line(line), True
         except EvidenceError as reason:
             yield index, f"refused: {reason}", False
 

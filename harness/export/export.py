@@ -242,7 +242,7 @@ def export_file(
                 report.evidence = proofs.open_published(mode="w")
             parameters |= {"order": order}
             options = TriangulationOptions(name, parameters, device, say, conforming=polygons)
-            writer = add_chunks(chunks, partial(make, output), options, report, progress)
+            writer = export_chunks(chunks, partial(make, output), options, report, progress)
             if writer is None or report.triangles == 0:
                 raise InputError(_format_empty_export(str(source), report))
             writer.finish()
@@ -284,7 +284,7 @@ def _read_chunks(source: str, size: int, *, solid: bool) -> Iterator[Chunk]:
             f"{name}: a 3D model, whose faces would be laid out next to each other; measure the "
             f"model with `run --scene {name}`, or write .geojson, .parquet or .npz"
         )
-    parameters = convert_arguments(name, read, parameters)  # refuses those of map tiles
+    parameters = convert_arguments(name, read, parameters)  # refuses parameters of map tiles
     limit = parameters.pop("limit", None)
     if limit is not None and limit < 1:
         raise UsageError(f"limit={limit}: out of range; give 1 or more")
@@ -312,7 +312,7 @@ def _split_scene(source: str, size: int) -> Iterator[Chunk]:
         yield Chunk(cleaned, table, scene.units, notes=notes[2], credit=scene.credit)
 
 
-def add_chunks(
+def export_chunks(
     chunks: Iterable[Chunk],
     make: Callable[[ExportMetadata], Writer],
     options: TriangulationOptions,
@@ -323,6 +323,7 @@ def add_chunks(
 ) -> Writer | None:
     """Triangulate chunks of a source, write them, and count them in `report`.
 
+    make : called with the metadata of the first chunk; returns the writer
     empty : True to also write chunks without polygons
 
     Returns the unfinished writer, or None if no chunk was written.

@@ -98,7 +98,8 @@ class GeoParquetWriter:
             renamed = [f"{n}_" if n == "geometry" else n for n in table.column_names]
             table = table.rename_columns(renamed)
         for number, kind in enumerate(table.schema.types):
-            if pa.types.is_null(kind):  # all values of this batch are missing
+            # All values of this batch are missing: text, the most general type, is assumed.
+            if pa.types.is_null(kind):
                 text = table.column(number).cast(pa.string())
                 table = table.set_column(number, table.column_names[number], text)
         geometry = pa.array(_encode_wkb(mesh, self._about, self._collection), pa.binary())
@@ -121,7 +122,7 @@ class GeoParquetWriter:
         try:
             fitted = table.select(self._schema.names).cast(self._schema)
         except (pa.ArrowException, KeyError, ValueError) as error:
-            problem = f"the attributes change their type within the source: {error}"
+            problem = f"attributes: types change within the source ({error}); make them equal"
             raise InputError(problem) from error
         self._writer.write_table(fitted)
 

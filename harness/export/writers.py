@@ -237,7 +237,7 @@ class PolygonLoops(NamedTuple):
     triangles: NDArray[np.int64]
 
 
-def make_loops(mesh: ExportMesh) -> PolygonLoops:
+def make_polygon_loops(mesh: ExportMesh) -> PolygonLoops:
     """Return the rings of polygons whose triangulations are conforming.
 
     Of coincident vertices of a polygon, the first one represents all: a triangulation need not use
@@ -307,7 +307,7 @@ class GltfWriter:
             "POSITION": self._add_accessor(grid.astype("<f4")),
             "_FEATURE_ID_0": self._add_accessor(feature),
         }
-        loops = make_loops(mesh) if self._polygons else None
+        loops = make_polygon_loops(mesh) if self._polygons else None
         triangles = mesh.triangles if loops is None else loops.triangles
         primitive: dict[str, Any] = {
             "attributes": attributes,
@@ -380,7 +380,7 @@ class GltfWriter:
             stream.write(payload)
 
     def _add_accessor(self, values: NDArray[Any]) -> int:
-        """Add an accessor of indices (u4), or of scalars or positions of vertices (f4)."""
+        """Add an accessor of indices (u4), or of scalars or positions (f4); return its index."""
         is_index, is_position = values.dtype.kind == "u", values.ndim == 2
         view = {"buffer": 0, "byteOffset": self._data.tell(), "byteLength": values.nbytes}
         self._data.write(values.tobytes())

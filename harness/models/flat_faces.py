@@ -277,7 +277,7 @@ def _project_to_planes(positions: Floats, owner: Ints, normal: Floats) -> tuple[
 
 
 def _compute_affine_residuals(values: Floats, points: Floats, owner: Ints, count: int) -> Floats:
-    """Return the largest residual (p,) of each point's values (p, k) from affine fits, one per face.
+    """Return each point's largest residual (p,), of values (p, k), from an affine fit per face.
 
     points : (p, 2) in the planes of the faces; owner : (p,) face of each point
     """

@@ -17,7 +17,7 @@ from harness.measuring.pool import MeasuringPool
 from harness.metrics.groups import DEFAULT_BASE
 from harness.metrics.registry import list_predictions
 from harness.page.device_summaries import CRITERIA as SUMMARISED
-from harness.page.result import RECORD_FIELDS, count_exactly
+from harness.page.result import RECORD_FIELDS, count_per_polygon
 from harness.profile import law
 from harness.profile.advice import BASE, CRITERIA, SCENES, sum_scene_features
 from harness.profile.counted import PX_TERMS, TERMS, count_draw
@@ -103,7 +103,8 @@ class GroupsContent(TypedDict):
 
     places : indices of the draws
     labels, folds : number of each draw's group, and of its cross-validation fold
-    reach : half-widths of intervals in standard errors, for one interval and for the family
+    reach : half-widths of intervals in standard errors: of a single interval, and of one of a
+        family of intervals that hold together
     standard_errors : `law.STANDARD_ERRORS`
     """
 
@@ -115,7 +116,13 @@ class GroupsContent(TypedDict):
 
 
 class ProfileContent(TypedDict):
-    """Data of the page that measures a device's law, read by `static/profile.js`."""
+    """Data of the page that fits a device's cost model (law), read by `static/profile.js`.
+
+    grids : exact results by the step of the device's vertex grid, in 1/256 px
+    fitted, plain : draws of the law, and of the coefficients for criteria, see `select_fitted`
+    forms, vertices, in_px, costs : `law.FORMS`, `law.VERTICES`, `PX_TERMS` and `law.COSTS`
+    scenes : scene -> triangulator -> terms per polygon, for the recommendation
+    """
 
     format: str
     version: int
@@ -214,7 +221,7 @@ def _make_case(record: Record, geometry: Geometry) -> CaseContent:
     rows = geometry.triangles[record.name]
     fields = record_to_json(record) | {"triangulator": record.name}
     fragments, quads, partial, covering = (
-        encode_array(counts.astype("<u4")) for counts in count_exactly(geometry, rows)
+        encode_array(counts.astype("<u4")) for counts in count_per_polygon(geometry, rows)
     )
     return {
         "rows": encode_array(rows.astype("<u4")),
@@ -227,6 +234,7 @@ def _make_case(record: Record, geometry: Geometry) -> CaseContent:
 
 
 SEED = 0
+"""Seed of the designed draws."""
 
 DRAW_FIELDS = ("kind", "name", "group", "work", "aspect", "area")
 """Properties of a draw that the page receives."""
@@ -250,7 +258,8 @@ def make_profile_content(pool: MeasuringPool) -> ProfileContent:
         "seed": SEED,
         "draws": [{name: getattr(draw, name) for name in DRAW_FIELDS} for draw in draws],
         "grids": {
-            step: make_grid([snap_draw(draw, step) for draw in draws]) for step in GRID_STEPS
+            step: make_grid_content([snap_draw(draw, step) for draw in draws])
+            for step in GRID_STEPS
         },
         "fitted": _make_groups(draws, fitted),
         "plain": _make_groups(draws, plain),
@@ -269,7 +278,7 @@ def make_profile_content(pool: MeasuringPool) -> ProfileContent:
     }
 
 
-def make_grid(draws: Sequence[Draw]) -> GridContent:
+def make_grid_content(draws: Sequence[Draw]) -> GridContent:
     """Return checksums, counters and criteria of draws whose points are on one grid."""
     counted = [count_draw(draw) for draw in draws]
     predicted = make_cost_rows([(draw.frame, draw.triangles) for draw in draws])

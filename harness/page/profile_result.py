@@ -1,6 +1,6 @@
 """Import of a profiling page's result: draws, counters and the law are computed again.
 
-Only the saved times are used; a result whose draws, counters or law contradict them is rejected.
+Only the saved times are used; a result whose draws, counters or law differ from these is rejected.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ from pydantic import model_validator as validator
 from harness.errors import IncompatibleRunsError, InputError
 from harness.measuring.timing import EMPTY, Times
 from harness.page import saved
-from harness.page.saved import Count, Finite, SavedModel, Share, Text, check_rounds
+from harness.page.saved import Count, Finite, NonNegative, SavedModel, Text, check_rounds
 from harness.profile import design, measured
 from harness.profile.counted import TERMS, count_draw, make_design_rows
 from harness.profile.design import DESIGN_VERSION
@@ -32,6 +32,7 @@ LAW_TOLERANCE = 0.02
 stop when no time changes by 1e-4, so they differ slightly."""
 
 Counted = Mapping[str, int]
+"""Exact counters of a draw, by name."""
 
 
 class _Page(SavedModel):
@@ -48,7 +49,7 @@ class _Draw(SavedModel):
 
 class _Law(SavedModel):
     form: Annotated[str, StringConstraints(max_length=50)]
-    seconds: dict[Annotated[str, StringConstraints(max_length=50)], Share]
+    seconds: dict[Annotated[str, StringConstraints(max_length=50)], NonNegative]
     r2_over: Finite
     r2_within: Finite
 
@@ -152,14 +153,14 @@ def _check_law(
     if result.law is None:
         return
     if list(result.law.seconds) != list(TERMS) or result.law.form not in FORMS:
-        raise InputError(f"{file}: the law has unknown terms or form; create the page again")
+        raise InputError(f"{file}: the cost model has unknown terms or form; create the page again")
     rows, form = make_design_rows(exact), result.law.form
     fitted, _ = select_draws_to_fit(draws)
     labels = np.unique([draws[n].group for n in fitted], return_inverse=True)[1]
     costs, _ = fit_form(rows[fitted], measurement.times[fitted], labels, form)
     stated = predict_times(rows, np.array(list(result.law.seconds.values())), form)
     if (np.abs(stated / predict_times(rows, costs, form) - 1.0) > LAW_TOLERANCE).any():
-        raise InputError(f"{file}: the law does not follow from the times; measure again")
+        raise InputError(f"{file}: the cost model does not follow from the times; measure again")
 
 
 def _make_facts(result: Result, name: str) -> dict[str, Any]:

@@ -24,8 +24,8 @@ from harness.page.saved import (
     Finite,
     Measured,
     Name,
+    NonNegative,
     SavedModel,
-    Share,
     Text,
     check_rounds,
     list_warnings,
@@ -68,11 +68,11 @@ class _Record(SavedModel):
     vertices: Count
     triangles: Count
     predicted: dict[Name, Finite]
-    triangulate_s: Share | None = None
+    triangulate_s: NonNegative | None = None
     conforming: bool | None = None
     t_junctions: Count = 0
     proven: Count | None = None
-    largest_gap: Share | None = None
+    largest_gap: NonNegative | None = None
     outline_quads: Count | None = None
 
 
@@ -92,7 +92,7 @@ class _Counters(SavedModel):
 RECORD_FIELDS, COUNTERS = tuple(_Record.model_fields), tuple(_Counters.model_fields)
 
 
-def count_exactly(geometry: Geometry, rows: NDArray[Any]) -> tuple[NDArray[np.int64], ...]:
+def count_per_polygon(geometry: Geometry, rows: NDArray[Any]) -> tuple[NDArray[np.int64], ...]:
     """Return the exact `COUNTERS` of each polygon, (p,) each; rows : (m, 3) vertex indices."""
     predicted = count_per_triangle(geometry.points, rows)
     owner = np.searchsorted(geometry.grid.vertex_offsets, rows[:, 0], side="right") - 1
@@ -122,7 +122,7 @@ class _Case(SavedModel):
         if ((partial > lanes) | (lanes > 3 * partial) | (partial > quads)).any():
             raise ValueError("partial quads without a helper lane, or with more than three")
         if ((covering > quads) | ((covering == 0) != (fragments == 0))).any():
-            raise ValueError("covering triangles without a quad, or more than quads")
+            raise ValueError("covering triangles without a quad, or more of them than quads")
         if polygons and not fragments.any():
             raise ValueError("nothing was drawn: all counters are zero")
         if (record.proven or 0) > record.polygons:
@@ -196,7 +196,7 @@ def import_result(result: Result, folder: Path, device: str, run: Run | None = N
         for view in result.views:
             for record, counters in _make_records(view, device, result):
                 if run is not None:
-                    _add_polygons(writer, run, record, counters)
+                    _write_polygon_arrays(writer, run, record, counters)
                 writer.append(record)
     return folder
 
@@ -303,7 +303,7 @@ def _raise_if_contradicting(run: Run, case: _Case, *, exact_grid: bool) -> None:
         return
     counters = case.counters.to_arrays()
     counted = np.array(list(counters.values()))
-    exact = np.array(count_exactly(geometry, geometry.triangles[name])[: len(counted)])
+    exact = np.array(count_per_polygon(geometry, geometry.triangles[name])[: len(counted)])
     if counted.shape != exact.shape or (counted != exact).any(axis=0).sum() != case.differing:
         raise InputError(
             f"{name}: the number of polygons whose counters differ from the exact reference is not "
@@ -320,7 +320,7 @@ def _find_record(run: Run, name: str, scene_hash: str, view: View) -> Record | N
     return None
 
 
-def _add_polygons(
+def _write_polygon_arrays(
     writer: RunFolder, run: Run, record: Record, counters: Mapping[str, np.ndarray]
 ) -> None:
     """Store the run's frame and predictions per polygon, and the page's counters per polygon."""

@@ -24,7 +24,7 @@ Text = Annotated[str, StringConstraints(max_length=500, pattern=r"^[^\x00-\x1f\x
 Long = Annotated[str, StringConstraints(max_length=10_000)]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f]+$")]
 Count = Annotated[int, Field(ge=0, le=2**53)]
-Share = Annotated[float, Field(ge=0.0, le=1e9, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0.0, le=1e9, allow_inf_nan=False)]
 Finite = Annotated[float, Field(gt=-MAX_NUMBER, lt=MAX_NUMBER, allow_inf_nan=False)]
 Seconds = Annotated[float, Field(gt=0.0, le=1e5, allow_inf_nan=False)]
 
@@ -56,9 +56,9 @@ class Timer(SavedModel):
     """Result of the self-test of `timing.js`; `asking_s` is the wall time of an empty request."""
 
     timer: Literal["gpu", "wall"]
-    asking_s: Share
+    asking_s: NonNegative
     wall_s: Seconds
-    gpu_s: Share | None
+    gpu_s: NonNegative | None
     resolution_s: Seconds
     reason: Text
 
@@ -71,7 +71,10 @@ class Times(SavedModel):
 
 
 def check_rounds(times: Mapping[str, Times], epochs: Sequence[int]) -> None:
-    """Raise ValueError if draws have different rounds, or a draw except the empty one took 0 s."""
+    """Raise ValueError if numbers of rounds differ, or a draw other than the empty one took 0 s.
+
+    epochs : number of rounds in each epoch, which sum to the number of each draw's samples
+    """
     if {len(draw.samples_s) for draw in times.values()} - {sum(epochs)}:
         raise ValueError("draws have different numbers of rounds")
     if any(0.0 in draw.samples_s for name, draw in times.items() if name != EMPTY):
@@ -116,7 +119,7 @@ def read_saved(file: Path, kinds: Mapping[str, type[Result]]) -> Result:
         if file.exists() and not file.is_file():
             raise InputError(f"{file}: not a regular file")
         if file.stat().st_size > MAX_BYTES:
-            raise InputError(f"{file}: too large for a saved page (over {MAX_BYTES >> 20} MiB)")
+            raise InputError(f"{file}: too large for a saved result (over {MAX_BYTES >> 20} MiB)")
         outer = _File.model_validate_json(file.read_bytes())
         kind = kinds[outer.format]
     except OSError as error:
@@ -150,7 +153,7 @@ def make_device_name(result: Measured) -> str:
 def list_warnings(result: Measured, warnings: Iterable[str], moved: str) -> list[str]:
     """Return warnings: the page's problems, `warnings`, and deviations of the device's coverage.
 
-    moved : noun for the objects that a coarser grid moves
+    moved : noun for the warning about objects that a coarser grid moves: "draws" or "polygons"
     """
     problem = " ".join((result.problem or "").split())
     step = result.device.step

@@ -262,6 +262,7 @@ class _Polygons:
 
 
 def _make_group(group: RecordGroup, decision: Decision | None, polygons: _Polygons) -> GroupContent:
+    """Return the content of a group; reading its cases adds their view to `polygons.views`."""
     columns = {
         record.name: values
         for record in group.records

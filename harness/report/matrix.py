@@ -24,7 +24,7 @@ from harness.study.correlations import (
     PAPER,
     TIME,
     Estimate,
-    correlate_within,
+    correlate_within_polygons,
     estimate_median,
     get_label,
     get_predictor_column,
@@ -231,7 +231,7 @@ def read_spread(run: Run, view: View) -> pd.DataFrame | None:
 def correlate_spread(table: pd.DataFrame, measure: str) -> dict[str, Estimate]:
     """Return the rank correlation of each criterion with `measure` within polygons, if defined."""
     estimates = {
-        name: estimate_median(correlate_within(table, name, measure))
+        name: estimate_median(correlate_within_polygons(table, name, measure))
         for name in list_predictions()
         if name in table
     }

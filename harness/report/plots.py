@@ -30,7 +30,7 @@ from harness.style import (
     choose_looks,
     draw_figure,
     draw_scatter,
-    make_grid,
+    make_figure,
 )
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def draw_predictions(run: Run, group: RecordGroup) -> Figure | None:
         if estimate.measure == measure and PREDICTED + name in columns[base]
     ]
     panels = list(dict.fromkeys([*estimates, PAPER, best]))[:2]
-    figure, axes = make_grid((TWO_COLUMNS, 3.6), columns=len(panels) + 1)
+    figure, axes = make_figure((TWO_COLUMNS, 3.6), columns=len(panels) + 1)
     for panel, criterion in zip(axes, panels, strict=False):
         _draw_scatter(panel, columns, base, criterion, measure)
         in_unit = criterion in estimates

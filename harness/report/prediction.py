@@ -51,7 +51,7 @@ class Prediction(TypedDict):
     """Predicted costs of a run on a device.
 
     device : the device on which the profile was measured, with the processor if it is software
-    has_stages : True if the device's law has several stages
+    has_stages : True if the device's cost model (law) has several stages
     skipped : why views are missing, or ""
     """
 

@@ -8,7 +8,7 @@ from harness import atomic
 from harness.errors import InputError
 from harness.metrics.decision import Decided, Decision
 from harness.style import format_latex_table, format_markdown_table
-from harness.summary import format_title, list_table
+from harness.summary import format_title, make_combined_table
 
 
 def write_table(decided: Sequence[Decided], file: Path) -> None:
@@ -44,8 +44,8 @@ def _format_bencher(decisions: Sequence[Decision]) -> str:
 
 
 FORMATS: dict[str, Callable[[Sequence[Decision]], str]] = {
-    ".md": lambda decisions: format_markdown_table(*list_table(decisions)),
-    ".tex": lambda decisions: format_latex_table(*list_table(decisions)),
+    ".md": lambda decisions: format_markdown_table(*make_combined_table(decisions)),
+    ".tex": lambda decisions: format_latex_table(*make_combined_table(decisions)),
     ".json": _format_bencher,
 }
 """Format of a table, by the suffix of its file."""

@@ -158,12 +158,12 @@ def identify_rounds(reference_s: Iterable[float]) -> str:
     return hashlib.sha256(json.dumps(values).encode()).hexdigest()[:16]
 
 
-_OF_MEASURED = (
+_MEASURED_FIELDS = (
     *("polygons", "polygons_skipped", "polygons_failed", "vertices", "triangles", "predicted"),
     *("counters", "triangulate_s", "triangulate_samples_s", "polygons_cached", "conforming"),
     *("t_junctions", "proven", "largest_gap", "coverage_error", "outline_quads"),
 )
-_OPTIONAL = ("triangulate_samples_s", "proven", "largest_gap")
+_OPTIONAL_FIELDS = ("triangulate_samples_s", "proven", "largest_gap")
 """Fields of measured cases in the order of the file, and fields that are omitted if empty."""
 
 
@@ -183,9 +183,9 @@ def record_to_json(record: Record) -> dict[str, Any]:
     values |= {"options": case.options.to_json(), "status": record.status, "reason": record.reason}
     if record.status not in ("ok", "counted"):
         return values
-    for name in _OF_MEASURED:
+    for name in _MEASURED_FIELDS:
         value = getattr(record, name)
-        if name not in _OPTIONAL or value not in (None, ()):
+        if name not in _OPTIONAL_FIELDS or value not in (None, ()):
             values[name] = list(value) if isinstance(value, tuple) else value
     if record.proven is not None:
         values["largest_gap"] = record.largest_gap  # None: unknown bound

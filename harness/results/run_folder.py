@@ -208,7 +208,7 @@ def read_facts(folder: Path, problems: list[str]) -> RunFacts:
 
 
 def read_counted(path: Path) -> dict[str, Record]:
-    """Return the counted records of the unfinished run at `path`, by key."""
+    """Return the records, by key, of cases that an unfinished run has counted but not timed."""
     file = path / COUNTED
     with translate_errors(path):
         content = atomic.read_inside(path, COUNTED) if os.path.lexists(file) else b""

@@ -26,7 +26,7 @@ from harness.scaling.sums import (
     Counted,
     Group,
     Sums,
-    read_done,
+    read_part_result,
 )
 from harness.triangulating.isolated import triangulate_many
 from scenes.files import Chunk, read_chunks
@@ -52,7 +52,7 @@ class Counting(PartWork):
     title: ClassVar[str] = "counting"
     suffix: ClassVar[str] = ".npz"
     noun: ClassVar[str]
-    read = staticmethod(read_done)
+    read_result = staticmethod(read_part_result)
 
     triangulators: tuple[str, ...]
 
@@ -214,7 +214,7 @@ class _Counter:
         skipped = [("dropped", k, THIN) for k in np.flatnonzero(~drawn).tolist()]
         tables = []
         for name in self.triangulators:
-            table, failed = _count_triangles(
+            table, failed = _count_shading(
                 arrays, owners, len(polygons), name, window, self.threads
             )
             tables.append(table)
@@ -239,8 +239,8 @@ class _Counter:
         zero = Sums.empty(len(self.triangulators))
         sums = self.counted.sum_groups() if self.counted.groups else zero
         done = PartResult(
-            polygons=sums.count("polygons"),
-            triangles=int(sums.total("triangles")[0]),
+            polygons=sums.get_count("polygons"),
+            triangles=int(sums.get_total("triangles")[0]),
             proven=0,
             counts=[[*which, count] for which, count in sorted((+self.noted.counts).items())],
             certified=None,
@@ -302,7 +302,7 @@ def compute_gains(base: NDArray[np.float64], other: NDArray[np.float64]) -> NDAr
         return np.where(base == other, 0.0, 1.0 - other / base)
 
 
-def _count_triangles(
+def _count_shading(
     polygons: PolygonArray,
     owners: NDArray[np.int64],
     count: int,
@@ -310,12 +310,12 @@ def _count_triangles(
     window: NDArray[np.int64],
     threads: int | None,
 ) -> tuple[NDArray[np.float64], dict[int, str]]:
-    """Triangulate polygons by a triangulator, and count the triangles.
+    """Triangulate polygons by a triangulator, and sum `MEASURES` over each polygon's triangles.
 
     polygons, owners : p pieces on the pixel grid, and the index (0 to count - 1) of their polygons
     window : drawn window, as `Frame.window`
 
-    Returns sums (count, len(MEASURES)), and the reason of each failure by index.
+    Returns the sums (count, len(MEASURES)), and the reason of each failure by the polygon's index.
     """
     result = triangulate_many(polygons, name, check=False, threads=threads)
     sizes = np.diff(result.triangle_offsets)

@@ -15,7 +15,7 @@ import pandas as pd
 from harness import atomic
 from harness.scaling.census import Census, TileCensus
 from harness.scaling.sums import BINS, GAINED, MEASURES, Counted, Group, Sums
-from harness.style import TWO_COLUMNS, choose_looks, draw_figure, make_grid, make_plain_table
+from harness.style import TWO_COLUMNS, choose_looks, draw_figure, make_figure, make_plain_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,7 +43,7 @@ def make_gain_rows(sums: Sums, triangulators: Sequence[str]) -> pd.DataFrame:
     table = index.to_frame(index=False)
     totals = sums.totals[:, [MEASURES.index(measure) for measure in GAINED]]
     base = np.broadcast_to(totals[0], totals.shape)
-    table["footprints"] = sums.count("polygons")
+    table["footprints"] = sums.get_count("polygons")
     table["total"], table["total_of_base"] = totals.ravel(), base.ravel()
     ratio = np.divide(totals, base, out=np.ones_like(totals), where=base > 0)
     table["gain_of_total"] = (1.0 - ratio).ravel()
@@ -93,7 +93,7 @@ def _make_census_table(counted: Counted, census: Census | TileCensus) -> pd.Data
             table = table.drop(columns="footprints")
             about = {"zoom": zoom, "layer": layer}
             about |= {
-                name: sums.count(name)
+                name: sums.get_count(name)
                 for name in ("tiles", "polygons", "vertices", "dropped", "repaired")
             }
             for position, (name, value) in enumerate(about.items()):
@@ -113,7 +113,7 @@ def make_table(counted: Counted, census: Census | TileCensus) -> Table:
     if isinstance(census, TileCensus):
         return _make_tile_table(counted, base, names)
     sums = counted.sum_groups()
-    title = f"{sums.count('polygons'):,} footprints: helper lanes, compared with {base}"
+    title = f"{sums.get_count('polygons'):,} footprints: helper lanes, compared with {base}"
     headings = (">in all", ">median", ">gain 10 %", ">gain 30 %", ">lose 1 %")
     table = make_plain_table(title, "triangulator", *headings)
     every = make_gain_rows(sums, census.triangulators).query("measure == 'helper_lanes'")
@@ -142,10 +142,10 @@ def _make_tile_table(counted: Counted, base: str, triangulators: Sequence[str]) 
     if len(groups) > 1:
         groups, every = [*groups, ("", "(all)")], [*every, counted.sum_groups()]
     for group, sums in zip(groups, every, strict=True):
-        lanes = sums.total("helper_lanes")
+        lanes = sums.get_total("helper_lanes")
         # A tile has several layers, so tiles of layers cannot be summed.
-        tiles = "" if group[1] == "(all)" else f"{sums.count('tiles'):,}"
-        counts = (sums.count("polygons"), sums.count("dropped"), int(lanes[0]))
+        tiles = "" if group[1] == "(all)" else f"{sums.get_count('tiles'):,}"
+        counts = (sums.get_count("polygons"), sums.get_count("dropped"), int(lanes[0]))
         saved = [f"{value / lanes[0] - 1:+z.1%}" if lanes[0] else "" for value in lanes[1:]]
         table.add_row(*group, tiles, *(f"{count:,}" for count in counts), *saved)
     return table
@@ -153,7 +153,7 @@ def _make_tile_table(counted: Counted, base: str, triangulators: Sequence[str]) 
 
 def plot_distribution(sums: Sums, triangulators: Sequence[str], noun: str) -> Figure:
     """Draw the share of footprints by minimum gain, for helper lanes and quads."""
-    figure, panels = make_grid((TWO_COLUMNS, 2.8), columns=2, sharey=True)
+    figure, panels = make_figure((TWO_COLUMNS, 2.8), columns=2, sharey=True)
     styles = choose_looks(triangulators)
     for panel, measure in zip(panels, ("helper_lanes", "quads"), strict=True):
         for number, name in enumerate(triangulators[1:], start=1):
@@ -166,7 +166,7 @@ def plot_distribution(sums: Sums, triangulators: Sequence[str], noun: str) -> Fi
         panel.set_xlabel(f"gain in {measure.replace('_', ' ')}, % of {triangulators[0]}'s")
     panels[0].set_ylabel(f"{noun} that gain at least as much, %")
     panels[0].legend(fontsize=7)
-    figure.suptitle(f"Gain on {sums.count('polygons'):,} {noun}", fontsize=8)
+    figure.suptitle(f"Gain on {sums.get_count('polygons'):,} {noun}", fontsize=8)
     return figure
 
 
@@ -180,7 +180,7 @@ def plot_map(cells: pd.DataFrame, census: Census) -> Figure:
     gain = gain.reindex(range(south, north + 1), columns=range(west, east + 1))
     size = census.cell * coarse
     extent = (west * size, (east + 1) * size, south * size, (north + 1) * size)
-    figure, (panel,) = make_grid((TWO_COLUMNS, 5.0))
+    figure, (panel,) = make_figure((TWO_COLUMNS, 5.0))
     seen = gain.to_numpy()[np.isfinite(gain)]
     low_gain, high_gain = np.percentile(seen, [2, 98]) if len(seen) else (0.0, 1.0)
     picture = panel.imshow(

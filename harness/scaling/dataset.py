@@ -126,7 +126,7 @@ class PartWork:
         raise NotImplementedError
 
     @staticmethod
-    def read(file: Path) -> PartResult | None:
+    def read_result(file: Path) -> PartResult | None:
         """Return the result in a part's file, or None if invalid."""
         raise NotImplementedError
 
@@ -148,14 +148,14 @@ class PartWork:
                 "install the same on all machines"
             )
         path = Path(out) / f"{part.key}{self.suffix}"
-        if (existing := self.read(path)) is not None:
+        if (existing := self.read_result(path)) is not None:
             return existing
         try:
             done = self.write_part(part, path, threads)
         except SceneError as error:
             raise InputError(str(error)) from error
         except OSError as error:
-            if (existing := self.read(path)) is not None:  # written by another process
+            if (existing := self.read_result(path)) is not None:  # written by another process
                 return existing
             raise StorageError(format_os_error(error)) from error
         _release_memory()
@@ -168,12 +168,12 @@ def _release_memory() -> None:
         import pyarrow as pa
 
         pa.default_memory_pool().release_unused()
-    with contextlib.suppress(OSError, AttributeError):  # only glibc has it
+    with contextlib.suppress(OSError, AttributeError):  # only glibc has `malloc_trim`
         ctypes.CDLL(None).malloc_trim(0)
 
 
 def list_files(pattern: str) -> list[Path]:
-    """Return the absolute paths of a file, a folder's files, or a pattern's, as parts/*.parquet.
+    """Return the absolute paths of a file, a folder's files, or a pattern's (parts/*.parquet).
 
     A folder of map tiles counts as one file. Raises UsageError if no file matches.
     """
@@ -254,12 +254,12 @@ class Dataset:
         paths = list_files(pattern)
         with translate_errors(self.out, "run the same command again"):
             self.out.mkdir(parents=True, exist_ok=True)
-        self._cut(paths)
+        self._cut_files(paths)
         if not self.parts and self._unreadable:
             raise InputError(next(iter(self._unreadable.values())))
         self._read_results({part.key for part in self.parts})
 
-    def _cut(self, paths: Iterable[Path]) -> None:
+    def _cut_files(self, paths: Iterable[Path]) -> None:
         """Cut files into parts; record the files that cannot be read."""
         seen: Counter[str] = Counter()
         for file in paths:
@@ -288,7 +288,7 @@ class Dataset:
         for part in self.parts:
             identities.setdefault(part.about["source"], set()).add(part.about["identity"])
         for file in sorted(self.out.glob(f"*{self.work.suffix}")):
-            done = self.work.read(file)
+            done = self.work.read_result(file)
             if done is None and file.stem in part_keys:
                 continue  # damaged: processed again
             if done is None:
@@ -298,13 +298,15 @@ class Dataset:
             about = done.about
             for name, value in self._about.items():
                 if about[name] != value:
+                    cause = "by another version of this program" if name == "code" else ""
                     raise IncompatibleRunsError(
-                        f"{self.out} has parts made with other {name}; give another -o"
+                        f"{self.out} has results written {cause or 'with other options'}; "
+                        "give another folder with -o"
                     )
             if about["identity"] not in identities.get(about["source"], {about["identity"]}):
                 raise IncompatibleRunsError(
-                    f"{self.out} has parts of an older version of {about['source']}; "
-                    "give another -o"
+                    f"{self.out} has results of an older version of {about['source']}; "
+                    "give another folder with -o"
                 )
             if about["key"] in part_keys:
                 self.done[about["key"]] = done

@@ -132,7 +132,7 @@ class DaskExecutor(Executor):
         self._address = address
         try:
             if local is not None:
-                self._address = self._start(address, int(local[1] or count_usable_cores()))
+                self._address = self._start_cluster(address, int(local[1] or count_usable_cores()))
             self._client = distributed.Client(
                 self._address, timeout=CONNECT_TIMEOUT_S, set_as_default=False
             )
@@ -144,10 +144,12 @@ class DaskExecutor(Executor):
         except ValueError as error:
             raise UsageError(f"--dask {address}: {error}") from error
 
-    def _start(self, address: str, number: int) -> str:
-        """Start a cluster; a signal that stops the command is delayed until it has started.
+    def _start_cluster(self, address: str, number: int) -> str:
+        """Start a local cluster of `number` workers; return its scheduler's address.
 
-        A cluster that is interrupted while it starts cannot be closed and complains at exit.
+        A signal that stops the command is delayed until the cluster has started.
+
+        A cluster that is interrupted while it starts cannot be closed, and prints errors at exit.
         """
         from harness.machine import system
         from harness.machine.user_modules import hide_working_folder

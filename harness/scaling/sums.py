@@ -60,12 +60,12 @@ class Sums(NamedTuple):
         bins = np.zeros((triangulators, len(GAINED), BINS), np.int64)
         return cls(np.array([counts.get(name, 0) for name in COUNTS], np.int64), totals, bins)
 
-    def count(self, name: str) -> int:
+    def get_count(self, name: str) -> int:
         """Return a count by its name in `COUNTS`."""
         return int(self.counts[COUNTS.index(name)])
 
-    def total(self, measure: str) -> NDArray[np.float64]:
-        """Return a measure's (t,) sums."""
+    def get_total(self, measure: str) -> NDArray[np.float64]:
+        """Return a measure's sum for each triangulator, (t,)."""
         return self.totals[:, MEASURES.index(measure)]
 
 
@@ -94,7 +94,7 @@ class Counted:
         return Sums(*(sum(values) for values in zip(*self.groups.values(), strict=True)))
 
     def save(self, path: Path, done: PartResult) -> None:
-        """Write a part's file atomically."""
+        """Write a part's file, with these counts and the part's result, atomically."""
         cells = [_sum_cells(self.cells)] if self.cells else []
         content = {
             "done": asdict(done),
@@ -135,7 +135,7 @@ def _sum_cells(cells: list[pd.DataFrame]) -> pd.DataFrame:
     return pd.concat(cells).groupby(["x", "y"], as_index=False).sum()
 
 
-def read_done(file: Path) -> PartResult | None:
+def read_part_result(file: Path) -> PartResult | None:
     """Return the result in a part's file, or None if the file is invalid."""
     try:
         with np.load(file, allow_pickle=False) as arrays:

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from harness.atomic import Output
 from harness.errors import InputError
-from harness.export.export import ORDER, Certified, Report, TriangulationOptions, add_chunks
+from harness.export.export import ORDER, Certified, Report, TriangulationOptions, export_chunks
 from harness.export.geo import GeoParquetWriter
 from harness.scaling.dataset import CHUNK_ROWS, FilePart, PartResult, PartWork
 from scenes.files import read_chunks
@@ -36,7 +36,7 @@ class Triangulating(PartWork):
         return cut_file(path, self.layer, self.where)
 
     @staticmethod
-    def read(file: Path) -> PartResult | None:
+    def read_result(file: Path) -> PartResult | None:
         """Return the result in a file's footer, or None if the file is missing or invalid."""
         import pyarrow as pa
         from pyarrow import parquet
@@ -57,7 +57,7 @@ class Triangulating(PartWork):
                 part.path, layer=self.layer, where=self.where, rows=part.rows, size=CHUNK_ROWS
             )
             make = partial(GeoParquetWriter, output)
-            writer = add_chunks(chunks, make, options, report, empty=True)
+            writer = export_chunks(chunks, make, options, report, empty=True)
             if writer is None:
                 raise InputError(f"{part.label}: the file ends before these rows")
             assert isinstance(writer, GeoParquetWriter)

@@ -52,6 +52,7 @@ VIEW = ("resolution", "rotation", "samples")
 KEYS = ("polygon", *VIEW, "rasteriser", "device", "triangulator")
 
 ENDS = ("ci_low", "ci_high", "polygons")
+"""Columns that follow an estimate: the ends of its interval, and the number of polygons."""
 
 MIN_TRIANGULATIONS = 5
 """Minimum number of different triangulations for a correlation within a polygon."""
@@ -88,7 +89,9 @@ def estimate_median(values: ArrayLike) -> Estimate:
     return Estimate(value, *find_median_interval(finite), len(finite))
 
 
-def correlate_within(table: pd.DataFrame, criterion: str, measure: str) -> pd.Series[float]:
+def correlate_within_polygons(
+    table: pd.DataFrame, criterion: str, measure: str
+) -> pd.Series[float]:
     """Return the rank correlation of two columns of `table` within each polygon.
 
     A polygon with several views has the mean over views, NaN if a view has no rank correlation.
@@ -167,7 +170,10 @@ def _add_exact_counts(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _iterate_measures(table: pd.DataFrame) -> Iterator[tuple[tuple[Any, ...], pd.DataFrame, str]]:
-    """Yield ((rasteriser, device), rows, measure): the main counter, other counters, times."""
+    """Yield ((rasteriser, device), rows, measure) for each device and measure.
+
+    Measures are, in this order, the main counter, the other counters and the times.
+    """
     columns = [str(name) for name in table.columns]
     times = [name for name in columns if name.startswith(TIME)]
     excluded = {*KEYS, *times, *list_predictors(), *AUXILIARY_FEATURES}
@@ -178,8 +184,11 @@ def _iterate_measures(table: pd.DataFrame) -> Iterator[tuple[tuple[Any, ...], pd
                 yield device, part, measure
 
 
-def correlate(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the content of correlations.csv: every criterion and every measure."""
+def make_correlation_table(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the content of correlations.csv: a row per device, criterion, measure and statistic.
+
+    table : result of `make_measure_table`
+    """
     names = ["rasteriser", "device", "criterion", "measure", "statistic", "value"]
     rows: list[tuple[Any, ...]] = []
     for device, part, measure in _iterate_measures(table):
@@ -187,7 +196,7 @@ def correlate(table: pd.DataFrame) -> pd.DataFrame:
             complete = part.dropna(subset=[criterion, measure])
             x, y = (complete[name].to_numpy(float) for name in (criterion, measure))
             views = complete.groupby(["polygon", *VIEW]).ngroups
-            within = estimate_median(correlate_within(complete, criterion, measure))
+            within = estimate_median(correlate_within_polygons(complete, criterion, measure))
             key = (*device, get_predictor_name(criterion), measure)
             rows.append((*key, "spearman_within", *within))
             rows.append((*key, "spearman_pooled", compute_spearman(x, y), *UNKNOWN, views))
@@ -203,7 +212,7 @@ def compare_criteria(table: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for device, part, measure in _iterate_measures(table):
         criteria = [name for name in list_predictions() if name in table]
-        correlations = {name: correlate_within(part, name, measure) for name in criteria}
+        correlations = {name: correlate_within_polygons(part, name, measure) for name in criteria}
         for first, second in combinations(correlations, 2):
             estimate = estimate_median(correlations[first] - correlations[second])
             if estimate.polygons:
@@ -213,10 +222,13 @@ def compare_criteria(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def correlate_by_resolution(table: pd.DataFrame) -> pd.DataFrame:
-    """Return `correlate` of each resolution, with a column of it; empty for a single resolution."""
+    """Return the correlations of each resolution, in a column; empty for a single resolution."""
     if table.empty or table["resolution"].nunique() < 2:
         return pd.DataFrame()
-    parts = [correlate(part).assign(resolution=size) for size, part in table.groupby("resolution")]
+    parts = [
+        make_correlation_table(part).assign(resolution=size)
+        for size, part in table.groupby("resolution")
+    ]
     return pd.concat(parts, ignore_index=True)
 
 
@@ -227,7 +239,7 @@ def write_correlations(table: pd.DataFrame, folder: Path) -> pd.DataFrame:
     """
     tables = {
         "measured": table,
-        "correlations": correlate(table),
+        "correlations": make_correlation_table(table),
         "criteria_compared": compare_criteria(table),
     }
     if len(by_size := correlate_by_resolution(table)):
@@ -303,7 +315,7 @@ def _draw_scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure:
     for panel, (criterion, measure) in zip(axes, pairs, strict=True):
         x, y = draw_scatter_over_medians(panel, rows, criterion, measure, ["polygon", "resolution"])
         drawn = np.isfinite(x) & np.isfinite(y)
-        # The slope is fitted: a part of the cost (covered pixels) is not predicted, so it is not 1.
+        # The slope is fitted, as it is not 1: criteria do not predict a part of the cost (pixels).
         if np.ptp(x[drawn]) > 0:
             slope, height = np.polyfit(x[drawn] - 1, y[drawn], 1)
             panel.axline((1, height), slope=slope, color="black", linewidth=0.8, linestyle="--")

@@ -12,7 +12,7 @@ from harness.metrics.groups import RecordGroup, group_run
 from harness.results.record import CaseGroup, Record
 from harness.results.run_folder import Run
 from harness.stats.intervals import FASTER
-from harness.style import choose_looks, draw_figure, make_grid
+from harness.style import choose_looks, draw_figure, make_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -25,9 +25,9 @@ AXES = {
 }
 """Axes of a study of gains, with labels."""
 
-DRAWN = ("scene", "rasteriser", "device")
+SCENE_KEYS = ("scene", "rasteriser", "device")
 KEYS = (*AXES, "fit", "order")
-"""Columns that identify a view, in addition to the scene and the device."""
+"""Columns that identify a view, in addition to `SCENE_KEYS`."""
 
 
 def make_gain_table(runs: Sequence[Run], bases: Sequence[str]) -> pd.DataFrame:
@@ -66,7 +66,7 @@ def _make_row(
     case, options = group.id, group.id.options
     lanes, base_lanes = record.counters.get("helper_lanes"), base.counters.get("helper_lanes")
     return {
-        **dict(zip(DRAWN, (case.scene, case.rasteriser, case.device_name), strict=True)),
+        **dict(zip(SCENE_KEYS, (case.scene, case.rasteriser, case.device_name), strict=True)),
         **vars(case.view),
         "work": options.work,
         "samples": options.samples,
@@ -91,7 +91,7 @@ def list_faster(table: pd.DataFrame, base: str) -> pd.DataFrame:
     rows = table[(table["base"] == base) & (table["triangulator"] != base)]
     columns = zip(rows["triangulator"], rows["time_ratio"], rows["verdict"], strict=True)
     faster = [f"{name} {1 - ratio:.1%}" * (verdict == FASTER) for name, ratio, verdict in columns]
-    by_view = rows.assign(faster=faster).groupby([*DRAWN, *KEYS], sort=False)["faster"]
+    by_view = rows.assign(faster=faster).groupby([*SCENE_KEYS, *KEYS], sort=False)["faster"]
     return by_view.agg(lambda names: "; ".join(filter(None, names))).reset_index()
 
 
@@ -106,7 +106,7 @@ def split_by_order(table: pd.DataFrame, base: str) -> pd.DataFrame:
     rows = table[(table["base"] == base) & (table["triangulator"] != base)]
     if rows.empty or "native" not in set(rows["order"]) or rows["order"].nunique() < 2:
         return pd.DataFrame()
-    keys = [*DRAWN, *AXES, "fit", "triangulator"]
+    keys = [*SCENE_KEYS, *AXES, "fit", "triangulator"]
     wide = rows.pivot_table("time_ratio", keys, "order", sort=False)
     orders = [name for name in wide.columns if name != "native"]
     wide = wide.dropna(subset=["native"]).dropna(subset=orders, how="all")
@@ -117,7 +117,7 @@ def split_by_order(table: pd.DataFrame, base: str) -> pd.DataFrame:
 def plot_gains(table: pd.DataFrame, folder: Path) -> list[Path]:
     """Draw the time ratios over each axis that varies, one figure per scene, device and base."""
     files = []
-    for keys, part in table.groupby([*DRAWN, "base"], sort=False):
+    for keys, part in table.groupby([*SCENE_KEYS, "base"], sort=False):
         scene, rasteriser, device, base = (str(key) for key in keys)
         for axis in (axis for axis in AXES if part[axis].nunique() > 1):
             name = f"gain-{axis}-{scene}-{rasteriser}-{device}-over-{base}"
@@ -127,8 +127,9 @@ def plot_gains(table: pd.DataFrame, folder: Path) -> list[Path]:
 
 
 def _draw_figure(part: pd.DataFrame, axis: str, base: str, title: str) -> Figure:
-    figure, (axes,) = make_grid((4.6, 3.6))
-    # Only this axis varies; all other fields have the values with the most points on the axis.
+    figure, (axes,) = make_figure((4.6, 3.6))
+    # Only this axis varies: of the combinations of the other fields' values, the one with the most
+    # points on the axis is drawn.
     fixed_keys = [name for name in KEYS if name != axis]
     _, fixed = max(part.groupby(fixed_keys), key=lambda group: group[1][axis].nunique())
     styles = choose_looks(list(fixed["triangulator"]))

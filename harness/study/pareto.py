@@ -57,7 +57,10 @@ TOLERANCE = 1e-9
 
 
 def name_mixture(alpha: float, beta: float, gamma: float = 0.0) -> str:
-    """Return the name of the triangulator that minimises alpha A + beta D + gamma C."""
+    """Return the name of the triangulator that minimises alpha A + beta D + gamma C.
+
+    A, D and C are the paper's criteria: overdraw, shape and complexity.
+    """
     return f"optimal:{criteria.mixed(alpha, beta, gamma).name}"
 
 
@@ -72,7 +75,7 @@ CRITERIA = ("overdraw", "shape", "complexity", "half_perimeter", "edge_length", 
 """Criteria of `make_triangulation_table`."""
 
 FRONTS = ("polygon", "k", "overdraw", "shape", "measured")
-"""Columns of fronts.csv: the points of a polygon's front, by ascending A."""
+"""Columns of fronts.csv, with a row for each point of a polygon's front; k is its rank by A."""
 
 
 def list_compared() -> tuple[str, ...]:
@@ -229,10 +232,9 @@ def print_pareto_table(table: pd.DataFrame, scene: str, console: Console) -> Non
 def make_triangulation_table(
     polygon: Polygon, mode: Literal["conforming", "paper"]
 ) -> pd.DataFrame:
-    """Return one row per triangulation, sorted by overdraw; columns `CRITERIA` and two more.
+    """Return one row per triangulation, sorted by overdraw; columns `CRITERIA` and
 
     conforming : whether the triangulation has no T-junctions
-
     diagonals : pairs of vertex numbers, "1-3 3-5"
 
     Raises

@@ -30,6 +30,7 @@ from harness.study.subjects import MIN_QUADS
 from harness.style import format_latex_table, format_markdown_table, get_family
 
 OF_QUADS = ("quads", "helper_lanes")
+"""Counters whose minimum follows from the minimum number of quads, as fragments are equal."""
 
 NOT_CHOSEN = ("worst", "listed")
 """Families of triangulators that are measured only for a wide range of costs."""
@@ -216,7 +217,7 @@ def write_paper_table(correlations: pd.DataFrame, regrets: pd.DataFrame, folder:
     heading += [f"mean regret at {size} px (95 % CI)" for size in sizes]
     rows = []
     for (rasteriser, device), part in ranks.groupby(["rasteriser", "device"], sort=False):
-        for measure in select_printed(part["measure"]):
+        for measure in select_printed_measures(part["measure"]):
             of_measure = part[part["measure"] == measure].sort_values("value", ascending=False)
             for row in of_measure.to_dict("records"):
                 ends = f" ({row['ci_low']:.2f} to {row['ci_high']:.2f})"
@@ -230,7 +231,7 @@ def write_paper_table(correlations: pd.DataFrame, regrets: pd.DataFrame, folder:
         (folder / f"{PAPER_TABLE}.{suffix}").write_text(text, encoding="utf-8")
 
 
-def select_printed(measured: Iterable[str]) -> list[str]:
+def select_printed_measures(measured: Iterable[str]) -> list[str]:
     """Return the measures to print: quad counters, or else the main counter; and all times."""
     names = list(dict.fromkeys(measured))
     times = [name for name in names if name.startswith(TIME)]
@@ -246,7 +247,8 @@ def print_regret(summary: pd.DataFrame, console: Console) -> None:
         cells = {
             (row["name"], row["measure"]): format_regret(row) for row in part.to_dict("records")
         }
-        console.print(make_criterion_table(title, cells, select_printed(part["measure"])))
+        measures = select_printed_measures(part["measure"])
+        console.print(make_criterion_table(title, cells, measures))
 
 
 def format_regret(row: Any) -> str:

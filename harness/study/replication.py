@@ -109,8 +109,8 @@ def _find_row(
 ) -> pd.Series[Any] | None:
     """Return the row whose columns have `values`, in the largest viewport, or None.
 
-    boxes : True for a row of the rasteriser that scans bounding boxes; otherwise the row is of
-        OpenGL, or if missing of the CPU reference, which has the same counters
+    boxes : True for a row of the rasteriser that scans bounding boxes; False for a row of OpenGL
+        or, if that is missing, of the CPU reference, which has the same counters
     """
     if table is None:
         return None
@@ -178,7 +178,10 @@ def _check_shape_is_last(evidence: Evidence) -> Finding | None:
 
 
 def _check_faster(table: pd.DataFrame | None, base: str) -> Finding | None:
-    """Check that H-optimal triangulations take less time than `base`, in the largest view."""
+    """Check that triangulations with minimum half-perimeter (H) are drawn faster than `base`.
+
+    table : content of gains.csv, of which the largest viewport is used
+    """
     row = _find_row(table, triangulator=BEST, base=base)
     finding = _make_finding(row, *(f"time_ratio{end}" for end in ("", "_low", "_high")))
     return finding and replace(finding, holds=finding.high < 1)
@@ -198,7 +201,7 @@ def _check_regret(evidence: Evidence, criterion: str, measure: str, limit: float
 def _check_rotation(evidence: Evidence, triangulator: str, *, below: bool) -> Finding | None:
     """Check helper lanes of rotated triangles relative to rotated ear clipping, at the worst angle.
 
-    below : whether the claim is a ratio of at most 0.95, or else of more
+    below : True if the claim is a ratio of at most 0.95, False if it is a larger ratio
     """
     table = evidence.get("turned")
     if table is None:

@@ -118,7 +118,7 @@ def test_polygon_is_drawn_alone_near_the_origin(monkeypatch):
 
     def grown(
         index: int, geometry: object = geometry_of_two, record: Record = fan
-    ) -> polygons.Grown | None:
+    ) -> polygons.GrownPolygon | None:
         monkeypatch.setattr(drawings, "read", lambda *_: geometry)
         match = Match("city", record, record)
         return polygons._read_polygon(None, None, match, "quads", index, 1, 2)

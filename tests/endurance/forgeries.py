@@ -64,7 +64,7 @@ def is_accepted_by_package(line: str) -> bool:
 def is_accepted_by_file(line: str) -> bool:
     """Return whether the standalone checker accepts a claim."""
     try:
-        check_evidence.check(line)
+        check_evidence.check_line(line)
     except check_evidence.EvidenceError:
         return False
     return True

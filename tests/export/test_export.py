@@ -324,10 +324,10 @@ def test_proofs_are_written_and_valid(houses, tmp_path):
     assert [len(claim["rings"]) for claim in claims] == [1, 2, 1]
     for line, claim in zip(lines, claims, strict=True):
         assert claim["proven"]
-        assert "optimal" in check_evidence.check(line)
+        assert "optimal" in check_evidence.check_line(line)
         half = {"cost": claim["cost"] / 2, "lower_bound": claim["cost"] / 2}
         with pytest.raises(check_evidence.EvidenceError):
-            check_evidence.check(json.dumps(claim | half))
+            check_evidence.check_line(json.dumps(claim | half))
     assert proofs in report.files
 
 

@@ -106,7 +106,9 @@ def test_a_new_criterion_is_predicted_correlated_and_shown(sparkle, tmp_path):
         )
         for number, name in enumerate(NAMES)
     ]
-    table = correlations.correlate(correlations.make_measure_table(make_run(records).records))
+    table = correlations.make_correlation_table(
+        correlations.make_measure_table(make_run(records).records)
+    )
     assert "sparkle-length" in set(table["criterion"])
     content = make_content(read_run(write_run_of(tmp_path / "run", records)))
     assert "sparkle_length" in content["criteria"]

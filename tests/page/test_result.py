@@ -11,7 +11,7 @@ import pytest
 
 from harness.errors import HarnessError, IncompatibleRunsError, InputError
 from harness.metrics.per_polygon import read_columns
-from harness.page.result import COUNTERS, count_exactly, import_result
+from harness.page.result import COUNTERS, count_per_polygon, import_result
 from harness.page.saved import make_device_name
 from harness.rasterisers.reference import SHADED
 from harness.results import drawings
@@ -325,7 +325,7 @@ def test_skipped_and_failed_polygons_are_included_in_the_counters(saved, tmp_pat
 def test_last_polygon_without_triangles_has_zero_counters():
     corners = np.array([(0, 0), (1024, 0), (0, 1024)] * 2, np.int32)
     geometry = drawings.Geometry(PolygonArray.of_single_rings(corners, 3), np.arange(2), {})
-    counts = count_exactly(geometry, np.array([(0, 1, 2)], np.int32))
+    counts = count_per_polygon(geometry, np.array([(0, 1, 2)], np.int32))
     assert [len(values) for values in counts] == [2] * len(COUNTERS)
     assert not any(values[1] for values in counts)
     assert min(values[0] for values in counts[:2]) > 0
@@ -417,7 +417,7 @@ def test_file_above_the_size_limit_is_refused(saved, monkeypatch):
     monkeypatch.setattr("harness.page.saved.MAX_BYTES", size)
     assert read_result(file)
     monkeypatch.setattr("harness.page.saved.MAX_BYTES", size - 1)
-    with pytest.raises(InputError, match="too large for a saved page"):
+    with pytest.raises(InputError, match="too large for a saved result"):
         read_result(file)
 
 

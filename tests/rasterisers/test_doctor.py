@@ -8,7 +8,7 @@ from harness.rasterisers import devices, osmesa
 
 @pytest.fixture(scope="module")
 def findings() -> dict[str, doctor.Finding]:
-    return {finding.name: finding for finding in doctor.examine()}
+    return {finding.name: finding for finding in doctor.examine_devices()}
 
 
 def test_working_devices_are_reported_with_their_timer(findings):
@@ -32,7 +32,7 @@ def test_bare_machine_gets_install_commands(monkeypatch):
     monkeypatch.setattr(devices, "list_egl_devices", lambda: ((), (problem,)))
     monkeypatch.setattr(osmesa.OSMesa, "devices", classmethod(lambda cls: []))
     monkeypatch.setattr(rasterisers.get("pyrender"), "devices", classmethod(lambda cls: []))
-    findings = {finding.name: finding for finding in doctor.examine()}
+    findings = {finding.name: finding for finding in doctor.examine_devices()}
     llvmpipe = findings["opengl on llvmpipe"]
     assert (llvmpipe.status, llvmpipe.detail) == ("missing", problem)
     assert "apt-get install -y libegl1 libgl1 libgl1-mesa-dri" in llvmpipe.fix

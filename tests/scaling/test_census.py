@@ -50,19 +50,19 @@ def count_footprints(footprints, name):
 def test_counters_equal_those_of_footprints_on_the_map(parts, tmp_path, footprints):
     summary, counted = count_all(parts, tmp_path / "out")
     sums = counted.sum_groups()
-    assert sums.count("polygons") == summary.polygons == EVERY
+    assert sums.get_count("polygons") == summary.polygons == EVERY
     table = make_gain_rows(sums, NAMES).set_index(["triangulator", "measure"])
     base = count_footprints(footprints, NAMES[0])
     for number, name in enumerate(NAMES):
         expected = count_footprints(footprints, name)
         for column, measure in enumerate(COUNTED):
-            assert sums.total(measure)[number] == expected[:, column].sum()
+            assert sums.get_total(measure)[number] == expected[:, column].sum()
             gained = compute_gains(base[:, column].astype(float), expected[:, column].astype(float))
             assert sums.bins[number, GAINED.index(measure)].sum() == EVERY
             row = table.loc[name, measure]
             assert (row["total"], row["total_of_base"]) == (
                 expected[:, column].sum(),
-                sums.total(measure)[0],
+                sums.get_total(measure)[0],
             )
             for share in (0.01, 0.1, 0.3):
                 reached = gained >= share - 1e-12  # one of ten less is 0.1, which 1 - 0.9 is not
@@ -73,7 +73,7 @@ def test_counters_equal_those_of_footprints_on_the_map(parts, tmp_path, footprin
 
 def test_every_triangulation_covers_the_same_fragments(parts, tmp_path):
     sums = count_all(parts, tmp_path / "out")[1].sum_groups()
-    fragments, triangles = sums.total("fragments"), sums.total("triangles")
+    fragments, triangles = sums.get_total("fragments"), sums.get_total("triangles")
     assert (fragments == fragments[0]).all()
     assert (triangles == triangles[1]).all()
 
@@ -89,7 +89,10 @@ def test_parts_and_cells_sum_to_the_total(parts, tmp_path):
     (cells,) = total.cells
     halves = pd.concat([*first.cells, *second.cells]).groupby(["x", "y"], as_index=False).sum()
     pd.testing.assert_frame_equal(cells, halves)
-    assert cells.iloc[:, 2:].sum().tolist() == [EVERY, *total.sum_groups().total("helper_lanes")]
+    assert cells.iloc[:, 2:].sum().tolist() == [
+        EVERY,
+        *total.sum_groups().get_total("helper_lanes"),
+    ]
     assert not cells.duplicated(["x", "y"]).any()
 
 

@@ -106,7 +106,7 @@ def test_repeated_file_is_processed_twice(parts, tmp_path):
 def test_results_of_other_options_code_or_input_are_not_mixed(parts, tmp_path, footprints):
     out = tmp_path / "out"
     complete(parts, out)
-    with pytest.raises(IncompatibleRunsError, match="parts made with other options"):
+    with pytest.raises(IncompatibleRunsError, match="results written with other options"):
         complete(parts, out, Triangulating("optimal:overdraw"))
     write_parquet(parts / "1.parquet", footprints[:60], 0)
     with pytest.raises(IncompatibleRunsError, match=r"older version of 1\.parquet"):

@@ -78,11 +78,11 @@ def test_sums_equal_those_of_the_scene(zoom, pixels, tmp_path, monkeypatch):
     assert set(counted.groups) == {(zoom, "area"), (zoom, "building")}
     for (layer, name), scene_sums in expected.items():
         sums = counted.groups[zoom, layer]
-        assert sums.count("polygons") == scene_sums["polygons"]
+        assert sums.get_count("polygons") == scene_sums["polygons"]
         for measure in EXACT:
-            total = sums.total(measure)[NAMES.index(name)]
+            total = sums.get_total(measure)[NAMES.index(name)]
             assert total == scene_sums[measure], (layer, name, measure)
-        half = sums.total("half_perimeter")[NAMES.index(name)]
+        half = sums.get_total("half_perimeter")[NAMES.index(name)]
         assert half == pytest.approx(scene_sums["half_perimeter"], rel=1e-12)
 
 
@@ -91,13 +91,13 @@ def test_lost_polygons_tiles_and_vertices_are_counted(tmp_path):
     groups, total = counted.groups, counted.sum_groups()
     scene = load("helsinki-tiles:zoom=14,tiles=999")
     layers = [which.split()[1] for which, _ in scene.dropped]
-    assert {layer: sums.count("dropped") for (_, layer), sums in groups.items()} == {
+    assert {layer: sums.get_count("dropped") for (_, layer), sums in groups.items()} == {
         layer: layers.count(layer) for layer in ("area", "building")
     }
-    assert total.count("repaired") == len(scene.repaired)
-    assert [sums.count("tiles") for sums in groups.values()] == [4, 4]
+    assert total.get_count("repaired") == len(scene.repaired)
+    assert [sums.get_count("tiles") for sums in groups.values()] == [4, 4]
     frame = make_scene_frame(scene, get_scene_view(scene))
-    assert total.count("vertices") == len(frame.points)
+    assert total.get_count("vertices") == len(frame.points)
     assert sum(count for (kind, _), count in summary.counts.items() if kind == "dropped") == 5
 
 
@@ -123,7 +123,7 @@ def test_archive_formats_have_equal_counts(tmp_path):
     assert is_equal(groups["pmtiles"], groups["folder"])
     water = count_all(f"{tmp_path}/a.mbtiles:zoom=3-9,layers=water", tmp_path / "some")[0].groups
     assert set(water) == {(3, "water")}
-    assert water[3, "water"].count("polygons") == 2
+    assert water[3, "water"].get_count("polygons") == 2
 
 
 def write_tiles(path: Path, tiles: dict[int, bytes]) -> str:
@@ -148,7 +148,7 @@ def test_repeated_tiles_are_multiplied(tmp_path, monkeypatch):
     often = count_all(path, tmp_path / "often")
     assert len(read) == 1
     one, nine = (counts.groups[8, "land"] for counts, _ in (single, often))
-    assert [nine.count(name) for name in ("polygons", "tiles")] == [9, 9]
+    assert [nine.get_count(name) for name in ("polygons", "tiles")] == [9, 9]
     assert np.array_equal(nine.counts, 9 * one.counts)
     assert np.array_equal(nine.totals, 9 * one.totals)
     assert np.array_equal(nine.bins, 9 * one.bins)
@@ -217,7 +217,7 @@ def test_damaged_tile_is_reported_and_others_counted(tmp_path):
         assert why.startswith("cannot be read: not a vector tile")
         assert counts.layers == {"land"}
         assert summary.counts["damaged", "tile or layer that cannot be read"] == 1
-        assert counts.groups[5, "land"].count("tiles") == 3
+        assert counts.groups[5, "land"].get_count("tiles") == 3
         assert np.array_equal(4 * counts.groups[5, "land"].totals, 3 * good[5, "land"].totals)
 
 
@@ -225,7 +225,7 @@ def test_lost_polygons_are_counted_and_rounding_reported(tmp_path):
     tile = encoded([shapely.box(0, 0, 1, 1), COURT])
     path = write_tiles(tmp_path / "a.pmtiles", {0: tile})
     counts, summary = count_all(f"{path}:pixels=8", tmp_path / "small")
-    assert [counts.sum_groups().count(name) for name in ("polygons", "dropped")] == [1, 1]
+    assert [counts.sum_groups().get_count(name) for name in ("polygons", "dropped")] == [1, 1]
     assert summary.counts["dropped", "thinner than the grid of 1/256 px"] == 1
     lines: list[str] = []
     reporter = Reporter(quiet=True)

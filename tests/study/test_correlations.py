@@ -22,10 +22,10 @@ from harness.study.correlations import (
     TIME,
     Estimate,
     compare_criteria,
-    correlate,
     correlate_by_resolution,
-    correlate_within,
+    correlate_within_polygons,
     estimate_median,
+    make_correlation_table,
     make_measure_table,
     plot_study,
     write_correlations,
@@ -51,7 +51,7 @@ def rank_views(columns: list[tuple[np.ndarray, np.ndarray]], polygons: str = "")
         for pair in zip(x, y, strict=True)
     ]
     table = pd.DataFrame(rows, columns=["polygon", "rotation", "overdraw", "quads"])
-    return estimate_median(correlate_within(table, "overdraw", "quads"))
+    return estimate_median(correlate_within_polygons(table, "overdraw", "quads"))
 
 
 def polygons(number: int, noise: float) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -68,7 +68,7 @@ def test_pooling_makes_a_useless_criterion_look_good():
     rows = [(str(k), *pair) for k, (x, y) in enumerate(columns) for pair in zip(x, y, strict=True)]
     table = pd.DataFrame(rows, columns=["polygon", "overdraw", "quads"])
     table = table.assign(resolution=64, rotation=0.0, samples=1, rasteriser="r", device="d")
-    values = correlate(table).set_index("statistic")["value"]
+    values = make_correlation_table(table).set_index("statistic")["value"]
     assert abs(values["spearman_within"]) < 0.2
     assert values["spearman_pooled"] > 0.95
 
@@ -156,7 +156,7 @@ def test_criteria_are_ranked_within_polygons(run_folder):
     assert q.polygons > 20
     assert q.value > h.value > a.value > d.value
     names = ("expected_quads", "overdraw")
-    by_q, by_a = (correlate_within(table, name, "helper_lanes") for name in names)
+    by_q, by_a = (correlate_within_polygons(table, name, "helper_lanes") for name in names)
     assert estimate_median(by_q - by_a).verdict == "better"
     assert "complexity" not in spread, "it is the same for all, and so ranks nothing"
 
@@ -214,7 +214,8 @@ def test_criteria_are_compared_by_rank_correlation():
     table = compare_criteria(ranked()).set_index(["measure", "criterion", "other"])
     row = table.loc[("helper_lanes", "overdraw", "half-perimeter")]
     one, other = (
-        correlate_within(ranked(), name, "helper_lanes") for name in ("overdraw", "half_perimeter")
+        correlate_within_polygons(ranked(), name, "helper_lanes")
+        for name in ("overdraw", "half_perimeter")
     )
     assert row["difference"] == np.median(one - other)
     assert row["verdict"] != NOT_SIGNIFICANT
@@ -273,7 +274,7 @@ def test_failed_cases_and_t_junctions_are_skipped():
 def test_measures_of_some_rows_are_correlated():
     table = ranked()
     partial = table.assign(spills=table["quads"].where(table.index % 2 == 0), hits=np.nan)
-    measures = set(correlate(partial)["measure"])
+    measures = set(make_correlation_table(partial)["measure"])
     assert {"spills", "quads"} <= measures
     assert "hits" not in measures
 

@@ -17,7 +17,7 @@ from harness.study.regret import (
     estimate_regret,
     format_regret,
     print_regret,
-    select_printed,
+    select_printed_measures,
     summarise_regret,
     write_paper_table,
     write_regret,
@@ -189,7 +189,7 @@ def test_missing_interval_is_explained(values, text):
 )
 def test_quads_or_the_main_counter_and_all_times_are_printed(names, expected):
     times = [name for name in names if name.startswith("time")]
-    assert select_printed(names) == expected + times
+    assert select_printed_measures(names) == expected + times
 
 
 def test_minimum_of_times_is_never_known():

@@ -12,7 +12,11 @@ from harness.results.record import Record
 from harness.results.run_folder import read_run
 from harness.settings import StudySize
 from harness.stats.run_quality import DISTURBED, RunState
-from harness.study.correlations import correlate, correlate_by_resolution, make_measure_table
+from harness.study.correlations import (
+    correlate_by_resolution,
+    make_correlation_table,
+    make_measure_table,
+)
 from harness.study.subjects import choose_polygons, choose_triangulators
 from harness.triangulating.recipes import parse_all
 from scenes import load
@@ -173,7 +177,7 @@ def test_equal_triangulations_count_once(study):
     twin = [record.with_id(triangulator="twin") for record in records]
     with_twin = make_measure_table([*records, *twin])
     assert len(with_twin) == len(table)
-    pd.testing.assert_frame_equal(correlate(with_twin), correlate(table))
+    pd.testing.assert_frame_equal(make_correlation_table(with_twin), make_correlation_table(table))
 
 
 def test_all_triangulations_of_the_papers_polygon_are_listed(harness, tmp_path):
@@ -204,7 +208,7 @@ def test_correlations_of_each_resolution(study):
     twice = pd.concat([table, table.assign(resolution=64)])
     sizes = correlate_by_resolution(twice)
     assert set(sizes["resolution"]) == {64, 512}
-    of_one_size = correlate(table)
+    of_one_size = make_correlation_table(table)
     of_512 = sizes[sizes["resolution"] == 512].drop(columns="resolution").reset_index(drop=True)
     pd.testing.assert_frame_equal(of_512, of_one_size)
 

@@ -193,7 +193,7 @@ def test_both_checkers_reject_self_touching_ring():
     claim = OF_A_KITE | {"rings": [bow], "triangles": [[0, 1, 2], [3, 4, 5]], **zeros}
     line = json.dumps(claim | {"cost": 16.0, "lower_bound": 0.0, "gap": 1.0, "factor": 8192})
     with pytest.raises(check_evidence.EvidenceError, match="a ring intersects or touches itself"):
-        check_evidence.check(line)
+        check_evidence.check_line(line)
     assert not is_accepted_by_package(line)
 
 
@@ -209,7 +209,7 @@ def test_unsupported_criteria_are_rejected_with_reason():
     triangles = triangulate(SQUARE, "optimal:shape")
     claim = make_claim(SQUARE, triangles, "shape", certify(SQUARE, triangles, "shape"))
     with pytest.raises(check_evidence.EvidenceError, match="shape: unsupported criterion"):
-        check_evidence.check(json.dumps(claim))
+        check_evidence.check_line(json.dumps(claim))
 
 
 def test_closed_ring_keeps_its_vertices():
