@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from docs.figures import ROOT, render, without_comments
 from harness import rasterisers
-from harness.commands.index import COMMANDS, load
+from harness.commands.index import COMMANDS, load_command
 from harness.metrics.registry import list_metrics
 from harness.page.device_summaries import format_plain_cell
 from harness.page.device_summaries import format_table as summaries
@@ -105,7 +105,7 @@ def commands() -> str:
     """Return a section for each command, from `--help`."""
     parts = []
     for name in COMMANDS:
-        command = load(name)
+        command = load_command(name)
         context = command.make_context(name, [], resilient_parsing=True)
         parts.append(get_docs_for_click(obj=command, ctx=context, name=f"raster-harness {name}"))
     text = re.sub(r"^# `raster-harness (.*)`", r"## \1", "".join(parts), flags=re.MULTILINE)

@@ -30,7 +30,7 @@ EXAMINED = {
 examined as well."""
 
 REQUIRED = ("opengl", "llvmpipe")
-"""Rasteriser and device that every machine should have: "missing" otherwise, not "warning"."""
+"""Rasteriser and device that every machine should have: "missing" if absent; others: "warning"."""
 
 TIMEOUT_S = 120.0
 

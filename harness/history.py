@@ -43,8 +43,8 @@ TIME = "time"
 the other triangulators of the group."""
 
 GROUP_NAME = "(all cases together)"
-"""Name, in place of a triangulator's, of the series of those time changes that all triangulators of
-a group have in common."""
+"""Name, in place of a triangulator's, of a group's series of the time changes that all its
+triangulators have in common."""
 
 CACHED_METRIC = "triangulate_ms"
 """Metric without values for runs that loaded triangulations from the cache: their time was measured
@@ -167,6 +167,7 @@ def _group_by_case(runs: Sequence[Run]) -> dict[CaseId, list[Record | None]]:
 
 
 def _build_series(case: CaseId, metric: str, records: Sequence[Record | None]) -> Series:
+    """Return the series of a metric of a case; records : the case's record in each run."""
     if metric == CACHED_METRIC:
         records = [None if record and record.polygons_cached else record for record in records]
     figures = [find_metric(metric)(record) if record else None for record in records]

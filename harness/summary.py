@@ -160,8 +160,8 @@ def _make_comparison_cells(
 ) -> list[Text]:
     """Return the cells that compare a triangulator with the base.
 
-    These are the ratio of times with its interval, and the break-even or else the verdict; in one
-    cell if the table has no column for the break-even.
+    The first cell has the ratio of times with its interval, the second the break-even, or without
+    a break-even the verdict. Without a column for the break-even, both are in one cell.
 
     complete : number of polygons of the triangulators that drew the most
     """

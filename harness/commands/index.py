@@ -14,7 +14,7 @@ LATER = "results/city-20260102-120000"
 
 
 class Entry(NamedTuple):
-    """Description of a command for `load` and for the documents.
+    """Description of a command for `load_command` and for the documents.
 
     panel : heading of `--help` that lists it
     function : "module:function" in `harness.commands`
@@ -118,7 +118,7 @@ GROUPS = {"study": "Study criteria and choices: validate, gains and pareto, or a
 """Help of command groups; names of their commands in `COMMANDS` begin with the group's name."""
 
 
-def load(name: str) -> Any:
+def load_command(name: str) -> Any:
     """Import a command and return it as a click command, with its examples below its help."""
     if name in GROUPS:
         settings: Any = {"name": name, "help": GROUPS[name], "rich_help_panel": STUDY}
@@ -178,4 +178,4 @@ class CommandGroup(typer.core.TyperGroup):
 
     def get_command(self, _ctx: Any, cmd_name: str) -> Any:
         """Import a command; return None if the name is unknown."""
-        return load(self._before + cmd_name) if cmd_name in self.commands else None
+        return load_command(self._before + cmd_name) if cmd_name in self.commands else None

@@ -127,7 +127,7 @@ Dask = Annotated[
 ]
 
 
-def _list_option(metavar: str, read: Read, text: str) -> Any:
+def _make_list_option(metavar: str, read: Read, text: str) -> Any:
     return typer.Option(
         parser=make_list_parser(read), metavar=metavar, help=f"{text}; comma-separated."
     )
@@ -137,21 +137,21 @@ _SIZE = make_number_parser(int, *RESOLUTIONS, " pixels")
 _DEGREES = make_number_parser(float, -1e6, 1e6, " degrees")
 Triangulators = Annotated[
     ValueList,
-    _list_option("NAME,...", str, "Triangulators, see: raster-harness list triangulators"),
+    _make_list_option("NAME,...", str, "Triangulators, see: raster-harness list triangulators"),
 ]
 Rasterisers = Annotated[
     ValueList | None,
-    _list_option(
+    _make_list_option(
         "NAME,...",
         str,
         "By default opengl, or webgpu if EGL is missing. See: raster-harness list rasterisers",
     ),
 ]
 Devices = Annotated[
-    ValueList | None, _list_option("NAME,...", str, "Devices; the best device by default")
+    ValueList | None, _make_list_option("NAME,...", str, "Devices; the best device by default")
 ]
 Resolutions = Annotated[
-    ValueList, _list_option("PX,...", _SIZE, "Width and height of the viewport")
+    ValueList, _make_list_option("PX,...", _SIZE, "Width and height of the viewport")
 ]
 Resolution = Annotated[
     int,
@@ -161,24 +161,26 @@ Resolution = Annotated[
 ]
 Rotations = Annotated[
     ValueList,
-    _list_option("DEGREES,...", _DEGREES, "Counter-clockwise rotation of the scene in degrees"),
+    _make_list_option(
+        "DEGREES,...", _DEGREES, "Counter-clockwise rotation of the scene in degrees"
+    ),
 ]
 Rotation = Annotated[
     float,
     typer.Option(parser=_DEGREES, metavar="DEGREES", help="Counter-clockwise rotation."),
 ]
 Samples = Annotated[
-    ValueList, _list_option("1|4|8,...", make_choice_parser(*SAMPLES), "Samples per pixel")
+    ValueList, _make_list_option("1|4|8,...", make_choice_parser(*SAMPLES), "Samples per pixel")
 ]
 Works = Annotated[
     ValueList,
-    _list_option(
+    _make_list_option(
         "N,...", make_number_parser(int, 0, MAX_WORK), "Iterations of arithmetic per fragment"
     ),
 ]
 Textures = Annotated[
     ValueList,
-    _list_option(
+    _make_list_option(
         "N,...",
         make_number_parser(int, 0, MAX_LOOKUPS),
         "Texture lookups per fragment, opengl only",
@@ -186,7 +188,7 @@ Textures = Annotated[
 ]
 Orders = Annotated[
     ValueList,
-    _list_option(
+    _make_list_option(
         "ORDER,...",
         make_choice_parser(*ORDERS),
         "Orders of the triangles in a draw: native (the triangulator's), walk, vertex-cache, "

@@ -66,7 +66,7 @@ def parse_recipes(triangulators: Sequence[str], seed: int, file: Path | None) ->
 
 
 def find_profile_file(name: str | None, resume: Path | None) -> Path | None:
-    """Return the file of --profile, otherwise the one in the folder of the resumed run, or None.
+    """Return the file of --profile or, without --profile, the resumed run's profile, if any.
 
     Raises UsageError if the name is unknown.
     """

@@ -78,10 +78,10 @@ def write_gains(runs: Sequence[Run], bases: Sequence[str], out: Path) -> Gains:
     from harness.stats.run_quality import get_run_state
     from harness.study.gains import make_gain_table, plot_gains, split_by_order
 
-    def mark(case: CaseId, processor: str) -> CaseId:
+    def add_processor(case: CaseId, processor: str) -> CaseId:
         return replace(case, device=f"{case.device_name} ({processor})", host="")
 
-    table = make_gain_table(mark_processors(runs, mark), bases)
+    table = make_gain_table(mark_processors(runs, add_processor), bases)
     disturbances = [line for run in runs for line in get_run_state(run).warnings]
     if table.empty:
         if disturbances:

@@ -54,7 +54,8 @@ def match_cases(base: Run, head: Run, *, across_devices: bool) -> list[Match]:
     return [Match(case, before.get(case), after.get(case)) for case in cases]
 
 
-def _list_devices(records: Sequence[Record]) -> dict[str, set[str]]:
+def _group_devices(records: Sequence[Record]) -> dict[str, set[str]]:
+    """Return rasteriser -> names of its devices."""
     devices = defaultdict(set)
     for record in records:
         devices[record.id.rasteriser].add(record.id.device_name)
@@ -63,7 +64,7 @@ def _list_devices(records: Sequence[Record]) -> dict[str, set[str]]:
 
 def _pair_devices(base: Run, head: Run, *, across_devices: bool) -> dict[tuple[str, str], str]:
     """Return (rasteriser, device in BASE) -> device in HEAD, for devices that differ."""
-    before, after = _list_devices(base.records), _list_devices(head.records)
+    before, after = _group_devices(base.records), _group_devices(head.records)
     common = {name: (before[name], after[name]) for name in before.keys() & after.keys()}
     if across_devices:
         changed = {name: devices for name, devices in common.items() if devices[0] != devices[1]}

@@ -120,7 +120,7 @@ def to_markdown(
     if lines:
         lines.insert(0, "**Largest growth** (heatmaps: compare.html)\n\n")
     blocks = ["".join(lines), _format_totals(comparison, counted=True)]
-    blocks += [*(_format_affected(group) for group in tables)]
+    blocks += [*(_format_affected_cases(group) for group in tables)]
     blocks += [
         _make_collapsed_section(f"All cases: {group.title}", _format_table(group, group.rows))
         for group in tables
@@ -160,7 +160,7 @@ def _format_totals(comparison: Comparison, *, counted: bool) -> str:
     )
 
 
-def _format_affected(group: CaseTable) -> str:
+def _format_affected_cases(group: CaseTable) -> str:
     rows = [row for row in group.rows if row.affected]
     cases = format_count(len(group.rows), "case")
     title = f"**{escape_markdown(group.title)}**: {len(rows)} of {cases}"

@@ -439,13 +439,13 @@ def compute_log_ratio(base: Samples, head: Samples) -> float:
 def compute_margins(base: Samples, head: Samples, confidence: float) -> Samples:
     """Return (2,) how far the bootstrap interval extends below and above `compute_log_ratio`."""
     rng = np.random.default_rng(zlib.crc32(base.tobytes() + head.tobytes()))
-    ratios = np.log(_resample(head, rng) / _resample(base, rng))
+    ratios = np.log(_resample_quantiles(head, rng) / _resample_quantiles(base, rng))
     low, high = np.quantile(ratios, [(1 - confidence) / 2, (1 + confidence) / 2])
     ratio = compute_log_ratio(base, head)
     return np.maximum(0.0, [ratio - low, high - ratio])
 
 
-def _resample(samples: Samples, rng: np.random.Generator) -> Samples:
+def _resample_quantiles(samples: Samples, rng: np.random.Generator) -> Samples:
     """Return (RESAMPLES,) low quantiles of samples drawn from `samples` with replacement.
 
     No sample is drawn: the k-th smallest of n uniform numbers has the distribution Beta(k, n+1-k),

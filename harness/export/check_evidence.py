@@ -283,7 +283,7 @@ class Claim:
         """Return the proven statement; refuse if it is weaker than the claim."""
         empty = self.list_empty_triangles()
         lowest_first = {min(t, t[1:] + t[:1], t[2:] + t[:2]) for t in self.triangles}
-        require(lowest_first <= set(empty), "a triangle is not empty")
+        require(lowest_first <= set(empty), "a triangle has a vertex inside, or is outside")
         weights = {t: self.compute_weight(t) for t in empty}
         bound = self.compute_bound(weights) // self.factor / self.scale
         cost, low, gap = (
@@ -292,11 +292,14 @@ class Claim:
         off = 0 if self.exact else DOUBLE_ERROR
         require(bound <= self.total * (1 + off), "the bound is above the cost")
         near = abs(cost - Fraction(float(self.total))) <= self.total * off
-        require(near, f"the cost is {float(self.total)}")
-        require(low <= bound, f"the bound is {float(bound)}")
+        require(near, f"the stated cost is not the triangles', {float(self.total)}")
+        require(low <= bound, f"the stated bound exceeds the proven bound, {float(bound)}")
         # The relative gap from exact numbers, a lower bound of the stated gap.
         share = max(Fraction(0), (self.total - bound) / self.total if self.total else 0)
-        require(gap >= 0 and gap >= Fraction(float(share)) - off, f"the gap is {float(share)}")
+        require(
+            gap >= 0 and gap >= Fraction(float(share)) - off,
+            f"the stated gap is below {float(share)}",
+        )
         require(type(self.fields["proven"]) is bool, "proven is neither true nor false")
         if not self.fields["proven"]:
             return f"at most {float(share):.3g} of the cost above the optimum"
@@ -316,9 +319,9 @@ def check_line(line: str | bytes) -> str:
     try:
         return Claim(json.loads(line, object_pairs_hook=require_unique_fields)).check()
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-        raise EvidenceError(f"not evidence ({type(error).__name__} {error})") from error
+        raise EvidenceError(f"not a proof ({type(error).__name__} {error})") from error
     except RecursionError:
-        raise EvidenceError("not evidence (nested too deeply)") from None
+        raise EvidenceError("not a proof (nested too deeply)") from None
 
 
 def check_lines(lines: Iterable[str | bytes]) -> Iterator[tuple[int, str, bool]]:

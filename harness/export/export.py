@@ -103,7 +103,7 @@ class Certified:
             result.largest_gap = max(result.largest_gap, part["largest_gap"])
         return result
 
-    def add(
+    def certify_batch(
         self,
         polygons: NDArray[Any],
         triangulations: Triangulations,
@@ -412,7 +412,7 @@ def _triangulate_chunk(chunk: Chunk, options: TriangulationOptions, report: Repo
         exact[list(result.failed)] = False
         report.proven += int(exact.sum())
     if report.certified is not None:
-        report.certified.add(chunk.cleaned.polygons, result, report.evidence)
+        report.certified.certify_batch(chunk.cleaned.polygons, result, report.evidence)
     removed = np.diff(mesh.triangle_offsets) == 0
     return remove_polygons(mesh, removed)
 

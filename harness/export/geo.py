@@ -41,7 +41,7 @@ class GeoJsonWriter:
         self._first = True
 
     def add(self, mesh: ExportMesh) -> None:
-        """Write a batch."""
+        """Write a batch of triangulated polygons."""
         closed = _close_rings(mesh, self._about)
         starts = mesh.triangle_offsets.tolist()
         columns = [str(name) for name in mesh.attributes]
@@ -90,7 +90,7 @@ class GeoParquetWriter:
         self._writer: Any = None
 
     def add(self, mesh: ExportMesh) -> None:
-        """Write a batch."""
+        """Write a batch of triangulated polygons."""
         import pyarrow as pa
 
         table = pa.Table.from_pandas(mesh.attributes, preserve_index=False)

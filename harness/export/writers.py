@@ -137,7 +137,7 @@ class ObjWriter:
         self._features = 0
 
     def add(self, mesh: ExportMesh) -> None:
-        """Write a batch."""
+        """Write a batch of triangulated polygons."""
         points = mesh.vertices.tolist()
         self._stream.write("".join([f"v {x!r} {y!r} 0.0\n" for x, y in points]))
         faces = (mesh.triangles + 1 + self._vertices).tolist()
@@ -176,13 +176,13 @@ class NpzWriter:
         self._totals = np.zeros(2, dtype=np.int64)
 
     def add(self, mesh: ExportMesh) -> None:
-        """Write a batch."""
+        """Write a batch of triangulated polygons."""
         vertices, triangles = self._totals.tolist()
         skip = int(bool(self._spools))  # the first offset is the last of the previous batch
-        self._spool("vertices", mesh.vertices)
-        self._spool("triangles", mesh.triangles + vertices)
-        self._spool("vertex_offsets", mesh.vertex_offsets[skip:] + vertices)
-        self._spool("triangle_offsets", mesh.triangle_offsets[skip:] + triangles)
+        self._append_to_spool("vertices", mesh.vertices)
+        self._append_to_spool("triangles", mesh.triangles + vertices)
+        self._append_to_spool("vertex_offsets", mesh.vertex_offsets[skip:] + vertices)
+        self._append_to_spool("triangle_offsets", mesh.triangle_offsets[skip:] + triangles)
         self._tables.append(mesh.attributes)
         self._totals += np.array([len(mesh.vertices), len(mesh.triangles)], dtype=np.int64)
 
@@ -206,7 +206,7 @@ class NpzWriter:
             arrays[fact] = np.array(getattr(self._about, fact))
         np.savez(self._output.open_published(), allow_pickle=False, **arrays)
 
-    def _spool(self, name: str, array: NDArray[Any]) -> None:
+    def _append_to_spool(self, name: str, array: NDArray[Any]) -> None:
         """Append rows to the temporary file of the array `name`."""
         if name not in self._spools:
             self._spools[name] = (self._output.open_unpublished(name), array.dtype, array.shape[1:])
@@ -289,7 +289,7 @@ class GltfWriter:
         self._origin: NDArray[np.float64] | None = None
 
     def add(self, mesh: ExportMesh) -> None:
-        """Write a batch."""
+        """Write a batch of triangulated polygons."""
         if len(mesh.triangles) == 0:
             return
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
@@ -363,9 +363,9 @@ class GltfWriter:
             del document["asset"]["copyright"]
         if self._polygons:
             document["extensionsUsed"] = [POLYGONS]
-        self._assemble(json.dumps(document, separators=(",", ":")))
+        self._write_document(json.dumps(document, separators=(",", ":")))
 
-    def _assemble(self, document: str) -> None:
+    def _write_document(self, document: str) -> None:
         """Splice the spooled meshes into the JSON, and write it before the binary data."""
         self._meshes.seek(0)
         payload = f'{document[:-1]},"meshes":[{self._meshes.read()}]}}'.encode()

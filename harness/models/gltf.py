@@ -121,7 +121,7 @@ class GltfModel(GltfEditor):
             values, normalized = self.read_values(accessor)
             column = values.astype(np.float64)
             if len(column) != count:
-                raise ValueError(f"{name} has {len(column):,} of {count:,} values")
+                raise ValueError(f"{name}: {len(column):,} values for {count:,} vertices")
             tolerance = _MIN_TOLERANCES.get(name.partition("_")[0])
             if tolerance is None:
                 fixed.append(column)

@@ -118,7 +118,8 @@ def write_summary(run: Run, file: Path) -> Path:
         stored = _read_summary(file)
         if (stored["rasteriser"], stored["device"]) != (summary["rasteriser"], summary["device"]):
             raise IncompatibleRunsError(
-                f"{file}: has {stored['rasteriser']} on {stored['device']}; give another file"
+                f"{file}: a summary of {stored['rasteriser']} on {stored['device']}; give another "
+                "file"
             )
         cpus = [str(part.get("cpu") or "") for part in (stored, summary)]
         if not may_be_same_processor(*cpus):

@@ -48,6 +48,8 @@ class _Draw(SavedModel):
 
 
 class _Law(SavedModel):
+    """Cost model that the page fitted: its form, seconds by term, and R2 over and within groups."""
+
     form: Annotated[str, StringConstraints(max_length=50)]
     seconds: dict[Annotated[str, StringConstraints(max_length=50)], NonNegative]
     r2_over: Finite

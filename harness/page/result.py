@@ -113,7 +113,7 @@ class _Case(SavedModel):
         counters = self.counters.to_arrays()
         for values in counters.values():
             if len(values) != polygons:
-                raise ValueError(f"counters of {len(values)} of {polygons} polygons")
+                raise ValueError(f"counters of {len(values)} polygons, expected {polygons}")
         fragments, quads, partial = (counters[name] for name in COUNTERS[:3])
         covering = counters.get(COUNTERS[3], np.sign(fragments))
         if ((quads > fragments) | (4 * quads < fragments)).any():
@@ -126,7 +126,7 @@ class _Case(SavedModel):
         if polygons and not fragments.any():
             raise ValueError("nothing was drawn: all counters are zero")
         if (record.proven or 0) > record.polygons:
-            raise ValueError(f"{record.proven} of {record.polygons} polygons proven")
+            raise ValueError(f"{record.proven} of {record.polygons} polygons proven optimal")
         if record.triangles < record.polygons or record.vertices < 3 * record.polygons:
             raise ValueError("too few triangles or vertices for the polygons")
         return self

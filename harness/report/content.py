@@ -220,7 +220,7 @@ class _Polygons:
         self._max = max(MIN_POLYGONS, min(share, MAX_MARKS // widest))
         self._samples: dict[str, NDArray[np.int64]] = {}
 
-    def read(self, record: Record) -> Columns | None:
+    def read_case(self, record: Record) -> Columns | None:
         """Return a case's columns; add the case's predictions, and its view if new, to `views`."""
         columns = read_columns(self.run, record) if record.is_ok else None
         if columns is None:
@@ -232,7 +232,7 @@ class _Polygons:
         if record.name not in predicted:
             sample = self._samples[view]
             predicted[record.name] = {
-                name.removeprefix(PREDICTED): list(map(_round, column[sample].tolist()))
+                name.removeprefix(PREDICTED): list(map(_round_number, column[sample].tolist()))
                 for name, column in columns.items()
                 if name.startswith(PREDICTED)
             }
@@ -266,14 +266,14 @@ def _make_group(group: RecordGroup, decision: Decision | None, polygons: _Polygo
     columns = {
         record.name: values
         for record in group.records
-        if (values := polygons.read(record)) is not None
+        if (values := polygons.read_case(record)) is not None
     }
     base = group.base
     base_name = base.name if base is not None else next(iter(columns), None)
     counted = list_costs(columns[base_name]) if base_name in columns else []
     correlations = {
         measure: {
-            criterion: _round(compute_rank_correlation(*pairs))
+            criterion: _round_number(compute_rank_correlation(*pairs))
             for criterion in list_predictions()
             if base_name and f"{PREDICTED}{criterion}" in columns[base_name]
             for pairs in [pair_ratios(columns, base_name, criterion, measure)]
@@ -297,8 +297,8 @@ def _make_group(group: RecordGroup, decision: Decision | None, polygons: _Polygo
         "correlations": correlations,
         "estimated": {
             name: {
-                "rank": _round(compute_rank_correlation(*pairs)),
-                "error": _round(compute_rms_error(*pairs)),
+                "rank": _round_number(compute_rank_correlation(*pairs)),
+                "error": _round_number(compute_rms_error(*pairs)),
             }
             for name, estimate in ESTIMATES.items()
             if estimate.measure in counted and base_name
@@ -320,11 +320,11 @@ def _make_case(
     row = make_row(record, decision) | {"polygons": record.polygons}
     predicted: dict[str, Any] = {PREDICTED + name: v for name, v in record.predicted.items()}
     predicted |= compute_estimates(predicted, PREDICTED)
-    columns = polygons.read(record)
+    columns = polygons.read_case(record)
     complete = any(s.complete for s in _list_standings(decision) if s.record is record)
     return {
         "group": number,
-        "row": {name: _round(value) for name, value in (row | predicted).items()},
+        "row": {name: _round_number(value) for name, value in (row | predicted).items()},
         "rank": rank,
         "complete": complete,
         "warnings": list(record.time.warnings) if record.time else [],
@@ -352,7 +352,7 @@ def _list_triangulators(run: Run) -> list[str]:
     return list(dict.fromkeys([*(name for name in planned if name in measured), *measured]))
 
 
-def _round(value: Any) -> Any:
+def _round_number(value: Any) -> Any:
     """Return a value rounded to 7 significant digits; NaN and infinity become None."""
     if isinstance(value, float):
         return float(f"{value:.7g}") if math.isfinite(value) else None

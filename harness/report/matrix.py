@@ -95,7 +95,7 @@ def make_run_matrices(
 def _make_matrix(statistic: str, cells: Iterable[Cell]) -> Matrix:
     table = {(target, criterion): values for target, criterion, values in cells}
     columns = list(dict.fromkeys(target for target, _ in table))
-    rows = sorted({criterion for _, criterion in table}, key=_sort_key)
+    rows = sorted({criterion for _, criterion in table}, key=_get_sort_key)
     return {
         "statistic": statistic,
         "title": STATISTICS.get(statistic, statistic.replace("_", " ")),
@@ -114,7 +114,8 @@ def _make_matrix(statistic: str, cells: Iterable[Cell]) -> Matrix:
     }
 
 
-def _sort_key(criterion: str) -> tuple[int, str]:
+def _get_sort_key(criterion: str) -> tuple[int, str]:
+    """Return the sort key of criteria: registered ones in their order, then others by name."""
     names = [*list_predictors(), get_predictor_column(criterion)]
     return names.index(get_predictor_column(criterion)), criterion
 

@@ -145,7 +145,7 @@ class PartWork:
         if version != code:
             raise IncompatibleRunsError(
                 f"this worker has another version of raster-harness ({version}, not {code}): "
-                "install the same on all machines"
+                "install the same version on all machines"
             )
         path = Path(out) / f"{part.key}{self.suffix}"
         if (existing := self.read_result(path)) is not None:
@@ -356,7 +356,7 @@ class Dataset:
                             reporter.say_once(note)
                         stage.complete(amount)
         finally:
-            summary = self._summarise(len(self.done) - before, set_aside, begun)
+            summary = self._make_summary(len(self.done) - before, set_aside, begun)
             try:
                 self._write_manifest(summary)
             except HarnessError as error:  # parts are usable without the manifest
@@ -364,7 +364,7 @@ class Dataset:
         self._remove_temporary_folders()
         return summary
 
-    def _summarise(self, fresh: int, set_aside: dict[str, str], begun: float) -> Summary:
+    def _make_summary(self, fresh: int, set_aside: dict[str, str], begun: float) -> Summary:
         done = [self.done[key] for key in self.keys_done]
         counts: Counter[tuple[str, str]] = Counter()
         for kind, reason, count in (entry for part in done for entry in part.counts):

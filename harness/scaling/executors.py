@@ -127,7 +127,7 @@ class DaskExecutor(Executor):
         local = re.fullmatch(r"local(?::(\d+))?", address)
         if local is None and ":" not in address:
             raise UsageError(
-                f"--dask {address}: give local, local:N or an address as tcp://host:8786"
+                f"--dask {address}: give local, local:N or an address, e.g. tcp://host:8786"
             )
         self._address = address
         try:

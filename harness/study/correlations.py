@@ -315,7 +315,7 @@ def _draw_scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure:
     for panel, (criterion, measure) in zip(axes, pairs, strict=True):
         x, y = draw_scatter_over_medians(panel, rows, criterion, measure, ["polygon", "resolution"])
         drawn = np.isfinite(x) & np.isfinite(y)
-        # The slope is fitted, as it is not 1: criteria do not predict a part of the cost (pixels).
+        # Criteria do not predict a part of the cost (covered pixels): the slope is fitted, not 1.
         if np.ptp(x[drawn]) > 0:
             slope, height = np.polyfit(x[drawn] - 1, y[drawn], 1)
             panel.axline((1, height), slope=slope, color="black", linewidth=0.8, linestyle="--")

@@ -122,11 +122,11 @@ def plot_gains(table: pd.DataFrame, folder: Path) -> list[Path]:
         for axis in (axis for axis in AXES if part[axis].nunique() > 1):
             name = f"gain-{axis}-{scene}-{rasteriser}-{device}-over-{base}"
             title = f"{scene}: {rasteriser} on {device}"
-            files += draw_figure(folder, name, _draw_figure, part, axis, base, title)
+            files += draw_figure(folder, name, _draw_gains, part, axis, base, title)
     return files
 
 
-def _draw_figure(part: pd.DataFrame, axis: str, base: str, title: str) -> Figure:
+def _draw_gains(part: pd.DataFrame, axis: str, base: str, title: str) -> Figure:
     figure, (axes,) = make_figure((4.6, 3.6))
     # Only this axis varies: of the combinations of the other fields' values, the one with the most
     # points on the axis is drawn.

@@ -127,7 +127,7 @@ def make_parts(
 def make_pareto_table(run: Run, fronts: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     """Return the contents of pareto.csv: one row per triangulation, rasteriser and device.
 
-    Triangulators that skipped polygons are omitted, as the sums cover fewer polygons.
+    Triangulators that skipped polygons are omitted, because their sums cover fewer polygons.
     """
     table: list[dict[str, object]] = []
     position = {record.id.scene: number for number, record in enumerate(reversed(run.records))}
@@ -167,7 +167,7 @@ def _make_row(run: Run, group: RecordGroup, record: Record, base: Record) -> dic
             abs(predicted[column] - end[column]) <= TOLERANCE * abs(end[column])
             for column in IDENTIFYING_CRITERIA
         ),
-        **dict(zip(NORMALISED, _normalise(run, record, base), strict=True)),
+        **dict(zip(NORMALISED, _normalise_criteria(run, record, base), strict=True)),
         **{counter: record.counters.get(counter) for counter in ("helper_lanes", "bbox_tests")},
         "rasteriser": case.rasteriser,
         "device": case.device_name,
@@ -179,7 +179,7 @@ def _make_row(run: Run, group: RecordGroup, record: Record, base: Record) -> dic
     }
 
 
-def _normalise(run: Run, record: Record, base: Record) -> tuple[float, float]:
+def _normalise_criteria(run: Run, record: Record, base: Record) -> tuple[float, float]:
     """Return A over the area and D per triangle (degrees), each a mean over polygons.
 
     Areas and numbers of triangles are the base's, so that all records have the same divisors.

@@ -232,7 +232,7 @@ def write_paper_table(correlations: pd.DataFrame, regrets: pd.DataFrame, folder:
 
 
 def select_printed_measures(measured: Iterable[str]) -> list[str]:
-    """Return the measures to print: quad counters, or else the main counter; and all times."""
+    """Return the measures to print: quad counters, or the main counter without these; all times."""
     names = list(dict.fromkeys(measured))
     times = [name for name in names if name.startswith(TIME)]
     counted = [name for name in names if name not in times]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.commands.index import COMMANDS, LATER, PROGRAM, RUN, load
+from harness.commands.index import COMMANDS, LATER, PROGRAM, RUN, load_command
 from harness.errors import BAD_INPUT, GOOD, INCONCLUSIVE, REGRESSION
 from harness.results.run_folder import read_run
 from tests.docs.blocks import blocks, pages
@@ -71,7 +71,7 @@ def test_a_readers_triangulator_is_ranked(reader: Reader):
 
 def test_each_command_has_an_example():
     for name in COMMANDS:
-        assert f"{PROGRAM} {name}" in load(name).epilog
+        assert f"{PROGRAM} {name}" in load_command(name).epilog
 
 
 def test_the_examples_of_the_help_work(reader: Reader):

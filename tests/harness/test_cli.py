@@ -8,7 +8,7 @@ from typing import get_args
 
 import pytest
 
-from harness.commands.index import COMMANDS, load
+from harness.commands.index import COMMANDS, load_command
 from harness.frame import OWN_VIEWS
 from harness.settings import CHOSEN_FITS, Fit
 from tests.conftest import assert_one_line, assert_refused, make_geojson, require_ok
@@ -134,7 +134,7 @@ def test_help_lists_every_command_with_its_docstring(harness):
     }
     for name in COMMANDS:
         group, _, short_name = name.rpartition(" ")
-        command = load(name)
+        command = load_command(name)
         assert command.name == short_name
         assert f"{short_name} {command.help.partition(chr(10))[0]}" in listed[group]
 
@@ -232,7 +232,7 @@ def test_unused_options_are_refused(harness, block):
 def test_help_groups_commands_and_shows_full_defaults():
     assert len({name.partition(" ")[0] for name in COMMANDS}) <= 16
     for name in COMMANDS:
-        command = load(name)
+        command = load_command(name)
         text = command.get_help(command.make_context(name, [], resilient_parsing=True))
         assert "…" not in text
 

@@ -295,7 +295,7 @@ def test_written_proofs_are_accepted_and_modified_ones_refused(harness):
     Path("forged.jsonl").write_text(line + line.replace('"gap": 0.0', '"gap": -0.01'))
     code, out, err = harness("check-evidence", "forged.jsonl")
     assert code == 5
-    assert out.splitlines()[1].startswith("2: refused: the gap is 0.0")
+    assert out.splitlines()[1].startswith("2: refused: the stated gap is below 0.0")
     assert_one_line(err, "forged.jsonl", "1 of 2 proofs are refused")
     Path("empty.jsonl").write_text("")
     assert_refused(harness("check-evidence", "empty.jsonl"), "empty.jsonl", "--evidence")

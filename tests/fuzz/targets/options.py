@@ -7,7 +7,7 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from harness.commands.index import COMMANDS, load
+from harness.commands.index import COMMANDS, load_command
 from tests.endurance.programs import run
 from tests.fuzz.target import target
 from tests.fuzz.targets import runs
@@ -53,7 +53,7 @@ def list_options() -> tuple[tuple[str, str], ...]:
     """Return (command, option) for all options that take a value."""
     pairs = []
     for name in COMMANDS:
-        for parameter in load(name).params:
+        for parameter in load_command(name).params:
             if parameter.param_type_name == "argument" or not getattr(parameter, "is_flag", False):
                 flag = next((text for text in parameter.opts if text.startswith("--")), "")
                 pairs.append((name, flag or parameter.name))
