@@ -82,7 +82,7 @@ def examine_devices() -> list[Finding]:
 
 
 def examine_device(rasteriser: str, name: str) -> Finding:
-    """Open and test a device."""
+    """Open and test a device; return its status, with a remedy if needed."""
     title = f"{rasteriser} on {name}"
     kind = rasterisers.get(rasteriser)
     absent: Status = "missing" if (rasteriser, name) == REQUIRED else "warning"

@@ -201,7 +201,7 @@ def make_plain_table(title: TextType | None, *columns: str, **options: Any) -> T
 
 @cache
 def _report_missing_plots() -> None:
-    """Say once that plots are skipped."""
+    """Print once that plots are skipped."""
     from scenes.spec import format_install_command
 
     install = format_install_command("plots")

@@ -133,12 +133,12 @@ def _count_dataset(
     from harness.scaling import census_report
     from harness.scaling.census import THIN, TileCensus
     from harness.scaling.dataset import Dataset
-    from harness.scaling.sums import Counted
+    from harness.scaling.sums import CensusCounts
     from scenes.spec import format_suggestion
 
     dataset = Dataset(pattern, out / "parts", census)
     summary = complete_dataset(dataset, out, dask, reporter)
-    totals = Counted.read(dataset.out / f"{key}{census.suffix}" for key in dataset.keys_done)
+    totals = CensusCounts.read(dataset.out / f"{key}{census.suffix}" for key in dataset.keys_done)
     if summary.set_aside and not summary.parts_done and dask is None:
         raise InputError(next(iter(summary.set_aside.values())))
     warn_of_skipped(summary, dataset.out, reporter)

@@ -75,6 +75,8 @@ def measure_study(
 ) -> Run:
     """Measure or resume the parts of a split scene; return the run.
 
+    split : returns the parts to measure, given the scene's label and the scene
+
     Raises UsageError if the folder cannot be used; NothingMeasuredError if no case was measured.
     """
     outcome = carry_out(plan, folder, reporter, RunOptions(resume, force, split))

@@ -19,7 +19,7 @@ def report(
             "--out",
             "-o",
             help="File to write; report.html in the folder if absent. With the suffix .md, .tex or "
-            ".json: only the table, in Markdown, LaTeX or the JSON of Bencher.",
+            ".json: only the table, in Markdown, LaTeX or Bencher's JSON format.",
         ),
     ] = None,
     base: Base = None,

@@ -36,8 +36,8 @@ def study_pareto(
 ) -> None:
     """Measure the Pareto front of the paper's A and D, and the optima for a sweep of weights.
 
-    A is the bounding-box overdraw, D the deviation of angles from 60 degrees. The front has all
-    triangulations of a polygon that no other triangulation improves in both.
+    A is the bounding-box waste (overdraw), D the deviation of angles from 60 degrees. The front has
+    the triangulations of a polygon in which neither can be reduced without increasing the other.
     """
     import pandas as pd
 

@@ -83,5 +83,8 @@ def _estimate_from_peers(logs: NDArray[np.float64], confidence: float) -> Machin
 
 
 def get_two_sided_quantile(confidence: float, degrees: float = math.inf) -> float:
-    """Return a two-sided interval's half-width in standard deviations, by Student or normal."""
+    """Return a two-sided interval's half-width in standard deviations, by Student's distribution.
+
+    degrees : degrees of freedom; inf for the normal distribution
+    """
     return float(stats.t.ppf(0.5 + confidence / 2, degrees))

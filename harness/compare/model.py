@@ -159,7 +159,7 @@ class Total:
     """An exact metric over all compared cases.
 
     affected, better, worse : number of cases in which the metric differs, is better, is worse
-    base, head : sums over the cases
+    base, head : sums over the cases; change : growth of the sum relative to BASE
     """
 
     metric: str

@@ -57,7 +57,7 @@ def format_headline(comparison: Comparison) -> str:
 
 def _describe_regression(comparison: Comparison) -> str:
     """Describe the largest regression, or the common drift if no case regressed."""
-    regressed = sorted(comparison.list_regressed_cases(), key=_rank_severity, reverse=True)
+    regressed = sorted(comparison.list_regressed_cases(), key=_get_severity, reverse=True)
     if not regressed:
         drift = max(comparison.list_regressed_drifts(), key=lambda drift: drift.ratio)
         return f"Regression: {drift.group}: {format_drift(comparison, drift)}"
@@ -76,7 +76,7 @@ def _describe_regression(comparison: Comparison) -> str:
     return f"Regression: {worst.id}: {' and '.join(parts)}{suffix}"
 
 
-def _rank_severity(case: CaseChange) -> tuple[bool, float]:
+def _get_severity(case: CaseChange) -> tuple[bool, float]:
     """Return a sort key: whether the case is broken, and its largest relative growth."""
     growth = [
         math.inf if c.change is None else abs(c.change) for c in case.list_regressed_counters()

@@ -109,7 +109,7 @@ class Certified:
         triangulations: Triangulations,
         evidence: IO[str] | None = None,
     ) -> None:
-        """Certify the triangulations of a batch; write a line of proof for each to `evidence`."""
+        """Certify a batch of triangulations; write a proof of each, one per line, to `evidence`."""
         for number, (polygon, triangles) in enumerate(zip(polygons, triangulations, strict=True)):
             if number in triangulations.failed:
                 continue

@@ -62,7 +62,7 @@ class GeoJsonWriter:
             self._first = False
 
     def finish(self) -> None:
-        """Close the collection."""
+        """Write the end of the feature collection."""
         self._stream.write("\n]}\n")
 
 

@@ -187,7 +187,7 @@ class NpzWriter:
         self._totals += np.array([len(mesh.vertices), len(mesh.triangles)], dtype=np.int64)
 
     def finish(self) -> None:
-        """Pack the spooled arrays."""
+        """Write the arrays, which are in temporary files, into the .npz file."""
         arrays: dict[str, NDArray[Any]] = {}
         for name, (spool, kind, shape) in self._spools.items():
             spool.flush()

@@ -129,7 +129,7 @@ class Faces(NamedTuple):
 
 
 def find_flat_faces(mesh: ModelMesh) -> tuple[Faces, Counter[str]]:
-    """Return the flat faces, and the numbers of skipped triangles by reason."""
+    """Return the flat faces, and the numbers of skipped triangles, edges and faces by reason."""
     pairs, skipped = _find_neighbours(mesh)
     count = len(mesh.triangles)
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (count, count))
@@ -143,7 +143,7 @@ def find_flat_faces(mesh: ModelMesh) -> tuple[Faces, Counter[str]]:
 
 
 def _has_height(mesh: ModelMesh) -> NDArray[np.bool_]:
-    """Return flags (m,) of triangles with finite vertices that are not thin."""
+    """Return (m,) whether a triangle is not thin, and its vertices are finite."""
     corners = mesh.positions[mesh.triangles]
     sides = corners[:, [1, 2, 0]] - corners
     longest = np.sqrt((sides**2).sum(axis=2).max(axis=1, initial=0.0))
@@ -294,7 +294,7 @@ def _compute_affine_residuals(values: Floats, points: Floats, owner: Ints, count
 
 
 def _has_repeated_side(triangles: Ints, count: int) -> NDArray[np.bool_]:
-    """Return (t,) whether a triangle has a side in the same direction as another triangle."""
+    """Return (t,) whether a triangle has the same directed side as another triangle."""
     keys = (triangles * count + triangles[:, [1, 2, 0]]).reshape(-1)
     _, number, times = np.unique(keys, return_inverse=True, return_counts=True)
     return np.asarray((times[number.reshape(-1)] > 1).reshape(-1, 3).any(axis=1))

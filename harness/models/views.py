@@ -51,7 +51,7 @@ class BoundingSphere(NamedTuple):
 
 
 def list_integer_directions() -> NDArray[np.int64]:
-    """Return directions to the camera (24, 3): (1, 2, 3) under all rotations of a cube.
+    """Return directions to the camera (24, 3): the vector (1, 2, 3) in all rotations of a cube.
 
     The first four, eight, ... directions sum to zero.
     """

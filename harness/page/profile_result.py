@@ -70,7 +70,7 @@ class Result(saved.Measured):
 
     @validator(mode="after")
     def _check_consistency(self) -> Self:
-        """Raise ValueError for impossible counters, or times of different rounds."""
+        """Raise ValueError for impossible counters, or different numbers of rounds."""
         if any(not draw.fragments / 4 <= draw.quads <= draw.fragments for draw in self.draws):
             raise ValueError("quads of fewer than one pixel, or more than four")
         check_rounds(self.times or {}, self.epochs)

@@ -92,7 +92,7 @@ def _predict_view(
     seconds: Mapping[str, float | None],
     device: DeviceCosts,
 ) -> PredictedView | None:
-    """Return predicted costs of the triangulators that drew as many polygons as the base."""
+    """Return predicted costs of the triangulators that drew the same polygons as the base."""
     frame = replace(make_grid_frame(view.resolution, geometry.grid), view=view)
     drawn = {name: np.unique(frame.find_owners(rows)) for name, rows in geometry.triangles.items()}
     if base not in drawn:

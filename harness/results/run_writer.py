@@ -112,8 +112,10 @@ class RunFolder:
 
         Raises
         ------
-        UsageError, StorageError
-            if the folder already has a run; if it cannot be written or is in use
+        UsageError
+            if the folder already has a run
+        StorageError
+            if the folder cannot be written, or is in use
         """
         writer = cls(path, remedy)
         with translate_errors(path, remedy):
@@ -133,8 +135,10 @@ class RunFolder:
 
         Raises
         ------
-        InputError, StorageError
-            if the folder has no run; if it cannot be written or is in use
+        InputError
+            if the folder has no run
+        StorageError
+            if the folder cannot be written, or is in use
         """
         if not (path / FACTS).is_file():
             raise InputError(f"{path} has no run to resume ({FACTS} is missing)")

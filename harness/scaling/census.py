@@ -23,7 +23,7 @@ from harness.scaling.sums import (
     FOOTPRINTS,
     GAINED,
     MEASURES,
-    Counted,
+    CensusCounts,
     Group,
     Sums,
     read_part_result,
@@ -73,7 +73,7 @@ class Census(Counting):
     where: str | None = None
 
     def cut(self, path: str) -> Slices:
-        """Cut a file by rows."""
+        """Return the slices of a file, which are ranges of rows."""
         return cut_file(path, self.layer, self.where)
 
     def write_part(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
@@ -99,7 +99,7 @@ class TileCensus(Counting):
     selection: TileSelection
 
     def cut(self, path: str) -> Slices:
-        """Cut an archive by tiles."""
+        """Return the slices of an archive, which are ranges of tiles."""
         return cut_tiles(path, self.selection.zooms)
 
     def write_part(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
@@ -129,7 +129,7 @@ class _Counter:
 
     triangulators: tuple[str, ...]
     threads: int | None
-    counted: Counted = field(default_factory=Counted)
+    counted: CensusCounts = field(default_factory=CensusCounts)
     noted: NoteCounter = field(default_factory=NoteCounter)
     notes: list[str] = field(default_factory=list)
     waiting: list[_Batch] = field(default_factory=list)
@@ -200,6 +200,8 @@ class _Counter:
         window: NDArray[np.int64] = UNBOUNDED,
     ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
         """Triangulate p polygons by each of t triangulators, and add the counts to the groups.
+
+        margin, window : as for `scale_to_pixels`, and as `Frame.window`
 
         Returns flags (p,) of the polygons that every triangulator triangulated, and the counts of
         all polygons, (t, p, len(MEASURES)).

@@ -14,7 +14,7 @@ import pandas as pd
 
 from harness import atomic
 from harness.scaling.census import Census, TileCensus
-from harness.scaling.sums import BINS, GAINED, MEASURES, Counted, Group, Sums
+from harness.scaling.sums import BINS, GAINED, MEASURES, CensusCounts, Group, Sums
 from harness.style import TWO_COLUMNS, choose_looks, draw_figure, make_figure, make_plain_table
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def make_gain_rows(sums: Sums, triangulators: Sequence[str]) -> pd.DataFrame:
     return table
 
 
-def write_census(folder: Path, counted: Counted, census: Census | TileCensus) -> list[str]:
+def write_census(folder: Path, counted: CensusCounts, census: Census | TileCensus) -> list[str]:
     """Write census.csv and plots into `folder`; return the names written; raises OSError.
 
     Footprints also get cells.csv and a map, damaged tiles damaged.csv.
@@ -84,7 +84,7 @@ def write_census(folder: Path, counted: Counted, census: Census | TileCensus) ->
     return [*written, "plots/"]
 
 
-def _make_census_table(counted: Counted, census: Census | TileCensus) -> pd.DataFrame:
+def _make_census_table(counted: CensusCounts, census: Census | TileCensus) -> pd.DataFrame:
     """Return the content of census.csv, for map tiles with rows for each zoom and layer."""
     tables = []
     for (zoom, layer), sums in _sort_groups(counted):
@@ -102,12 +102,12 @@ def _make_census_table(counted: Counted, census: Census | TileCensus) -> pd.Data
     return pd.concat(tables)
 
 
-def _sort_groups(counted: Counted) -> list[tuple[Group, Sums]]:
+def _sort_groups(counted: CensusCounts) -> list[tuple[Group, Sums]]:
     """Return the groups sorted by zoom, then by layer."""
     return sorted(counted.groups.items(), key=lambda item: (item[0][0] or 0, item[0][1]))
 
 
-def make_table(counted: Counted, census: Census | TileCensus) -> Table:
+def make_table(counted: CensusCounts, census: Census | TileCensus) -> Table:
     """Return the table for the terminal: savings of helper lanes."""
     base, *names = census.triangulators
     if isinstance(census, TileCensus):
@@ -127,7 +127,7 @@ def make_table(counted: Counted, census: Census | TileCensus) -> Table:
     return table
 
 
-def _make_tile_table(counted: Counted, base: str, triangulators: Sequence[str]) -> Table:
+def _make_tile_table(counted: CensusCounts, base: str, triangulators: Sequence[str]) -> Table:
     # Long names wrap after a colon or a hyphen.
     names = [name.replace(":", ":\n").replace("-", "-\n") for name in triangulators]
     table = make_plain_table(

@@ -87,7 +87,7 @@ class PartResult:
     counts : [kind, reason, number of polygons] of dropped, repaired and failed polygons
     proven : polygons whose optimum is proven
     certified : fields of `Certified`, or None if not requested
-    about : the part's `about`
+    about : identity of the part, as in `FilePart`
     notes : messages about the file, such as the choice of a layer
     left_out : (kind, polygon, reason) of the first dropped and the first failed polygons
     seconds : duration, or None if the file existed already
@@ -118,11 +118,11 @@ class PartWork:
     suffix: ClassVar[str]
 
     def cut(self, path: str) -> Slices:
-        """Cut a file into slices; raise SceneError or OSError if the file is unreadable."""
+        """Return the slices of a file; raise SceneError or OSError if the file is unreadable."""
         raise NotImplementedError
 
     def write_part(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
-        """Write a part's file atomically, with a content that is independent of times."""
+        """Write a part's file atomically; a repetition must give the same content."""
         raise NotImplementedError
 
     @staticmethod
@@ -133,7 +133,7 @@ class PartWork:
     def process(self, part: FilePart, out: str, threads: int | None = 1) -> PartResult:
         """Write a part's file into the folder `out`, unless the file exists; return the result.
 
-        threads : number of threads, by default the number of cores
+        threads : number of threads, or None for one per core
 
         Raises
         ------
@@ -409,7 +409,7 @@ class Dataset:
     def _remove_temporary_folders(self) -> None:
         """Remove temporary folders that killed processes left for parts that are now finished.
 
-        Files of other parts may belong to a running command.
+        Folders of unfinished parts may belong to a running command, and are retained.
         """
         for folder in self.out.glob(f"{TEMPORARY_PREFIX}*"):
             if folder.name.removeprefix(TEMPORARY_PREFIX).partition("-")[0] in self.done:

@@ -34,8 +34,10 @@ def set_host(run: Run, host: str) -> Run:
 
     Raises
     ------
-    IncompatibleRunsError, UsageError
-        if the host's name is invalid, or a device has a host already
+    UsageError
+        if the host's name is invalid
+    IncompatibleRunsError
+        if a device has a host already
     """
     if not host or make_file_stem(host) != host:
         raise UsageError(f"host {host!r}: invalid name; give letters, digits, hyphens and dots")
@@ -60,7 +62,7 @@ def merge_runs(runs: Sequence[Run], out: Path) -> int:
         counters of a device differ between hosts, the scenes differ or are unknown, or a run is
         given with two hosts
     """
-    _refuse_other_scenes(runs)
+    _refuse_differing_scenes(runs)
     _refuse_one_run_twice(runs)
     if mixed := find_mixed_processors(runs):
         raise IncompatibleRunsError(
@@ -68,7 +70,7 @@ def merge_runs(runs: Sequence[Run], out: Path) -> int:
             "keep the runs apart with --hosts"
         )
     sources = _select_records(runs)
-    _refuse_other_counters([source.record for source in sources])
+    _refuse_differing_counters([source.record for source in sources])
     facts = _merge_facts(runs)
     names = facts["plan"]["triangulators"]
     sources.sort(key=lambda source: _sort_key(source.record, names))
@@ -114,7 +116,7 @@ def _get_priority(source: _Source) -> tuple[int, str]:
     return STATUSES.index(record.status), content
 
 
-def _refuse_other_counters(records: Iterable[Record]) -> None:
+def _refuse_differing_counters(records: Iterable[Record]) -> None:
     """Raise IncompatibleRunsError if counters, which are exact, differ between hosts."""
     first: dict[str, Record] = {}
     for record in sorted(records, key=lambda record: record.id.device_name):
@@ -131,7 +133,7 @@ def _refuse_other_counters(records: Iterable[Record]) -> None:
             )
 
 
-def _refuse_other_scenes(runs: Sequence[Run]) -> None:
+def _refuse_differing_scenes(runs: Sequence[Run]) -> None:
     """Raise an error if no run has a record, or the runs' scenes differ or are unknown."""
     if not any(run.records for run in runs):
         raise InputError("runs: no records to merge; give complete runs")

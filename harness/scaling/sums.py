@@ -70,7 +70,7 @@ class Sums(NamedTuple):
 
 
 @dataclass
-class Counted:
+class CensusCounts:
     """Counts of one or more parts.
 
     groups : sums by zoom and layer
@@ -113,7 +113,7 @@ class Counted:
             output.publish()
 
     @classmethod
-    def read(cls, files: Iterable[Path]) -> "Counted":
+    def read(cls, files: Iterable[Path]) -> "CensusCounts":
         """Read and sum the files of parts."""
         result = cls()
         for file in files:

@@ -32,7 +32,7 @@ class Triangulating(PartWork):
     order: str = ORDER
 
     def cut(self, path: str) -> Slices:
-        """Cut a file by its rows."""
+        """Return the slices of a file, which are ranges of rows."""
         return cut_file(path, self.layer, self.where)
 
     @staticmethod

@@ -222,7 +222,7 @@ def compare_criteria(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def correlate_by_resolution(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the correlations of each resolution, in a column; empty for a single resolution."""
+    """Return correlation tables of each resolution, as one; empty for a single resolution."""
     if table.empty or table["resolution"].nunique() < 2:
         return pd.DataFrame()
     parts = [
@@ -255,7 +255,7 @@ PAPER = "overdraw"
 
 def print_matrix(correlations: pd.DataFrame, console: Console) -> None:
     """Print Spearman's rank correlation within polygons, one table per device."""
-    for (rasteriser, device), part in _group_within(correlations):
+    for (rasteriser, device), part in _group_within_polygons(correlations):
         columns = zip(part["criterion"], part["measure"], part["value"], strict=True)
         cells = {(c, m): "-" if np.isnan(value) else f"{value:.3f}" for c, m, value in columns}
         title = f"rank correlation within polygons: {rasteriser} on {device}"
@@ -277,7 +277,7 @@ def make_criterion_table(
 def plot_study(correlations: pd.DataFrame, table: pd.DataFrame, folder: Path) -> list[Path]:
     """Draw predictions against measurements into `folder`/plots, one figure per device."""
     files = []
-    for (rasteriser, device), part in _group_within(correlations):
+    for (rasteriser, device), part in _group_within_polygons(correlations):
         rows = table[(table["rasteriser"] == rasteriser) & (table["device"] == device)]
         name = f"predicted-vs-measured-{rasteriser}-{device}"
         files += draw_figure(
@@ -286,7 +286,7 @@ def plot_study(correlations: pd.DataFrame, table: pd.DataFrame, folder: Path) ->
     return files
 
 
-def _group_within(correlations: pd.DataFrame) -> Iterable[tuple[Any, pd.DataFrame]]:
+def _group_within_polygons(correlations: pd.DataFrame) -> Iterable[tuple[Any, pd.DataFrame]]:
     """Yield (rasteriser, device) with the rows of rank correlations within polygons."""
     within = correlations[correlations["statistic"] == "spearman_within"]
     return within.groupby(["rasteriser", "device"], sort=False)

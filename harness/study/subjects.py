@@ -121,7 +121,10 @@ MEASURES = Reference.counters
 
 
 def evaluate_triangulations(geometry: drawings.Geometry, view: View) -> list[dict[str, Any]]:
-    """Return criteria and counters of triangulations of polygons, which are sampled by size."""
+    """Return a row with criteria and counters for each triangulation of polygons sampled by size.
+
+    At most `POLYGONS` polygons are triangulated, each by `COUNTED` and at random.
+    """
     sizes = geometry.grid.vertex_counts
     simple = geometry.grid.ring_counts == 1
     rows = []
@@ -147,7 +150,7 @@ def evaluate_triangulations(geometry: drawings.Geometry, view: View) -> list[dic
 
 
 def _list_triangulations(polygon: Polygon) -> Iterator[tuple[str, NDArray[np.int32]]]:
-    """Yield (name, triangles) of each triangulator that uses all vertices of the polygon."""
+    """Yield (name, triangles) of each triangulation that uses all vertices of the polygon."""
     for name in (*COUNTED, *(f"random#{seed}" for seed in range(RANDOM))):
         triangulator, _, seed = name.partition("#")
         parameters: dict[str, Any] = {"seed": int(seed)} if seed else {}

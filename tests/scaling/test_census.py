@@ -14,7 +14,7 @@ from harness.scaling.census import Census, compute_gains, scale_to_pixels
 from harness.scaling.census_report import make_gain_rows
 from harness.scaling.dataset import Dataset
 from harness.scaling.executors import Executor
-from harness.scaling.sums import GAINED, Counted
+from harness.scaling.sums import GAINED, CensusCounts
 from tests.conftest import assert_refused, make_geojson, require_ok
 from tests.scaling.conftest import EVERY
 from triangulators import triangulate
@@ -27,7 +27,7 @@ WORK = Census(NAMES, units_per_pixel=0.25, cell=100.0)
 def count_all(pattern, out):
     dataset = Dataset(str(pattern), out, WORK)
     summary = dataset.complete(Executor(), Reporter(quiet=True))
-    return summary, Counted.read(out / f"{key}.npz" for key in dataset.keys_done)
+    return summary, CensusCounts.read(out / f"{key}.npz" for key in dataset.keys_done)
 
 
 def snap(xy):

@@ -24,7 +24,7 @@ from harness.rasterisers.reference import count_per_triangle
 from harness.scaling.census import TileCensus
 from harness.scaling.dataset import Dataset, Summary
 from harness.scaling.executors import Executor
-from harness.scaling.sums import Counted
+from harness.scaling.sums import CensusCounts
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import SceneError, load
@@ -39,12 +39,12 @@ NAMES = ("ear-clipping", "flips:l1")
 EXACT = ("fragments", "quads", "helper_lanes", "partial_quads", "bbox_tests", "triangles")
 
 
-def count_all(text: str, out: Path, names: tuple[str, ...] = NAMES) -> tuple[Counted, Summary]:
+def count_all(text: str, out: Path, names: tuple[str, ...] = NAMES) -> tuple[CensusCounts, Summary]:
     """Run a census; return the counts of the parts and the summary."""
     name, selection = parse_tile_selection(text)
     dataset = Dataset(name, out, TileCensus(names, selection))
     summary = dataset.complete(Executor(), Reporter(quiet=True))
-    return Counted.read(out / f"{key}.npz" for key in dataset.keys_done), summary
+    return CensusCounts.read(out / f"{key}.npz" for key in dataset.keys_done), summary
 
 
 def sum_scene(text: str, names: tuple[str, ...] = NAMES) -> dict[tuple[str, str], dict]:
@@ -270,16 +270,16 @@ def test_the_command_has_a_line_for_each_zoom_and_layer(harness, tmp_path):
 
 KILLED = """
 import os, signal, sys
-from harness.scaling.sums import Counted
+from harness.scaling.sums import CensusCounts
 from harness.cli import main
 started = []
-real = Counted.save
+real = CensusCounts.save
 def save(*arguments):
     if started:
         os.kill(os.getpid(), signal.SIGKILL)
     started.append(1)
     real(*arguments)
-Counted.save = save
+CensusCounts.save = save
 sys.argv[1:] = {arguments!r}
 main()
 """
