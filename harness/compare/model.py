@@ -19,8 +19,8 @@ Outcome = Literal["regressed", "improved", "unchanged", "inconclusive"]
 """Change of a time; `inconclusive` means too noisy for a conclusion, never good."""
 
 Against = Literal["rounds", "same-triangles", "peers", "reference", "none"]
-"""Source of the estimate of machine drift. None is needed if both versions were timed in the same
-`rounds`, or have the `same-triangles`, which were timed once; `none`: no drift is assumed."""
+"""Source of the estimate of machine drift. No estimate is needed if both versions were timed in the
+same `rounds`, or have the `same-triangles`, which were timed once; `none` assumes no drift."""
 
 Status = Literal[
     "compared",

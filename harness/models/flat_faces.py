@@ -28,7 +28,7 @@ from triangulators.geometry.half_edges import link_half_edges
 from triangulators.polygon_arrays import offsets_of
 
 TOLERANCE_ULPS = 4.0
-"""Flatness tolerance, in units of single precision at the largest coordinate."""
+"""Flatness tolerance, in rounding steps of single precision at the largest coordinate."""
 
 INDEX_BITS = 32
 """Bits of a vertex index in the number of an edge."""

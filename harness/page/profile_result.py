@@ -29,7 +29,7 @@ FORMAT = "raster-harness device profile"
 
 LAW_TOLERANCE = 0.02
 """Tolerated relative difference between a draw's time by the page's law and by a new fit. Both fits
-stop when no time changes by 1e-4, so they differ slightly."""
+stop once an iteration changes no time by more than 1e-4, so they differ slightly."""
 
 Counted = Mapping[str, int]
 """Exact counters of a draw, by name."""

@@ -174,7 +174,7 @@ def _merge_facts(runs: Sequence[Run]) -> RunFacts:
     plan = {
         **plans[0],
         "triangulators": names[0] if same else sorted(set().union(*names)),
-        **{which: _list_distinct(plan.get(which) for plan in plans) for which in _LISTS},
+        **{which: _list_distinct(plan.get(which) for plan in plans) for which in _PLAN_LISTS},
     }
     hosts = [
         {name: facts.get(name) for name in _HOST_FACTS}
@@ -196,7 +196,8 @@ def _merge_facts(runs: Sequence[Run]) -> RunFacts:
 
 
 _HOST_FACTS = ("created", "environment", "cpu", "state", "seconds", "warnings")
-_LISTS = ("rasterisers", "devices", "views", "options")
+_PLAN_LISTS = ("rasterisers", "devices", "views", "options")
+"""Facts that are stored for each run, and lists of the plans that are united."""
 
 
 def _list_distinct(lists: Iterable[Any]) -> list[Any]:
