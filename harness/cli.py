@@ -114,7 +114,7 @@ def main() -> None:
     if sys.argv[1:2] == ["run"] and not set(HELP) & set(sys.argv):
         from harness.workers import serving
 
-        serving.start_server()  # imports in parallel with this process
+        serving.start_server()  # imports packages while this process imports others
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # names of files may have any character
             with contextlib.suppress(OSError):

@@ -40,7 +40,7 @@ def make_lane_maps(frame: Frame, triangles: NDArray[np.int32]) -> tuple[Map, Map
 
     Row 0 is at the bottom. The sum of both is the number of shader invocations at a pixel.
     """
-    # In a viewport with an odd side, quads at the edge extend one pixel beyond the viewport.
+    # With an odd side, quads at the edge extend a pixel beyond the viewport, so maps are larger.
     shape = (frame.height + frame.height % 2, frame.width + frame.width % 2)
     covered, helpers = np.zeros(shape, np.int64), np.zeros(shape, np.int64)
     rows = np.ascontiguousarray(triangles, np.int32)
@@ -80,7 +80,7 @@ def draw_heatmaps(
     height, width = (zoom * size for size in panels[0][0].shape)
     caption_lines = [part for text in captions for part in text.split("\n")]
     across = GAP_PX + max(width, *(round(font.getlength(text)) for text in caption_lines))
-    tops = (5 * line, 7 * line + height)  # below the title and captions; below a legend
+    tops = (5 * line, 7 * line + height)  # of both rows: below title and captions, below a legend
     total_width = max(across * len(panels), round(font.getlength(title)), LEGEND_PX) + GAP_PX
     picture = Image.new("RGB", (total_width, tops[1] + height + 2 * line), "white")
     pen = ImageDraw.Draw(picture)
@@ -93,7 +93,7 @@ def draw_heatmaps(
             zip(panels, triangulations.values(), strict=True)
         ):
             left_px = GAP_PX + column * across
-            # The first row of an image is on top.
+            # The first row of an image is on top, row 0 of a map at the bottom.
             pixels = Image.fromarray(colours[np.minimum(maps[row], len(colours) - 1)][::-1])
             squares = pixels.resize((width, height), Image.Resampling.NEAREST)
             picture.paste(squares, (left_px, top))

@@ -243,7 +243,7 @@ def draw_figure(
     except ModuleNotFoundError:
         _report_missing_plots()
         return []
-    with matplotlib.rc_context(STYLE):  # also applies to writing files
+    with matplotlib.rc_context(STYLE):  # must also apply while files are written
         figure = make(*arguments)
         if figure is None:
             return []

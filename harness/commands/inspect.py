@@ -50,7 +50,8 @@ def inspect(
     polygon: Annotated[
         int | None,
         typer.Option(
-            min=0, help="Index of the polygon in the file; the first if absent, with --sizes all."
+            min=0,
+            help="Index, from 0, among the file's valid polygons; by default 0, with --sizes all.",
         ),
     ] = None,
     layer: options.Layer = None,

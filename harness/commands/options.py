@@ -77,7 +77,7 @@ def make_choice_parser(*choices: Any) -> Read:
 
 
 SceneName = Annotated[str, typer.Option(help="A scene's name or a file.")]
-Seed = Annotated[int, typer.Option(min=0, max=MAX_SEED, help="Seed for everything random.")]
+Seed = Annotated[int, typer.Option(min=0, max=MAX_SEED, help="Seed of all random numbers.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")]
 Verbose = Annotated[
     bool,
@@ -112,7 +112,7 @@ Base = Annotated[
 Json = Annotated[
     bool, typer.Option("--json", help="Write JSON to standard output, for other programs.")
 ]
-Layer = Annotated[str | None, typer.Option(help="Layer of the file to read.")]
+Layer = Annotated[str | None, typer.Option(help="Layer to read, if the file has several.")]
 Condition = Annotated[
     str | None,
     typer.Option("--where", help="Condition on the polygons to read, as in SQL: height > 10."),

@@ -38,7 +38,7 @@ def study_all(
     rasterisers: options.Rasterisers = None,
     resolution: options.Resolutions = options.ValueList((256, 1024)),
     polygons: Annotated[
-        int, typer.Option(min=1, help="Polygons to validate with.")
+        int, typer.Option(min=1, help="Number of polygons on which criteria are validated.")
     ] = StudySize.polygons,
     seed: options.Seed = 0,
     quick: options.Quick = False,

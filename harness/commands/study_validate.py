@@ -36,9 +36,9 @@ def study_validate(
     device: options.Devices = None,
     resolution: options.Resolutions = options.ValueList((128,)),
     work: options.Works = options.ValueList((0, 8)),
-    polygons: Annotated[int, typer.Option(min=1, help="Polygons to study.")] = StudySize.polygons,
+    polygons: Annotated[int, typer.Option(min=1, help="Number of polygons.")] = StudySize.polygons,
     random: Annotated[
-        int, typer.Option(min=0, help="Random triangulations of each polygon.")
+        int, typer.Option(min=0, help="Number of random triangulations of each polygon.")
     ] = StudySize.random,
     seed: options.Seed = 0,
     budget: options.Budget = BUDGET_S,

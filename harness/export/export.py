@@ -406,7 +406,7 @@ def _triangulate_chunk(chunk: Chunk, options: TriangulationOptions, report: Repo
     report.note("failed", failed)
     mesh = make_mesh(polygons, result, chunk.attributes)
     if parse(options.name).entry.name == "optimal":
-        # Exact algorithms: compiled code, and the dynamic program over one ring.
+        # Optima of compiled code, and of the dynamic program over one ring, are exact.
         is_single_ring = polygons.ring_counts == 1
         exact = result.compiled | (is_single_ring & (np.diff(mesh.vertex_offsets) <= LIMIT))
         exact[list(result.failed)] = False

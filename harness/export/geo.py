@@ -31,7 +31,7 @@ class GeoJsonWriter:
         self._about, self._collection = about, collection
         self._stream = output.open_published(mode="w")
         self._stream.write('{"type":"FeatureCollection",')
-        # EPSG:4326 is the default.
+        # EPSG:4326 is GeoJSON's default, and not written.
         if about.crs and about.crs.startswith("EPSG:") and about.crs != "EPSG:4326":
             name = f"urn:ogc:def:crs:{about.crs.replace(':', '::')}"
             self._stream.write(
@@ -113,7 +113,7 @@ class GeoParquetWriter:
                 "raster_harness": self._make_origin_metadata(),
             }
             self._schema = table.schema.with_metadata(metadata)
-            # No dictionary for geometries, which all differ.
+            # No dictionary encoding for geometries, which all differ.
             columns = [name for name in self._schema.names if name != "geometry"]
             self._writer = self._parquet.ParquetWriter(
                 self._path, self._schema, use_dictionary=columns or False
@@ -140,7 +140,7 @@ class GeoParquetWriter:
     def _make_geo_metadata(self) -> str:
         kind = "GeometryCollection" if self._collection else "MultiPolygon"
         column: dict[str, Any] = {"encoding": "WKB", "geometry_types": [kind]}
-        if self._about.crs not in ("EPSG:4326", "OGC:CRS84"):  # the default
+        if self._about.crs not in ("EPSG:4326", "OGC:CRS84"):  # the default, not written
             system = find_system(self._about.crs)
             column["crs"] = None if system is None else system.to_json_dict()
         return json.dumps(

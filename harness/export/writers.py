@@ -295,7 +295,7 @@ class GltfWriter:
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
         middle = np.round((low + high) / 2)
         if self._origin is None:
-            # Single-precision viewers jitter at large map coordinates.
+            # Nodes are relative to the first centre: viewers jitter at large map coordinates.
             self._origin = middle
         # One step for both axes, which preserves angles, and for z, which keeps the matrix
         # invertible in single precision.

@@ -100,7 +100,7 @@ GRID_STEP = 0.25
 MIN_HEIGHT = 16.0
 """Lower bound of a triangle's height, in grid steps, for a defined orientation."""
 
-BATCH_EDGES = 1 << 17  # edges tested at a time
+BATCH_EDGES = 1 << 17  # edges tested at a time, to limit memory
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]

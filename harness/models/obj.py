@@ -129,7 +129,7 @@ class ObjModel:
             corners = np.array(part.triples, dtype=np.int64).reshape(-1, 3)
             vertices, number = np.unique(corners, axis=0, return_inverse=True)
             positions = xyz[vertices[:, 0] - 1]
-            # Vertices with and without texture coordinates or normals do not match.
+            # A face must not mix vertices with and without texture coordinates or normals.
             fixed = (vertices[:, 1:] > 0).astype(np.float64)
             affine = [values[b"v"][0][vertices[:, 0] - 1, 3:] / values[b"v"][1]]
             for column, kind in ((1, b"vt"), (2, b"vn")):

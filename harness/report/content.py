@@ -149,7 +149,7 @@ def make_content(run: Run, decided: Sequence[Decided] | None = None) -> Content:
     decided : result of `decide_run` for the run, computed if None
     """
     decided = list(decide_run(run) if decided is None else decided)
-    # Timed GPUs first, then other timed devices, then in the order of measurement.
+    # The most useful groups first: timed GPUs, other timed devices, the rest as measured.
     position = {id(record): number for number, record in enumerate(run.records)}
     decided.sort(
         key=lambda pair: (_get_display_key(pair[0]), _get_first_position(pair[0], position))

@@ -188,7 +188,7 @@ def record_to_json(record: Record) -> dict[str, Any]:
         if name not in _OPTIONAL_FIELDS or value not in (None, ()):
             values[name] = list(value) if isinstance(value, tuple) else value
     if record.proven is not None:
-        values["largest_gap"] = record.largest_gap  # None: unknown bound
+        values["largest_gap"] = record.largest_gap  # also None, for an unknown bound
     if record.least is not None:
         values["least"] = asdict(record.least)
     if record.views is not None:

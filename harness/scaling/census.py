@@ -186,7 +186,7 @@ class _Counter:
     def count_waiting(self, side: int) -> None:
         """Count and remove the waiting polygons, drawn in tiles of `side` pixels."""
         if any(len(part.polygons) for part in self.waiting):
-            # Polygons extend at most one tile beyond the edge of their tile.
+            # The margin is a tile: polygons extend at most so far beyond the edge of their tile.
             margin = -(-side // MARGIN_STEP_PX) * MARGIN_STEP_PX
             window = np.array([margin, margin, margin + side - 1, margin + side - 1], np.int64)
             self.count_batch(self.waiting, 1.0, margin, window)

@@ -38,7 +38,7 @@ QUEUED_TASKS = 2
 """Tasks queued at each busy worker thread; queued tasks are lost with their worker."""
 
 SETTINGS = {
-    # a worker starts a process for its tasks
+    # a worker starts a process for its tasks, which a daemon may not
     "distributed.worker.daemon": False,
     "distributed.comm.timeouts.connect": "20s",
     # the current folder may contain modules of other users
