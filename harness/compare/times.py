@@ -46,8 +46,7 @@ QUANTILE = 0.1
 """Quantile of the samples that represents a case's time: low enough to exclude samples that other
 programs lengthened, steadier than the minimum."""
 
-RESAMPLES = 2000
-"""Number of bootstrap resamples for an interval."""
+RESAMPLES = 2000  # of the bootstrap, for an interval
 
 MAX_ROUNDS_Q = 1e-3
 """Maximum q-value of a change in common rounds: 1 in 1,000 reported changes may be chance."""

@@ -169,7 +169,7 @@ def test_damaged_file_is_refused(harness, profiled, change, message):
 def test_options_for_runs_are_refused(harness, saved):
     assert_refused(
         harness("import", saved(), "--summary", "s.json"),
-        "neither --run nor --summary",
+        "--run and --summary are only for runs",
         code=BAD_INPUT,
     )
 

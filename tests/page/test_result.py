@@ -229,9 +229,15 @@ IMPOSSIBLE = [
     (lambda r: r["views"][0]["times"]["delaunay"].update(samples_s=[0.0] * 12), "took no time"),
     (lambda r: first_case(r)["record"].update(scene_hash="1" * 64), "different scenes"),
     (set_zero, "nothing was drawn: all counters are zero"),
-    (lambda r: first_case(r)["record"].update(polygons=1000), "counters of 20 polygons, expected 1000"),
+    (
+        lambda r: first_case(r)["record"].update(polygons=1000),
+        "counters of 20 polygons, expected 1000",
+    ),
     (add_fragment_beyond_lanes, "fewer than one pixel, or more than four"),
-    (lambda r: first_case(r)["counters"]["covering_triangles"].reverse(), "more than quads"),
+    (
+        lambda r: first_case(r)["counters"]["covering_triangles"].reverse(),
+        "more of them than quads",
+    ),
     (add_partial_quad_without_helper, "without a helper lane, or with more than three"),
     (
         lambda r: first_case(r)["record"].update(proven=1_000_000),
