@@ -232,7 +232,7 @@ def print_pareto_table(table: pd.DataFrame, scene: str, console: Console) -> Non
 def make_triangulation_table(
     polygon: Polygon, mode: Literal["conforming", "paper"]
 ) -> pd.DataFrame:
-    """Return one row per triangulation, sorted by overdraw; columns `CRITERIA` and
+    """Return one row per triangulation, sorted by overdraw; columns `CRITERIA` and two more.
 
     conforming : whether the triangulation has no T-junctions
     diagonals : pairs of vertex numbers, "1-3 3-5"
