@@ -42,8 +42,8 @@ def _is_allowed_flip(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool
     """Return whether triangles a, b, d and a, d, c are counter-clockwise, and not thin."""
     if not is_convex(points, a, b, c, d):
         return False
-    heights = _compute_min_height(points, a, b, d), _compute_min_height(points, a, d, c)
-    return min(heights) > MIN_HEIGHT
+    first = _compute_min_height(points, a, b, d)
+    return first > MIN_HEIGHT and _compute_min_height(points, a, d, c) > MIN_HEIGHT
 
 
 @njit(nogil=True)
