@@ -292,8 +292,8 @@ class Claim:
         off = 0 if self.exact else DOUBLE_ERROR
         require(bound <= self.total * (1 + off), "the bound is above the cost")
         near = abs(cost - Fraction(float(self.total))) <= self.total * off
-        require(near, f"the stated cost is not the triangles', {float(self.total)}")
-        require(low <= bound, f"the stated bound exceeds the proven bound, {float(bound)}")
+        require(near, f"the stated cost differs from the cost, {float(self.total)}")
+        require(low <= bound, f"the stated bound exceeds the proven one, {float(bound)}")
         # The relative gap from exact numbers, a lower bound of the stated gap.
         share = max(Fraction(0), (self.total - bound) / self.total if self.total else 0)
         require(
