@@ -91,7 +91,7 @@ def parse_record(values: Mapping[str, Any]) -> Record:
 
 
 def _arrange_fields(line: dict[str, Any]) -> dict[str, Any]:
-    """Return the fields of a line as those of a `Record` and its parts."""
+    """Return the fields of a line, nested as in a `Record`: `id` holds `view` and `options`."""
     for name in ("resolution", "rotation"):  # View has defaults
         if name not in line:
             raise FieldError(f"{name}: is missing")
