@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain
 
+from scipy import stats
+
 from harness.compare import times
 from harness.compare.matching import (
     Match,
@@ -25,6 +27,7 @@ from harness.compare.model import (
     RunOrigin,
     Settings,
     Status,
+    TimeChange,
     Total,
     Verdict,
     check_thresholds,
@@ -192,7 +195,7 @@ def _compare_times(
     corrected = dict(
         zip(
             changes_by_case,
-            times.correct_q_values(list(changes_by_case.values()), settings),
+            correct_q_values(list(changes_by_case.values()), settings),
             strict=True,
         )
     )
@@ -310,3 +313,23 @@ def compute_growth(base: float, head: float) -> float | None:
     if base == 0:
         return 0.0 if head == 0 else None
     return head / base - 1
+
+
+def correct_q_values(changes: Sequence[TimeChange], settings: Settings) -> list[TimeChange]:
+    """Correct q-values for the number of cases; a change above the limit becomes inconclusive."""
+    p_values = [change.q_value for change in changes if change.q_value is not None]
+    if not p_values:
+        return list(changes)
+    q_values = iter(stats.false_discovery_control(p_values, method="bh").tolist())
+    corrected = []
+    for change in changes:
+        if change.q_value is not None:
+            change = replace(change, q_value=(q_value := next(q_values)))
+            limit = times.MAX_ROUNDS_Q if change.against == "rounds" else 1 - settings.confidence
+            if change.outcome in ("regressed", "improved") and q_value > limit:
+                reason = (
+                    f"not significant after correction for the number of cases (q = {q_value:.2g})"
+                )
+                change = replace(change, outcome="inconclusive", reason=reason)
+        corrected.append(change)
+    return corrected

@@ -150,7 +150,7 @@ def compare_group(
 ) -> tuple[list[TimeChange], Drift | None]:
     """Return the changes of a group's cases and the group's drift.
 
-    `correct_q_values` must still correct the q-values for the number of cases. If BASE and HEAD
+    `comparison.correct_q_values` must still correct the q-values for the number of cases. If BASE and HEAD
     were measured in the same rounds, the drift is computed from the cases that draw different
     triangles, and is None if there are fewer than two such cases.
     """
@@ -212,26 +212,6 @@ def _estimate_shift(
     reference = compute_log_ratio(*pair.reference)
     low, high = sorted((reference if machines_differ else 0.0, reference))
     return MachineShift(low, high, DRIFT_SD, math.inf, "reference")
-
-
-def correct_q_values(changes: Sequence[TimeChange], settings: Settings) -> list[TimeChange]:
-    """Correct q-values for the number of cases; a change above the limit becomes inconclusive."""
-    p_values = [change.q_value for change in changes if change.q_value is not None]
-    if not p_values:
-        return list(changes)
-    q_values = iter(stats.false_discovery_control(p_values, method="bh").tolist())
-    corrected = []
-    for change in changes:
-        if change.q_value is not None:
-            change = replace(change, q_value=(q_value := next(q_values)))
-            limit = MAX_ROUNDS_Q if change.against == "rounds" else 1 - settings.confidence
-            if change.outcome in ("regressed", "improved") and q_value > limit:
-                reason = (
-                    f"not significant after correction for the number of cases (q = {q_value:.2g})"
-                )
-                change = replace(change, outcome="inconclusive", reason=reason)
-        corrected.append(change)
-    return corrected
 
 
 def _compare_with_shift(

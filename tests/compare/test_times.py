@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import t as student
 
+from harness.compare.comparison import correct_q_values
 from harness.compare.machine_shift import estimate_peer_shift
 from harness.compare.model import Settings, TimeChange
 from harness.compare.times import (
@@ -17,7 +18,6 @@ from harness.compare.times import (
     Pair,
     classify_change,
     compare_group,
-    correct_q_values,
     measure_round_drift,
     read_pair,
 )
