@@ -150,9 +150,9 @@ def compare_group(
 ) -> tuple[list[TimeChange], Drift | None]:
     """Return the changes of a group's cases and the group's drift.
 
-    `comparison.correct_q_values` must still correct the q-values for the number of cases. If BASE and HEAD
-    were measured in the same rounds, the drift is computed from the cases that draw different
-    triangles, and is None if there are fewer than two such cases.
+    `comparison.correct_q_values` must still correct the q-values for the number of cases. If BASE
+    and HEAD were measured in the same rounds, the drift is computed from the cases that draw
+    different triangles, and is None if there are fewer than two such cases.
     """
     if all(pair.same_rounds for pair in pairs):
         changes = [
