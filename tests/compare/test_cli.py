@@ -55,7 +55,10 @@ def test_a_newer_schema_is_bad_usage(runs):
         (["--threshold", "time"], ["time", "percentage"]),
         (["--threshold", "time=5"], ["time=5", "percentage"]),
         (["--threshold", "quds=5%"], ["quds", "quads"]),
-        (["--threshold", "outline_quads=5%"], ["outline_quads", "direction"]),
+        (
+            ["--threshold", "outline_quads=5%"],
+            ["outline_quads", "no change"],
+        ),
         (["--threshold", "draw_ms=5%"], ["draw_ms"]),
         (["--json", "/proc/none/x.json"], ["/proc/none"]),
     ],

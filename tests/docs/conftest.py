@@ -1,5 +1,6 @@
 """Execution of the commands of pages in a folder like that of a reader."""
 
+import contextlib
 import os
 import shlex
 import shutil
@@ -53,7 +54,8 @@ class Workers:
 
     @staticmethod
     def _start(name: str, environment: Mapping[str, str]) -> Worker:
-        worker = Worker(name, environment)
+        with contextlib.chdir(ROOT):  # a reader's folder is removed, and Numba needs a folder
+            worker = Worker(name, environment)
         worker.call(os.getpid)
         return worker
 

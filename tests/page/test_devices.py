@@ -43,7 +43,7 @@ def test_summary_accepts_other_scenes_but_not_other_devices(tmp_path, small_run)
     device_summaries.write_summary(replace(small_run, records=records), file)
     assert len(json.loads(file.read_text())["views"]) == 4
     records = [record.with_id(device="other") for record in small_run.records]
-    with pytest.raises(IncompatibleRunsError, match="has reference on cpu"):
+    with pytest.raises(IncompatibleRunsError, match="a summary of reference on cpu"):
         device_summaries.write_summary(replace(small_run, records=records), file)
     file.write_text("{}")
     with pytest.raises(InputError, match="not a summary of a device"):
