@@ -221,7 +221,10 @@ class _Drawing:
         """Return the area of the clip path `clip` for an element, whose state is `state`."""
         if clip.get("clipPathUnits") == "objectBoundingBox":
             if get_tag(element) not in SHAPES:
-                raise ValueError("the clip path has the size of a group, which is unsupported")
+                raise ValueError(
+                    "clipPathUnits='objectBoundingBox' is supported for shapes only, not for "
+                    f"<{get_tag(element)}>; use userSpaceOnUse"
+                )
             points = np.concatenate(
                 flatten_outline(format_outline(element, {}, state.viewport), Identity)
             )

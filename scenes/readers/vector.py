@@ -45,7 +45,7 @@ _CLOSED = "closed lines are read as polygons"
 _CSV_OPTIONS = {
     "GEOM_POSSIBLE_NAMES": "WKT,geometry,geom,the_geom,wkb_geometry,wkt_geom,geom_wkt,geometry_wkt",
     "KEEP_GEOM_COLUMNS": "NO",
-    "AUTODETECT_TYPE": "YES",  # columns of numbers become numbers for conditions; 007 remains text
+    "AUTODETECT_TYPE": "YES",  # so that `where` compares numbers as numbers; 007 remains text
     "AUTODETECT_SIZE_LIMIT": "0",
 }
 

@@ -210,7 +210,7 @@ class TestChecker:
 
     def test_rejects_units_of_another_claim(self):
         about, evidence = self.claim()
-        self.refused(about, replace(evidence, factor=4), "wrong units")
+        self.refused(about, replace(evidence, factor=4), "scale, factor and bits are")
 
 
 @pytest.mark.parametrize("bits", range(11))

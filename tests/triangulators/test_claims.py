@@ -51,7 +51,7 @@ def test_rejects_coarse_units():
     true = certify(SQUARE, worst).evidence
     zeros = np.zeros(len(true.edges), np.int64)
     forged = Evidence(1e-300, true.factor, true.bits, true.edges, zeros, 0)
-    with pytest.raises(CertificateError, match="wrong units"):
+    with pytest.raises(CertificateError, match="scale, factor and bits are"):
         make_certificate(*about(SQUARE, worst), forged)
 
 

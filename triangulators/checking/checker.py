@@ -46,8 +46,11 @@ def compute_lower_bound(
     `CertificateError` if the evidence is invalid.
     """
     units = find_units(outline, triangles, cost)
-    if evidence.units != units[:3]:
-        raise CertificateError(f"evidence: wrong units {evidence.units}; expected {units[:3]}")
+    if evidence.weight_parameters != units[:3]:
+        raise CertificateError(
+            f"evidence: scale, factor and bits are {evidence.weight_parameters}; "
+            f"expected {units[:3]}"
+        )
     edges = find_edges(outline)
     if (edges.find_indices(triangles[:, [0, 1, 1, 2, 2, 0]]) < 0).any():
         raise CertificateError("triangles: a side is not an edge of the polygon")

@@ -25,9 +25,9 @@ class Evidence:
     """Evidence that no triangulation weighs less than a bound (see `checker`).
 
     The weight of a triangle is factor * floor(scale * cost) plus the noise of its three edges. The
-    cost is computed with the vertex of lowest index first. The noise of an edge a < b is the upper
-    `bits` bits of splitmix64's mix of a * 0x9E3779B97F4A7C15 + b * 0xD1B54A32D192ED03. The polygon,
-    the criterion and the triangulation determine scale, factor and bits (see `checking.units`).
+    cost is computed with the vertex of the lowest index first. The noise of an edge a < b is the
+    upper `bits` bits of splitmix64's mix of a * 0x9E3779B97F4A7C15 + b * 0xD1B54A32D192ED03. The
+    polygon, the criterion and the triangulation determine scale, factor and bits (see `units`).
 
     edges (e, 2): pairs of sites a < b; potentials (e,) int64: potential of each edge in the
     direction from a to b; lift: constant added to the three potentials of every triangle.
@@ -41,8 +41,8 @@ class Evidence:
     lift: int
 
     @property
-    def units(self) -> tuple[float, int, int]:
-        """Scale, factor and bits: the first three fields of `checking.units.Units`."""
+    def weight_parameters(self) -> tuple[float, int, int]:
+        """Scale, factor and bits, by which a triangle's weight is computed from the cost."""
         return self.scale, self.factor, self.bits
 
 

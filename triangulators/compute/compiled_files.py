@@ -104,8 +104,8 @@ def is_trusted_folder(folder: Path) -> bool:
         return True  # `make_folder` will create the folder for this user only
     if untrusted:
         warnings.warn(
-            f"{untrusted[-1]}: compiled code is not loaded (another user owns or may write the "
-            "folder); set NUMBA_CACHE_DIR to a folder of yours",
+            f"{untrusted[-1]}: compiled code is not loaded (it is a symbolic link, or another "
+            "user owns it or can write to it); set NUMBA_CACHE_DIR to a folder of yours",
             stacklevel=2,
         )
     return not untrusted

@@ -101,8 +101,9 @@ def _append_seen_through_window(
 
     A window is an edge opposite to v, behind which the view continues. stack (k, 5): workspace,
     whose first row has the first three columns of the window on entry. A row is a window: the
-    half-edge of the triangle behind it, from left to right; the right end; the left end;
-    view_right; view_left. Or a row is (-1, vertex, ...): a vertex to append.
+    half-edge of the triangle behind it, from left to right; the right end; the left end; and the
+    vertices on the right and left rays that bound the view. Or a row is (-1, vertex, ...): a vertex
+    to append.
     """
     height = 1
     stack[0, 3], stack[0, 4] = stack[0, 1], stack[0, 2]
@@ -120,7 +121,7 @@ def _append_seen_through_window(
         hidden_right = orientation(points, v, view_right, apex) <= 0.0
         hidden_left = not hidden_right and orientation(points, v, apex, view_left) <= 0.0
         split = not (hidden_right or hidden_left)
-        # `find_visible_pairs` passes v as `floor`: a pair is listed only at the lower vertex.
+        # `find_visible_pairs` passes v as `floor`: a pair is listed only at its lower index.
         seen = split and apex > floor
         if not hidden_left and apex > floor and over_left >= 0:
             stack[height, 0], stack[height, 1], stack[height, 2] = over_left, apex, left

@@ -148,7 +148,10 @@ def open_context(name: str) -> Compute:
             passed += 1
         compute.close()
     reason = f" ({problems[0]})" if problems else ""
-    raise DeviceError(f"{name}: no such device with compute shaders{reason}")
+    raise DeviceError(
+        f"{name}: no EGL device of this name supports compute shaders{reason}; "
+        "`raster-harness doctor` lists devices"
+    )
 
 
 def _open_contexts(problems: list[str]) -> Iterator[Any]:

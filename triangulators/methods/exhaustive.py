@@ -40,9 +40,10 @@ def enumerate_triangulations(
 ) -> np.ndarray | list[np.ndarray]:
     """Return all distinct triangulations of a polygon without holes.
 
-    Mode `conforming`: one array (count, n - 2, 3) int32. Mode `paper`: a list of arrays (m, 3),
-    because dropped vertices leave fewer triangles. Raises `InvalidPolygonError`, and `SkippedError`
-    for holes and for more than 10^6 triangulations (20,000 in mode `paper`).
+    Mode `conforming`: one array (count, n - 2, 3) int32. Mode `paper`: a list of arrays (m, 3), by
+    the recursion of Kryvda and Sulema, which drops vertices that a cut makes collinear: there are
+    fewer triangles, and T-junctions at the dropped vertices. Raises `InvalidPolygonError`, and
+    `SkippedError` for holes and for more than 10^6 triangulations (20,000 in mode `paper`).
     """
     outline = checked_boundary(polygon)
     ring = make_cycle(outline, "exhaustive")

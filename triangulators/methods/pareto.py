@@ -145,7 +145,8 @@ def _find_pair_front(
     rows = _find_non_dominated(sums)
     if len(rows) > MAX_FRONT_SIZE:
         raise TriangulationError(
-            f"pareto: the front of a sub-polygon has more than {MAX_FRONT_SIZE:,} points"
+            f"pareto: the Pareto front of a sub-polygon exceeds {MAX_FRONT_SIZE:,} points; "
+            "use a polygon with fewer vertices, or minimise one criterion with 'optimal'"
         )
     return _Partial(sums[rows], origin[rows])
 

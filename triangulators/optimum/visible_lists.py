@@ -266,20 +266,27 @@ def _get_weight(
 
 
 @njit(nogil=True)
-def _solve_edges(
+def _find_optimum_of_edge_costs(
     start: np.ndarray, target: np.ndarray, weights: np.ndarray, none: Any
 ) -> np.ndarray:
-    """Return the optimum (n - 2, 3) if only edges cost: weights[p] is the cost of pair p."""
+    """Return the triangles (n - 2, 3) whose edges have the minimum sum of costs.
+
+    weights[p]: cost of the visible pair p; none: cost of a sub-polygon without a triangulation.
+    """
     extra_rows = np.empty((0, len(start) - 1), dtype=weights.dtype)
     filled = _fill_costs(start, target, extra_rows, none, _minimise_edges, weights)
     return _list_triangles(start, target, filled, none, _get_zero, None)
 
 
 @njit(nogil=True)
-def _solve_boxes(
+def _find_optimum_of_box_costs(
     start: np.ndarray, target: np.ndarray, points: np.ndarray, box: np.ndarray, in_boxes: Cost
 ) -> np.ndarray:
-    """Return the optimum (n - 2, 3) if boxes and edges cost; in_boxes: cost of the boxes only."""
+    """Return the triangles (n - 2, 3) whose bounding boxes and edges have the minimum sum of costs.
+
+    box (3,): weights of half-perimeter, box area and edge length; in_boxes: the cost of the first
+    two only.
+    """
     context = (points, box)
     filled = _fill_costs(start, target, points.T.copy(), INFEASIBLE_COST, _minimise_boxes, context)
     return _list_triangles(start, target, filled, INFEASIBLE_COST, _get_cost, (points, in_boxes))
@@ -369,7 +376,7 @@ def solve_visible_pairs(
         triangles: np.ndarray = solve_any_cost(start, target, points, cost)
     elif cost["box"][1] == 0.0:
         weights = weigh_pairs(points, start, target, cost["box"])
-        triangles = _solve_edges(start, target, weights, _NONE[weights.dtype])
+        triangles = _find_optimum_of_edge_costs(start, target, weights, _NONE[weights.dtype])
     else:
         # The cost of triangles for `_list_triangles`: without edge lengths, which `_minimise_boxes`
         # adds to the pairs, and without the area and the number of triangles, whose sums are equal
@@ -377,5 +384,5 @@ def solve_visible_pairs(
         boxes = np.zeros_like(cost["weights"])
         boxes[HALF_PERIMETER], boxes[BBOX_AREA] = cost["box"][0], cost["box"][1]
         in_boxes = replace_fields(cost, weights=boxes)
-        triangles = _solve_boxes(start, target, points, cost["box"], in_boxes)
+        triangles = _find_optimum_of_box_costs(start, target, points, cost["box"], in_boxes)
     return triangles
