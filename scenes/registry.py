@@ -302,20 +302,22 @@ def _convert_errors(problem: str) -> Iterator[None]:
 
 
 def _convert_to_scene(name: str, result: Any, parameters: dict[str, Any]) -> Scene:
-    """Return a builder's result as a Scene: a Scene, or a list of polygons, which are cleaned.
+    """Return a builder's result, a Scene or a list of polygons, as a Scene of valid polygons.
 
     Raises SceneError for any other result, and for a list without usable polygons.
     """
     if isinstance(result, Scene):
         return replace(result, parameters=parameters | result.parameters)
     if not isinstance(result, list):
-        raise SceneError(f"scene {name} returned {type(result).__name__}, not a Scene or polygons")
+        raise SceneError(
+            f"scene {name} returned {type(result).__name__}, not a Scene or a list of polygons"
+        )
     try:
         cleaned = clean(result)
     except TypeError as error:
         raise SceneError(f"scene {name} returned something other than polygons: {error}") from error
     if not len(cleaned.polygons):
-        raise SceneError(f"scene {name} holds no polygon")
+        raise SceneError(f"scene {name} holds no polygon: return polygons with an area")
     return Scene(
         name=name,
         polygons=list(cleaned.polygons),

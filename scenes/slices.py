@@ -42,7 +42,7 @@ _RANGE_TESTS: dict[str, Callable[[float, float, float], bool]] = {
     ">=": lambda _, high, value: high >= value,
     "=": lambda low, high, value: low <= value <= high,
 }
-"""Functions of (low, high, value): whether a number in the range low..high meets the comparison."""
+"""Functions of (low, high, value): whether a number in low..high may be < value, <= value, ..."""
 
 
 @dataclass(frozen=True)
@@ -319,7 +319,10 @@ class Tile(NamedTuple):
     @property
     def damage(self) -> str:
         """The reasons why the tile, or some of its layers, cannot be read, or ""."""
-        layers = (f"layer {name}".strip() + f" {reason}" for name, reason in self.content.damaged)
+        layers = (
+            f"layer {name}".strip() + f" {reason}"
+            for name, reason in self.content.unreadable_layers
+        )
         return "; ".join(filter(None, (*layers, self.content.damage)))
 
 
@@ -333,7 +336,7 @@ def read_tiles(path: str, numbers: tuple[int, int], selection: TileSelection) ->
     with guard.raise_scene_errors(path, "map tiles"):
         archive = open_archive(check_path(path))
         for run in archive.list_tile_runs(archive.get_zoom(numbers[0]), *numbers):
-            name = archive.get_name(run.first)
+            name = archive.get_tile_key(run.first)
             zoom = name.zoom if archive.zooms and isinstance(name, TilePosition) else None
             content = read_tile(archive, name, selection.layers, selection.pixels)
             yield Tile(str(name), zoom, run.repeats, content)

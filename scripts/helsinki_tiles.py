@@ -43,7 +43,7 @@ def main() -> None:
         for layer, kind in LAYERS.items():
             archive = cut(Path(folder), layer, kind)
             for zoom in ZOOMS:
-                for position in archive.list_names(zoom):
+                for position in archive.list_tile_keys(zoom):
                     tiles[position] = tiles.get(position, b"") + (archive.read(position) or b"")
             bounds = {name: value for name, value in archive.header.items() if "_e7" in name}
     with write(str(FILE)) as writer:

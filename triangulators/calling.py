@@ -163,7 +163,7 @@ def _run_triangulator(
 
 
 def _check_triangles(outline: Boundary, raw: Any, choice: Choice, criterion: Any) -> np.ndarray:
-    """Return a triangulator's result as int32 (m, 3), counter-clockwise, without zero areas.
+    """Return a triangulator's triangles (m, 3) as int32, counter-clockwise, all with an area.
 
     raw: the unchecked result. Raises `TriangulationError` unless `raw` is an array (m, 3) of vertex
     indices, or if the sum of a user's criterion over the triangles is not finite.

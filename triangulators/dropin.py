@@ -62,7 +62,7 @@ def triangulate_float64(
     UnknownNameError
         If there is no such method or order.
     ValueError
-        As `mapbox_earcut` raises for inconsistent arrays.
+        If the arrays are inconsistent, as in `mapbox_earcut`.
 
     Examples
     --------
@@ -110,7 +110,7 @@ def triangulate_int32(
     Parameters
     ----------
     vertices
-        (n, 2) int32; computed with as float64, without rounding. Other types are cast to int32.
+        (n, 2) int32, converted to float64 without rounding. Other types are cast to int32.
     ring_end_indices, method, order
         As for `triangulate_float64`.
 

@@ -50,7 +50,8 @@ def find_initial_triangulations(outline: Boundary) -> Iterator[np.ndarray]:
             yield triangles
     if not is_found:
         raise TriangulationError(
-            "no initial triangulation: the results of ear clipping and Delaunay do not conform"
+            "no initial triangulation: the results of ear clipping and Delaunay do not conform; "
+            "remove vertices that lie within a rounding error of an edge"
         )
 
 

@@ -101,7 +101,9 @@ class Entry:
             hint = suggest(module, names(), fallback="check the name and PYTHONPATH")
             raise UnknownNameError(f"triangulator {self.function!r}: {error}; {hint}") from error
         if not callable(function):
-            raise UnknownNameError(f"triangulator {self.function!r}: not a function")
+            raise UnknownNameError(
+                f"triangulator {self.function!r}: not a function; give module:function"
+            )
         return function
 
 

@@ -32,7 +32,7 @@ _COURTYARD_VERTICES = 8  # vertices added to a building with courtyards
 
 
 class _Lots(NamedTuple):
-    """The lots of a district, in the district's frame, whose x axis is along the streets.
+    """The lots of a district, in coordinates whose x axis is along the district's streets.
 
     polygons (n,): the lots; boxes (n, 4): x0, y0, x1, y1 of the building on each lot; facing (n,):
     True if the street is at y0, False if at y1.
@@ -283,9 +283,9 @@ def _correlate_with_size(
 
 
 def _build_polygons(rings: list[Any], counts: list[int], lots: _Lots) -> NDArray[Any]:
-    """Return the buildings as polygons in the district's frame.
+    """Return the buildings as polygons in the coordinates of `_Lots`.
 
-    rings : rings of all buildings, each in the frame of its lot (see `footprints`)
+    rings : rings of all buildings, each in the coordinates of the lot (see `footprints`)
     counts : number of rings of each building
     """
     coordinates = np.concatenate([[*ring, ring[0]] for ring in rings])

@@ -1,6 +1,6 @@
 """The plan of a building: a basic form, to which bays, corner steps and bevels are added.
 
-A footprint is in the frame of the lot: x from 0 to the width along the street, y from 0 (the
+A footprint is in coordinates of the lot: x from 0 to the width along the street, y from 0 (the
 street) to the depth, both in metres. Rings have the building on their left.
 """
 

@@ -107,7 +107,7 @@ def _parse_model(name: str, content: Callable[[], bytes]) -> dict[str, Any]:
     with raise_scene_errors(name, "JSON"):
         model = json.loads(content())
     if not isinstance(model, dict) or model.get("type") != "CityJSON":
-        raise SceneError(f"{name} is JSON, but not of type CityJSON")
+        raise SceneError(f"{name} is JSON, but not of type CityJSON: give a CityJSON file")
     return model
 
 

@@ -164,10 +164,10 @@ class GltfFile:
     def read_positions(
         self, primitive: dict[str, Any], placements: tuple[NDArray[np.float64], ...]
     ) -> tuple[NDArray[Any], tuple[NDArray[np.float64], ...]]:
-        """Return a primitive's stored positions (n, 3), and the matrices (4, 4) of placements.
+        """Return a primitive's stored positions (n, 3), and the matrices of `placements`.
 
-        placements : matrices of the mesh. Normalized integers are returned as integers, with the
-        scale factor multiplied into the returned matrices.
+        placements : matrices (4, 4), each of which places the mesh in the scene once. Normalized
+        integers are returned as integers, with the scale factor in the returned matrices.
         """
         positions, normalized = self.read_values(primitive["attributes"]["POSITION"])
         if positions.shape[1] != 3:

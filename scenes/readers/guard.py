@@ -177,7 +177,7 @@ def read_both_ends(path: Path, size: int = 65_536) -> tuple[bytes, bytes]:
 
 
 def make_truncation_error(path: Path, evidence: str) -> SceneError:
-    """Return the error for a truncated file; evidence : such as "100 of 200 bytes"."""
+    """Return the error for a truncated file; evidence : text such as "100 of 200 bytes"."""
     return SceneError(
         f"{path} is truncated ({evidence}): polygons are missing; export or copy it again"
     )

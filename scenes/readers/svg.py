@@ -203,7 +203,7 @@ class _Drawing:
     ) -> Any:
         """Return the visible region of a shape as a geometry, or None if nothing is visible.
 
-        rule : the CSS property with the fill rule, "fill-rule", or "clip-rule" in a clip path
+        rule : name of the CSS property with the fill rule: "fill-rule"; in a clip path "clip-rule"
         """
         outline = format_outline(element, style, state.viewport)
         contours = flatten_outline(outline, FLIP.transform(state.matrix))
@@ -218,7 +218,7 @@ class _Drawing:
     def _find_clip_area(
         self, clip: ElementTree.Element, element: ElementTree.Element, state: _State
     ) -> Any:
-        """Return the area of the clip path `clip` for an element, whose state is `state`."""
+        """Return the area of the clip path `clip` for an element that is drawn in `state`."""
         if clip.get("clipPathUnits") == "objectBoundingBox":
             if get_tag(element) not in SHAPES:
                 raise ValueError(

@@ -45,7 +45,7 @@ _CLOSED = "closed lines are read as polygons"
 _CSV_OPTIONS = {
     "GEOM_POSSIBLE_NAMES": "WKT,geometry,geom,the_geom,wkb_geometry,wkt_geom,geom_wkt,geometry_wkt",
     "KEEP_GEOM_COLUMNS": "NO",
-    "AUTODETECT_TYPE": "YES",  # so that `where` compares numbers as numbers; 007 remains text
+    "AUTODETECT_TYPE": "YES",  # so that conditions (`where`) compare numbers; 007 remains text
     "AUTODETECT_SIZE_LIMIT": "0",
 }
 
@@ -120,7 +120,7 @@ def _check_count(source: Source, layer: str, count: int) -> None:
         stated = source.rows[1] - source.rows[0]
     elif source.path.suffix.lower() == ".fgb":
         stated = pyogrio.read_info(source.path, layer=layer)["features"]
-        if source.where is not None:  # `count` is that of matching features: count all
+        if source.where is not None:  # `count` excludes features not matching: count all
             options = {"layer": layer, "columns": [], "read_geometry": False, "return_fids": True}
             count = len(pyogrio.raw.read(source.path, **options)[1])
     if count < stated:

@@ -59,7 +59,7 @@ class TilePosition(NamedTuple):
 
 
 class TileRun(NamedTuple):
-    """Consecutive tiles of an archive with the same bytes; usually a single tile.
+    """Tiles with consecutive numbers and the same bytes in an archive; usually a single tile.
 
     first : number of the first tile
     repeats : number of tiles
@@ -95,17 +95,17 @@ class Archive(ABC):
         zoom : None for a folder without zooms. Tiles with close numbers are neighbours on the map.
         """
 
-    def list_names(self, zoom: int | None) -> list[Any]:
-        """Return the names of all tiles of a zoom, by ascending number; see `get_name`."""
+    def list_tile_keys(self, zoom: int | None) -> list[Any]:
+        """Return the keys of all tiles of a zoom, by ascending number; see `get_tile_key`."""
         runs = self.list_tile_runs(zoom)
-        return [self.get_name(run.first + k) for run in runs for k in range(run.repeats)]
+        return [self.get_tile_key(run.first + k) for run in runs for k in range(run.repeats)]
 
     @abstractmethod
-    def get_name(self, number: int) -> Any:
-        """Return the name of a tile, given its number: a `TilePosition`, or a file's path."""
+    def get_tile_key(self, number: int) -> Any:
+        """Return a tile's key, given the tile's number: a `TilePosition`, or a file's path."""
 
     @abstractmethod
-    def read_stored(self, name: Any) -> bytes | None:
+    def read_stored(self, key: Any) -> bytes | None:
         """Return the stored bytes of a tile, or None if it does not exist."""
 
     def select_zooms(self, path: str, requested: tuple[int, int] | None) -> Sequence[int | None]:
@@ -130,9 +130,9 @@ class Archive(ABC):
         """Return the zoom of a tile, given its number, or None if paths contain no positions."""
         return ((3 * number + 1).bit_length() - 1) // 2
 
-    def read(self, name: Any) -> bytes | None:
+    def read(self, key: Any) -> bytes | None:
         """Return the uncompressed bytes of a tile; raises ValueError if they are invalid."""
-        data = self.read_stored(name)
+        data = self.read_stored(key)
         return None if data is None else decompress(data)
 
 
@@ -228,15 +228,15 @@ class Folder(Archive):
         """Return the zoom in the path, or None unless all paths have a zoom."""
         return self._names[number].zoom if self.zooms else None
 
-    def get_name(self, number: int) -> Any:
-        """Return the tile's position, or the path in the folder."""
+    def get_tile_key(self, number: int) -> Any:
+        """Return a tile's key: its position, or the path in the folder."""
         return self._names[number]
 
-    def read_stored(self, name: Any) -> bytes | None:
+    def read_stored(self, key: Any) -> bytes | None:
         """Return a file's bytes, up to the limit of a tile."""
-        if name not in self._files:
+        if key not in self._files:
             return None
-        with self._files[name].open("rb") as stream:
+        with self._files[key].open("rb") as stream:
             return stream.read(MAX_TILE_BYTES)
 
 
@@ -311,17 +311,17 @@ class MBTiles(Archive):
             if first <= number < last:
                 yield TileRun(number, 1, size or 0)
 
-    def get_name(self, number: int) -> Any:
-        """Return the tile's position."""
+    def get_tile_key(self, number: int) -> Any:
+        """Return a tile's key: its position."""
         zoom = self.get_zoom(number)
         assert zoom is not None
         return TilePosition(zoom, *divmod(number - compute_first_number(zoom), 2**zoom))
 
-    def read_stored(self, name: Any) -> bytes | None:
+    def read_stored(self, key: Any) -> bytes | None:
         """Return the data of a tile; raises ValueError for NULL."""
-        key = (name.zoom, name.x, 2**name.zoom - 1 - name.y)
+        values = (key.zoom, key.x, 2**key.zoom - 1 - key.y)
         query = "SELECT tile_data FROM tiles WHERE zoom_level=? AND tile_column=? AND tile_row=?"
-        row = next(self._query(query, key), None)
+        row = next(self._query(query, values), None)
         if row == (None,):
             raise ValueError("tile_data is NULL")
         return bytes(row[0]) if row else None
@@ -423,13 +423,13 @@ class PMTiles(Archive):
                 previous = start
                 yield TileRun(start, end - start, entry.length)
 
-    def get_name(self, number: int) -> Any:
-        """Return the tile's position."""
+    def get_tile_key(self, number: int) -> Any:
+        """Return a tile's key: its position."""
         return TilePosition(*self._format.tileid_to_zxy(number))
 
-    def read_stored(self, name: Any) -> bytes | None:
+    def read_stored(self, key: Any) -> bytes | None:
         """Return the data of a tile, or None if absent."""
-        tile = self._format.zxy_to_tileid(*name)
+        tile = self._format.zxy_to_tileid(*key)
         entry = next(self._read_entries(tile, tile + 1), None)
         if entry is None:
             return None

@@ -113,14 +113,14 @@ class TileContent:
     layers : the requested layers that can be read
     layer_names : names of all layers of the tile
     damage : why the tile cannot be read, or ""
-    damaged : (layer, reason) of unreadable layers
+    unreadable_layers : (layer, reason) of each layer that cannot be read
     is_absent : whether the archive does not contain the tile
     """
 
     layers: list[DrawableLayer] = field(default_factory=list)
     layer_names: list[str] = field(default_factory=list)
     damage: str = ""
-    damaged: list[Note] = field(default_factory=list)
+    unreadable_layers: list[Note] = field(default_factory=list)
     is_absent: bool = False
 
 
@@ -141,7 +141,7 @@ def read_tile(
         content.layer_names = [layer for layer in messages if layer]
         for layer, pieces in messages.items():
             if requested is None or layer in ("", *requested):
-                with guard.note_errors(content.damaged, layer, "cannot be read"):
+                with guard.note_errors(content.unreadable_layers, layer, "cannot be read"):
                     content.layers.append(select_drawable(build_layer(layer, pieces), pixels))
     content.damage = notes[0][1] if notes else ""
     return content
@@ -197,7 +197,9 @@ def read(
             polygons += list(layer.polygons)
             tile_of_polygon += [name] * len(layer.polygons)
             layer_of_polygon += [layer.name] * len(layer.polygons)
-        dropped += ((f"{name} {layer}".strip(), reason) for layer, reason in content.damaged)
+        dropped += (
+            (f"{name} {layer}".strip(), reason) for layer, reason in content.unreadable_layers
+        )
         if content.damage:
             dropped.append((f"tile {name}", content.damage))
     if not polygons:
@@ -240,7 +242,7 @@ def read(
 def _choose_tiles(
     archive: Archive, runs: Sequence[TileRun], tiles: str, zoom: int | None
 ) -> Sequence[Any]:
-    """Return the names of the tiles that `tiles`, a number or a box in degrees, requests."""
+    """Return the keys of the tiles that `tiles`, a number or a box in degrees, requests."""
     error = SceneError(
         f"tiles={tiles} is neither a number from 1 to {MAX_TILES} nor "
         "west,south,east,north in degrees"
@@ -268,7 +270,9 @@ def _choose_tiles(
     middles = [(2 * k + 1) * total // (2 * count) for k in range(count)]
     run_index = np.searchsorted(ends, middles, side="right").tolist()
     offsets = [runs[k].first + runs[k].repeats - int(ends[k]) for k in run_index]
-    return [archive.get_name(last + middle) for last, middle in zip(offsets, middles, strict=True)]
+    return [
+        archive.get_tile_key(last + middle) for last, middle in zip(offsets, middles, strict=True)
+    ]
 
 
 def locate_tile(longitude: float, latitude: float, zoom: int) -> tuple[int, int]:
@@ -338,12 +342,14 @@ def read_map(source: Source, size: int) -> Iterator[RawChunk]:  # noqa: ARG001 -
     zoom = archive.zooms[-1]
     side = 2 * _HALF_WORLD / 2**zoom
     requested = None if source.layer is None else (source.layer,)
-    for name in archive.list_names(zoom):
+    for name in archive.list_tile_keys(zoom):
         content = read_tile(archive, name, requested, PIXELS)
         corner = np.array([name.x * side - _HALF_WORLD, _HALF_WORLD - (name.y + 1) * side])
         polygons: list[Any] = []
         labels: list[str] = []
-        dropped = [(f"{name} {layer}".strip(), reason) for layer, reason in content.damaged]
+        dropped = [
+            (f"{name} {layer}".strip(), reason) for layer, reason in content.unreadable_layers
+        ]
         dropped += [(f"tile {name}", content.damage)] if content.damage else []
         for layer in content.layers:
             on_map = shapely.transform(

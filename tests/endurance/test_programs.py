@@ -42,7 +42,7 @@ from tests.scenes.test_tiles import Compression, three_archives
 
 def test_tiles(scale_count, report_counts, tmp_path):
     tiles = PMTiles(FILE)
-    names = tiles.list_names(16)[:2]
+    names = tiles.list_tile_keys(16)[:2]
     content = {name: tiles.read(name) or b"" for name in names}
     archives = three_archives(tmp_path, content, Compression.NONE)
     data = {"mvt": content[names[0]]} | {

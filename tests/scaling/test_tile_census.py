@@ -164,7 +164,7 @@ def test_slices_partition_the_tiles(tmp_path):
     assert max(slices.sizes) == MAX_TILES
     archive = open_archive(Path(path))
     tile_runs = [run for rows in slices.rows for run in archive.list_tile_runs(9, *rows)]
-    assert [archive.get_name(run.first) for run in tile_runs] == archive.list_names(9)
+    assert [archive.get_tile_key(run.first) for run in tile_runs] == archive.list_tile_keys(9)
 
 
 def test_large_tiles_are_separate_slices(tmp_path, monkeypatch):
@@ -186,7 +186,7 @@ def test_entries_next_to_leaves_are_in_order(tmp_path):
     root = serialize_directory([*ends, Entry(compute_first_number(3) + 9, 12, 4, 2)])
     zooms = {"min_zoom": 3, "max_zoom": 3}
     tiles = PMTiles(Path(pmtiles(tmp_path / "a.pmtiles", root, leaf, b"aaaabbbbccccdddd", **zooms)))
-    assert [tiles.read_stored(name) for name in tiles.list_names(3)] == [
+    assert [tiles.read_stored(name) for name in tiles.list_tile_keys(3)] == [
         b"cccc", b"aaaa", b"bbbb", b"dddd", b"dddd",
     ]  # fmt: skip
     tile_runs = tiles.list_tile_runs(3)
@@ -202,7 +202,7 @@ def test_repeated_entry_is_skipped(tmp_path):
     path = Path(pmtiles(tmp_path / "a.pmtiles", root, data=b"aaaa", min_zoom=3, max_zoom=3))
     numbers_read = [run.first - compute_first_number(3) for run in PMTiles(path).list_tile_runs(3)]
     assert numbers_read == [0, 2, 5]
-    assert len(PMTiles(path).list_names(3)) == 3
+    assert len(PMTiles(path).list_tile_keys(3)) == 3
 
 
 def test_damaged_tile_is_reported_and_others_counted(tmp_path):

@@ -154,7 +154,7 @@ class TestFunctions:
         [
             ("own_scenes:fails", "failed: no luck"),
             ("own_scenes:ends", r"failed: it raised SystemExit\(0\)"),
-            ("own_scenes:wrong", "returned int, not a Scene or polygons"),
+            ("own_scenes:wrong", "returned int, not a Scene or a list of polygons"),
             ("own_scenes:words", "returned something other than polygons"),
             ("own_scenes:empty", "holds no polygon"),
             ("own_scenes:number", "is not a function"),

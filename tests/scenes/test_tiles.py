@@ -61,7 +61,7 @@ def read_tile(name: str) -> bytes:
     """Return a tile, written by GDAL or by one of two versions of Mapbox's program."""
     if name == "helsinki":
         tiles = PMTiles(FILE)
-        return tiles.read(tiles.list_names(14)[0]) or b""
+        return tiles.read(tiles.list_tile_keys(14)[0]) or b""
     return decompress(next(item for item in STREETS if item.name.startswith(name)).read_bytes())
 
 
@@ -231,7 +231,7 @@ def test_only_requested_layers_and_tiles_are_read():
     some = load("helsinki-tiles:zoom=16,tiles=5,layers=building")
     assert some.notes[0] == "5 of 24 tiles of zoom 16, 5 with polygons"
     assert set(some.attributes["layer"]) == {"building"}
-    positions = PMTiles(FILE).list_names(16)
+    positions = PMTiles(FILE).list_tile_keys(16)
     assert some.tiling.names == tuple(str(positions[k]) for k in (2, 7, 12, 16, 21))
     around = load("helsinki-tiles:zoom=16,tiles=24.94,60.168,24.945,60.17")
     corners = [locate_tile(24.94, 60.168, 16), locate_tile(24.945, 60.17, 16)]
@@ -430,7 +430,11 @@ def test_directories_are_decompressed_as_the_header_states(kind, tmp_path):
     file, data = tmp_path / "a.pmtiles", b"aaaabbbbcccc"
     pmtiles(file, pack[kind](root), leaf, data, metadata=metadata, **zooms)
     tiles = PMTiles(file)
-    assert [tiles.read(name) for name in tiles.list_names(4)] == [b"aaaa", b"bbbb", *[b"cccc"] * 30]
+    assert [tiles.read(name) for name in tiles.list_tile_keys(4)] == [
+        b"aaaa",
+        b"bbbb",
+        *[b"cccc"] * 30,
+    ]
     assert tiles.attribution == "us"
 
 
@@ -446,13 +450,13 @@ def test_runs_and_leaves_of_pmtiles(tmp_path):
         writer.finalize({"tile_type": TileType.MVT, "tile_compression": Compression.NONE}, {})
     tiles = PMTiles(path)
     assert tiles.header["leaf_directory_length"] > 0
-    names = tiles.list_names(8)
+    names = tiles.list_tile_keys(8)
     assert len(names) == 40_000
     assert names[0] == TilePosition(8, 0, 0)
     for number in (0, 1, 11_111, 19_999):
         assert zxy_to_tileid(*names[number]) == first + number
         assert tiles.read_stored(names[number]) == contents[number]
-    assert len(tiles.list_names(7)) == 0
+    assert len(tiles.list_tile_keys(7)) == 0
     assert tiles.read_stored(TilePosition(8, 255, 0)) is None
 
 
@@ -548,7 +552,7 @@ def test_positions_in_paths(name, tile, tmp_path):
     (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
     (tmp_path / name).write_bytes(encoded([COURT]))
     loaded = archives.Folder(tmp_path)
-    assert [str(item) for item in loaded.list_names(None)] == [tile]
+    assert [str(item) for item in loaded.list_tile_keys(None)] == [tile]
     assert bool(loaded.zooms) == ("." not in tile)
 
 

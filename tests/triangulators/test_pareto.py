@@ -54,7 +54,7 @@ def test_front_points_are_triangulators_by_index():
             sums = predict(vertices(polygon), triangles)
             assert [sums[name] for name in PAIR] == pytest.approx(costs, rel=1e-7)
         with pytest.raises(
-            SkippedError, match=f"out of range .the front ends at {len(expected) - 1}"
+            SkippedError, match=f"out of range; give k from 0 to {len(expected) - 1}"
         ):
             triangulate(polygon, "pareto", k=len(expected))
 

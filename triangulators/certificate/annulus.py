@@ -103,7 +103,7 @@ def classify_edges(
 def _find_hole_position(
     points: np.ndarray, outer_end: int, end: int, inner: np.ndarray, index: int
 ) -> int:
-    """Return the position of a bridge on the hole, relative to the turn of the bridge's outer end.
+    """Return a bridge's position on the hole, counted from the turn that its outer end is in.
 
     Each turn around the hole adds the number of its sites. outer_end, end: the sites on the outer
     ring and on the hole; index: position of `end` in `inner`, which runs clockwise around the hole.
@@ -142,7 +142,7 @@ def _count_crossings(points: np.ndarray, a: int, b: int, tip: int) -> int:
 
 @njit(nogil=True)
 def _is_above(points: np.ndarray, v: int, tip: int, upper: int) -> bool:
-    """Whether v sees a hole's leftmost vertex `tip` from above; upper: the hole's site after it."""
+    """Whether v sees a hole's leftmost vertex `tip` from above; upper: the next site."""
     if points[v, 0] < points[tip, 0]:
         return bool(points[v, 1] > points[tip, 1])
     return bool(orientation(points, tip, upper, v) > 0.0)

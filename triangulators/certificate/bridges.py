@@ -128,11 +128,11 @@ def _list_bridges(
     usable: np.ndarray,
     bridges: np.ndarray,
 ) -> tuple[int, int]:
-    """Write the outward bridges of an extreme vertex to `bridges`; return their number and hole.
+    """Write the outward bridges of a hole's extreme vertex to `bridges`; return count and hole.
 
     Of the vertices of all holes not in `merged`, the vertex is extreme: leftmost, rightmost, lowest
     or highest. Outward bridges are the `usable` edges from it that lead further in that direction;
-    every triangulation contains at least one. The direction with the fewest is taken.
+    every triangulation contains at least one. Of the four, the vertex with the fewest is taken.
     """
     points, edges = candidates.points, candidates.edges
     min_count, tip_owner = len(edges) + 1, 0
@@ -175,7 +175,7 @@ def _find_pockets_and_steps(
     step: index of the bridge before it, of the bridge after it, of the triangle, and of its third
     edge. kind, length (e,): kinds and first numbers of `classify_edges`; alive (t,): flags of the
     usable triangles; on_hole (n,): flags of the sites on the hole. A triangle is outside the pocket
-    of a side if both run along the side in one direction.
+    of a side if it runs along the side in the direction of the pocket (see `classify_edges`).
     """
     c = candidates
     pocket_of = np.full(len(alive), len(c.edges), dtype=np.int64)

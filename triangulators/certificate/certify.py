@@ -57,9 +57,9 @@ def certify(
         Time limit of each linear program. A program that reaches the limit gives a weak bound, and
         the triangulation is not proven optimal.
     evidence
-        False to omit the evidence, and its check, if neither is needed: for polygons
-        without holes whose optimum a dynamic program finds with exact sums in doubles. This takes a
-        fraction of the time.
+        False to omit the evidence and its check for polygons without holes, if a dynamic program
+        finds the optimum with exact sums in doubles, which takes a fraction of the time; no effect
+        on other polygons.
     **parameters
         Parameters of the criterion.
 
@@ -169,7 +169,9 @@ def _require_conforming(outline: Boundary, triangles: np.ndarray) -> np.ndarray:
         problem = (
             verification.problems[0]
             if verification.problems
-            else f"T-junction at {verification.t_junctions[0]}"
+            else "vertex {} is inside the edge {} of a triangle (T-junction)".format(
+                *verification.t_junctions[0]
+            )
         )
         raise TriangulationError(f"not a conforming triangulation: {problem}")
     return np.ascontiguousarray(outline.site[triangles], dtype=np.int32)

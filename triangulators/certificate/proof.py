@@ -62,7 +62,7 @@ class Proof:
         """Return unchecked evidence of the bound, with potentials also for the excluded edges.
 
         If such a potential would be too large for the checker, all potentials are 0, and the lift
-        is the smallest weight or 0: valid evidence of a weak bound.
+        is the smallest weight, or 0 if no weight is negative: valid evidence of a weak bound.
         """
         potentials = extend_potentials(
             self.candidates, self.weights, self.excluded, self.potentials

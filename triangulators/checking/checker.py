@@ -96,7 +96,7 @@ def _check_potentials(
     with ThreadPoolExecutor(min(slices, count_usable_cores())) as pool:
         violations = [violation for violation in pool.map(check_slice, range(slices)) if violation]
     if violations and len(violations[0]) == 1:
-        raise CertificateError("criterion: a weight is too large for exact arithmetic")
+        raise CertificateError("criterion: a triangle's cost is NaN, or too negative for 64 bits")
     if violations:
         raise CertificateError(
             f"evidence: potentials exceed the weight of triangle {violations[0]}"

@@ -45,7 +45,7 @@ NOISE_BITS = 10
 TOO_LARGE = 2**60
 """Exclusive limit of weights, potentials and lifts, so that sums fit 64 bits."""
 
-_MAX_TOTAL = 2**61  # limit of four times the weight of the claim's triangulation
+_MAX_TOTAL = 2**61  # limit of four times the weight of the certified triangulation
 _MAX_WEIGHT = 2**59  # maximum weight of a triangle, without noise
 _ROUNDED_TOTAL_BITS = 36  # the total of costs that are rounded has up to 2^36 units
 _MAX_COEFFICIENT = 1024  # sum of a criterion's absolute coefficients, if costs are counted exactly
@@ -60,8 +60,8 @@ class Units(NamedTuple):
 
     scale: units in a cost of 1, a power of two; factor: weight of a unit; bits: an edge's noise is
     below 2^bits; exact: True if no triangle's cost is rounded; real: True if costs are real
-    numbers, so that a claim holds up to a relative error. If `scale` is 2^900, the maximum, units
-    may be too coarse, and a claim is not proven.
+    numbers, so that optimality is proven up to a relative error. If `scale` is 2^900, the maximum,
+    units may be too coarse, and nothing is proven.
     """
 
     scale: float
@@ -72,7 +72,7 @@ class Units(NamedTuple):
 
 
 def find_units(outline: Boundary, triangles: np.ndarray, cost: Cost) -> Units:
-    """Return the units of a claim about a polygon's triangulation (m, 3), whose vertices are sites.
+    """Return the units for certifying a polygon's triangulation (m, 3), whose vertices are sites.
 
     See `Boundary` for sites. cost: the criterion's `Cost` on this polygon.
     """

@@ -53,7 +53,7 @@ def cache_folder() -> Path:
 
 
 def is_trusted(info: os.stat_result) -> bool:
-    """Whether a file or folder is owned and writable only by this user and the administrator.
+    """Whether a file or folder is owned and writable by this user or the administrator only.
 
     Code of other users must not be loaded, because loading compiled code runs it. A folder with the
     sticky bit, such as /tmp, is trusted, because each file in the folder is checked as well.
@@ -104,8 +104,8 @@ def is_trusted_folder(folder: Path) -> bool:
         return True  # `make_folder` will create the folder for this user only
     if untrusted:
         warnings.warn(
-            f"{untrusted[-1]}: compiled code is not loaded (it is a symbolic link, or another "
-            "user owns it or can write to it); set NUMBA_CACHE_DIR to a folder of yours",
+            f"{untrusted[-1]}: compiled code in this folder is not loaded (it is a symbolic link, "
+            "or another user owns or may write it); set NUMBA_CACHE_DIR to a folder of yours",
             stacklevel=2,
         )
     return not untrusted

@@ -189,7 +189,7 @@ def find(name: str | Criterion | Callable[..., float], **parameters: Any) -> Cri
     families: dict[str, Callable[..., Criterion]] = {"mixed": mixed, "calibrated": calibrated}
     if plain not in families and parameters:
         names = ", ".join(sorted(parameters))
-        raise ArgumentError(f"criterion {plain!r} takes no parameters (got {names})")
+        raise ArgumentError(f"criterion {plain!r} takes no parameters (got {names}); mixed does")
     return families[plain](**parameters) if parameters else CRITERIA[plain]
 
 

@@ -207,7 +207,7 @@ def compute_total_cost(points: np.ndarray, triangles: np.ndarray, cost: Cost) ->
 
 @njit
 def find_cheapest(points: np.ndarray, triangulations: np.ndarray, cost: Cost) -> int:
-    """Return the index of the cheapest of k triangulations (k, m, 3); the lowest index of a tie."""
+    """Return the index of the triangulation (k, m, 3) of lowest cost; of equal costs the first."""
     best, min_total = 0, np.inf
     for index in range(len(triangulations)):
         total = compute_total_cost(points, triangulations[index], cost)

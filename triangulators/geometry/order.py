@@ -1,7 +1,7 @@
 """Triangle order: a walk over neighbours, or an order for a vertex cache.
 
-Walk order: the next triangle is a neighbour of an earlier one, and the vertex that only the new
-triangle has is its last. A renderer shades a vertex again after the vertex has left the vertex
+Walk order: each triangle is a neighbour of an earlier triangle, and its last vertex is the one that
+they do not share. A renderer shades a vertex again after the vertex has left the vertex
 cache, or when a batch ends. So the triangles are visited along the dual graph, depth first, the
 smaller branch first: at most about log2(m) edges then lead to unvisited triangles. Each triangle
 begins with the edge over which the walk enters: lookups in a vertex cache are then hit, hit, miss
@@ -62,7 +62,7 @@ def put_in_walk_order(triangles: np.ndarray, count: int) -> np.ndarray:
 
 @njit(nogil=True)
 def put_in_walk_order_by_twins(triangles: np.ndarray, twin: np.ndarray, count: int) -> np.ndarray:
-    """Return triangles (m, 3) in walk order, by the twins (3 m,); see `put_in_walk_order`."""
+    """Return triangles (m, 3) in walk order, given the twins (3 m,); see `put_in_walk_order`."""
     rows = _find_walk_order(twin)
     ordered = np.empty_like(triangles)
     met = np.zeros(count, dtype=np.bool_)

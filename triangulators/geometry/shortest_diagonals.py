@@ -1,4 +1,4 @@
-"""The greedy triangulation: the shortest diagonal first, then the next that crosses none before.
+"""The greedy triangulation: the shortest diagonal, then the next shortest that crosses no earlier.
 
 Exact orientations decide crossings, so the triangulation is valid even if the distance of a vertex
 from an edge is less than a rounding error.

@@ -37,7 +37,7 @@ def grow_tree(
     first_edge: the edges of a triangle are tried from this index (0 to 2) on. Writes the indices of
     the triangles to `rows`, and marks the edges that the tree crosses, from both sides, in `tree`
     (m, 3), which must have no marks. visited (m,): workspace, False before and after. covered
-    (m,): triangles of which the tree contains at most `max_covered`.
+    (m,): flags of triangles; the tree contains at most `max_covered` of these.
     """
     # Half-edges over which to enter triangles. A triangle may occur three times; the second and the
     # third are skipped. The half-edge of the root only encodes the index of the root.
@@ -152,7 +152,7 @@ def replace_tree_triangles(
     Row r of `better` replaces triangle rows[r]; cycle, outline: see `unfold_tree`. `inner` has the
     twins among the half-edges of `better`. A half-edge without such a twin is a side of the cycle,
     from a position to the next, and gets the twin of the old half-edge there. That twin is outside
-    the piece or, across a cut, at another position of the outline, where the half-edge is new as
+    the tree or, across a cut, at another position of the outline, where the half-edge is new as
     well. position_of (3 m,): workspace for the positions of old half-edges, -1 before and after.
     """
     size = len(cycle)

@@ -107,7 +107,7 @@ def triangulate(
     criterion: criteria.Criterion | str | Callable[..., float] = "overdraw",
     **parameters: object,
 ) -> np.ndarray:
-    """Return the cheapest of all triangulations (n - 2, 3), by listing them.
+    """Return the triangulation (n - 2, 3) with the minimum of a criterion, by listing all.
 
     Raises `SkippedError` for holes and for more than 10^6 triangulations.
     """
@@ -127,7 +127,7 @@ def triangulate_listed(outline: Boundary, *, k: int = 0) -> np.ndarray:
     """
     listed = _list_by_overdraw_and_shape(polygon_of_rings(outline.points, outline.ring_offsets).wkb)
     if not 0 <= k < len(listed):
-        raise SkippedError(f"listed: k={k} is out of range (the list ends at {len(listed) - 1})")
+        raise SkippedError(f"listed: k={k} is out of range; give k from 0 to {len(listed) - 1}")
     return listed[k].copy()
 
 

@@ -40,7 +40,7 @@ from triangulators.verify import check_triangle_indices
 
 # Flip tests: the first three in the order of FLIP_TESTS; NONE: no flips. The kernels' argument
 # `decreased` is the cost if the test is COST, otherwise None. Numba compiles separate code for
-# None, without the windows, which would take a sixth of the compile time of a first run.
+# None, which omits `optimise_windows`: a sixth of the compile time of a first run.
 L1, EUCLIDEAN, DELAUNAY, AS_EARCUT, COST, NONE = range(6)
 
 # Argument for flip tests that read no cost; compiled code needs a value of the type.
@@ -97,10 +97,11 @@ def refine(
     triangulation, reached from the given one by flips with the in-circle test. Diagonals of both
     are flipped, and the cheaper result is returned.
 
-    For other costs, windows are optimised, then diagonals are flipped. If there may be several
-    windows, flips by L1 lengths come first: they shorten long edges that cross several windows. A
-    flip evaluates four triangles, so that flips alone, from both initial solutions, take as long
-    and leave the expected quads of letters 3.5 % above the optimum in place of 0.1 %.
+    For other costs, windows (trees of up to 48 triangles) are optimised, then diagonals flipped.
+    If there may be several windows, flips by L1 lengths come first: they shorten long edges that
+    cross several windows. A flip evaluates four triangles, so that flips alone, from both initial
+    solutions, take as long and leave the expected quads of letters 3.5 % above the optimum, not
+    0.1 %.
     """
     rows = corner.reshape(-1, 3)
     if decreased is not None:

@@ -172,7 +172,7 @@ def _search_optimum(
     if criterion.depends_on_position and len(points) > MAX_PLACED_VERTICES:
         raise SkippedError(
             f"{criterion.name}: the polygon has {len(points):,} vertices"
-            f" (more than {MAX_PLACED_VERTICES}); counting pixels would take too long"
+            f" (more than {MAX_PLACED_VERTICES}); use expected-quads"
         )
     cost = make_cost(criterion, boundary_area(outline), outline.expected_triangles, sign)
     if outline.holes == 0 and len(outline.edges) <= limit:

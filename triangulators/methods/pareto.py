@@ -40,7 +40,7 @@ class Front(NamedTuple):
 
 
 class _Partial(NamedTuple):
-    """The front of a sub-polygon i..j: costs (f, 2), and the origin (f, 3) of each point.
+    """The Pareto front of a sub-polygon i..j: costs (f, 2), and the origin (f, 3) of each point.
 
     The origin of a point is the apex k, a point's index in the front of i..k, and a point's index
     in the front of k..j: the costs of both points and of the triangle i, k, j add up to the point.
@@ -85,9 +85,7 @@ def triangulate(outline: Boundary, *, k: int = 0) -> np.ndarray:
         polygon_of_rings(outline.points, outline.ring_offsets).wkb
     ).triangles
     if not 0 <= k < len(triangles):
-        raise SkippedError(
-            f"pareto: k={k} is out of range (the front ends at {len(triangles) - 1})"
-        )
+        raise SkippedError(f"pareto: k={k} is out of range; give k from 0 to {len(triangles) - 1}")
     return np.array(triangles[k])
 
 
@@ -123,7 +121,7 @@ def _find_pair_front(
     apexes: list[int],
     pair: tuple[Cost, Cost],
 ) -> _Partial:
-    """Return the front of the sub-polygon i..j, over the possible apexes of its side i-j.
+    """Return the Pareto front of the sub-polygon i..j, over the possible apexes of side i-j.
 
     fronts: the fronts of smaller sub-polygons; pair: the costs of both criteria.
     """

@@ -167,7 +167,7 @@ def _find_cut_ends(
 
 @njit(nogil=True)
 def _project_on_direction(x: float, y: float, direction: int) -> float:
-    """Return a point's coordinate along a direction (0 to 7), lowest for the furthest point."""
+    """Return a point's distance against a direction (0 to 7): the furthest point has the lowest."""
     along = x if direction % 4 < 2 else y
     if direction >= 4:
         along = x + y if direction < 6 else x - y
