@@ -217,7 +217,7 @@ _TORN = "crosses the 180th meridian, where a map of the globe ends: split it"
 def _project_chunk(raw: RawChunk, is_off: NDArray[np.bool_], projection: Projection) -> RawChunk:
     """Return a chunk projected to metres; geometries off or across the map's edge become notes.
 
-    is_off : (k,) True for geometries with a vertex off the globe, which are dropped
+    is_off : (k,) flags of geometries with a vertex off the globe; these are dropped
     """
     torn = projection.find_torn_geometries(np.asarray(raw.geometries)) & ~is_off
     dropped = [(raw.labels[i], _OFF_GLOBE) for i in np.flatnonzero(is_off)]

@@ -1,4 +1,4 @@
-"""Slices of files and of archives of map tiles, which several machines read in parallel.
+"""Slices of files and of archives of map tiles; several machines can read slices in parallel.
 
 For GeoParquet, a slice is a range of rows, if possible of full row groups; for a file that GDAL can
 read from the middle, a range of features. All other files are a single slice. For map tiles, a

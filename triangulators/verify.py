@@ -172,11 +172,11 @@ def find_unconfirmed(polygons: PolygonArray, triangles: Mapping[int, np.ndarray]
     rows = np.concatenate(list(triangles.values())).astype(np.int32)
     row_offsets = offsets_of([len(piece) for piece in triangles.values()])
     arrays = (polygons.coords.astype(np.float64), polygons.ring_offsets, polygons.geom_offsets)
-    return list(_list_unconfirmed(arrays, np.array(list(triangles)), rows, row_offsets))
+    return list(_list_unconfirmed_polygons(arrays, np.array(list(triangles)), rows, row_offsets))
 
 
 @njit(nogil=True)
-def _list_unconfirmed(
+def _list_unconfirmed_polygons(
     polygons: tuple[np.ndarray, np.ndarray, np.ndarray],
     indices: np.ndarray,
     triangles: np.ndarray,

@@ -38,7 +38,7 @@ def fill_contours(contours: Sequence[NDArray[Any]], rule: Rule = "nonzero") -> l
         return []
     outlines = shapely.get_exterior_ring(rings)
     _check_crossings(outlines)
-    area = _fill_nested(rings, rule) if shapely.is_valid(rings).all() else None
+    area = _fill_nested_rings(rings, rule) if shapely.is_valid(rings).all() else None
     if area is None:
         faces, winding = compute_winding_numbers(outlines)
         inside = winding != 0 if rule == "nonzero" else winding % 2 == 1
@@ -46,7 +46,7 @@ def fill_contours(contours: Sequence[NDArray[Any]], rule: Rule = "nonzero") -> l
     return [area]
 
 
-def _fill_nested(rings: NDArray[Any], rule: Rule) -> Any | None:
+def _fill_nested_rings(rings: NDArray[Any], rule: Rule) -> Any | None:
     """Return the area that simple rings fill, or None if rings cross.
 
     The rings that contain a ring determine the winding numbers on both sides of the ring. The ring

@@ -186,8 +186,8 @@ class Projection:
             up = (np.array(self._to_metres.transform(lon, lat + dlat)) - projected) / dlat
             residual = np.array([x, y]) - projected
             steps = np.array(
-                [_compute_cross(residual, up), _compute_cross(along, residual)]
-            ) / _compute_cross(along, up)
+                [_compute_cross_products(residual, up), _compute_cross_products(along, residual)]
+            ) / _compute_cross_products(along, up)
             # At a pole the longitude is undefined, so that the step is too large: it is not made.
             steps[:, ~(np.abs(steps).max(axis=0) < 1e-4)] = 0.0
         return np.column_stack([lon + steps[0], lat + steps[1]])
@@ -233,7 +233,7 @@ def compute_mean_direction(degrees: NDArray[np.float64]) -> tuple[float, float]:
     return float(centre[0]), float(centre[1])
 
 
-def _compute_cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def _compute_cross_products(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the cross products (n,) of vectors (2, n)."""
     product: NDArray[np.float64] = a[0] * b[1] - a[1] * b[0]
     return product

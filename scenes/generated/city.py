@@ -140,7 +140,7 @@ def _rotate_geometry(geometry: Any, angle: float) -> Any:
     return shapely.transform(geometry, lambda xy: xy @ np.array([[c, s], [-s, c]]))
 
 
-def _cut_range(
+def _choose_cuts(
     rng: Generator, low: float, high: float, shortest: float, longest: float
 ) -> NDArray[Any]:
     """Return positions that cut [low, high] into random lengths, about `shortest` to `longest`."""
@@ -150,20 +150,20 @@ def _cut_range(
 
 
 def _cut_blocks(rng: Generator, district: shapely.Polygon, central: bool) -> list[shapely.Polygon]:
-    """Return the blocks of a district, which is rotated so that streets run along the axes.
+    """Return the blocks of a district, given rotated so that streets run along the axes.
 
     central : True for the smaller blocks of the city centre
     """
     x0, y0, x1, y1 = district.bounds
-    rows = _cut_range(rng, y0, y1, *((36.0, 58.0) if central else (52.0, 74.0)))
+    rows = _choose_cuts(rng, y0, y1, *((36.0, 58.0) if central else (52.0, 74.0)))
     length = (45.0, 95.0) if central else (80.0, 150.0)
     street = 3.5 if central else 6.0
     staggered = rng.random() < 0.4
-    columns = _cut_range(rng, x0, x1, *length)
+    columns = _choose_cuts(rng, x0, x1, *length)
     boxes = []
     for bottom, top in pairwise(rows):
         if staggered:
-            columns = _cut_range(rng, x0, x1, *length)
+            columns = _choose_cuts(rng, x0, x1, *length)
         boxes.append(
             shapely.box(columns[:-1] + street, bottom + street, columns[1:] - street, top - street)
         )
@@ -190,7 +190,7 @@ def _cut_lots(rng: Generator, block: shapely.Polygon, central: bool) -> _Lots:
         width = (x1 - x0, x1 - x0)
     lots, buildings, facing = [], [], []
     for k, (bottom, top) in enumerate(pairwise(rows)):
-        columns = _cut_range(rng, x0, x1, *width)
+        columns = _choose_cuts(rng, x0, x1, *width)
         n = len(columns) - 1
         lots.append(np.column_stack([columns[:-1], np.full(n, bottom), columns[1:], [top] * n]))
         buildings.append(_place_buildings(rng, lots[-1], k == 0, detached, slabs))
@@ -301,7 +301,7 @@ def _build_polygons(rings: list[Any], counts: list[int], lots: _Lots) -> NDArray
 
 
 def _select_largest_parts(geometries: NDArray[Any]) -> NDArray[Any]:
-    """Return the largest polygon of each geometry that has one."""
+    """Return the polygon of largest area of each geometry; omit geometries without polygons."""
     parts, owner = shapely.get_parts(geometries, return_index=True)
     polygonal = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
     parts, owner = parts[polygonal], owner[polygonal]

@@ -105,10 +105,10 @@ def read(source: Source, size: int) -> Iterator[RawChunk]:
         yield from geojson.find_skipped_lines(
             source.path, count, failures.count, is_complete=is_complete, size=size
         )
-    _check_count(source, layer, count)
+    _check_feature_count(source, layer, count)
 
 
-def _check_count(source: Source, layer: str, count: int) -> None:
+def _check_feature_count(source: Source, layer: str, count: int) -> None:
     """Raise SceneError if fewer features were read (`count`) than stated or requested.
 
     The header of FlatGeobuf states a number, `source.rows` requests a number.
@@ -269,7 +269,7 @@ def _read_by_skipping(source: Source, layer: str, size: int | None) -> Iterator[
 
 
 def _choose_columns(source: Source) -> list[str] | None:
-    """Return the columns for GDAL to read: [] for none, None for all, which a condition may use."""
+    """Return the columns for GDAL to read: [] for none, None for all (a condition may use any)."""
     return None if source.attributes or source.where else []
 
 

@@ -357,7 +357,7 @@ class PMTiles(Archive):
         self.zooms = tuple(range(header["min_zoom"], min(header["max_zoom"], _MAX_ZOOM) + 1))
         if not self.zooms:
             raise SceneError(f"{path} holds no tile: give an archive with tiles")
-        metadata = self._read_inner(header["metadata_offset"], header["metadata_length"])
+        metadata = self._read_decompressed(header["metadata_offset"], header["metadata_length"])
         self.attribution = parse_attribution(metadata)
         self._directory = lru_cache(64)(self._read_directory)
 
@@ -370,7 +370,7 @@ class PMTiles(Archive):
             stream.seek(start)
             return stream.read(count)
 
-    def _read_inner(self, start: int, count: int) -> bytes:
+    def _read_decompressed(self, start: int, count: int) -> bytes:
         """Return a directory or the metadata, decompressed as the header states."""
         data = self._read_bytes(start, count)
         if self.header["internal_compression"] != self._format.Compression.NONE:
@@ -382,7 +382,7 @@ class PMTiles(Archive):
     def _read_directory(self, start: int, count: int) -> list[Any]:
         """Return the entries of the directory at an offset of the file."""
         # Compressed again, because the package reads only directories compressed by gzip.
-        packed = gzip.compress(self._read_inner(start, count), 0)
+        packed = gzip.compress(self._read_decompressed(start, count), 0)
         return list(self._format.deserialize_directory(packed))
 
     def _read_entries(self, first: int, last: int) -> Iterator[Any]:

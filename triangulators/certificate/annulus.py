@@ -3,7 +3,7 @@
 import numpy as np
 
 from triangulators.certificate.candidates import Candidates
-from triangulators.certificate.skeleton import find_position, make_ring
+from triangulators.certificate.skeleton import find_ring_position, make_ring
 from triangulators.compute.kernels import njit
 from triangulators.compute.operations import group_by_key
 from triangulators.geometry.predicates import orientation
@@ -76,9 +76,9 @@ def classify_edges(
             a, b = b, a
         i = j = 0
         if not on_hole or not to_hole:
-            i = find_position(points, outer, outer_start, outer_items, a, b)
+            i = find_ring_position(points, outer, outer_start, outer_items, a, b)
         if not on_hole and not to_hole:
-            j = find_position(points, outer, outer_start, outer_items, b, a)
+            j = find_ring_position(points, outer, outer_start, outer_items, b, a)
         if not usable[e] or i < 0 or j < 0:
             continue
         if on_hole != to_hole:

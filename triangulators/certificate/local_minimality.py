@@ -74,7 +74,9 @@ def exclude_edges(
     spans = np.abs(points[edges[:, 0]] - points[edges[:, 1]]).sum(axis=1)
     queue = np.argsort(-spans, kind="stable")  # excluding a long edge removes many triangles
     alive = np.ones(len(candidates.triangles), dtype=np.bool_)
-    return _exclude_queued(candidates, weights // units.factor, queue, alive, cost, units), alive
+    return _exclude_queued_edges(
+        candidates, weights // units.factor, queue, alive, cost, units
+    ), alive
 
 
 @njit
@@ -108,7 +110,7 @@ def _is_lighter_flipped(
 
 
 @njit(nogil=True)
-def _exclude_queued(
+def _exclude_queued_edges(
     candidates: Candidates,
     value: np.ndarray,
     queue: np.ndarray,
@@ -191,7 +193,7 @@ def _requeue_sides(
 ) -> int:
     """Push the sides of an excluded triangle t that may now be excluded; return the new height.
 
-    at_left, waiting (e,): see `_exclude_queued`.
+    at_left, waiting (e,): see `_exclude_queued_edges`.
     """
     for edge in candidates.sides[t]:
         # If no pair of triangles remains to be examined, the edge has been excluded.

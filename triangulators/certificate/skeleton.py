@@ -43,7 +43,7 @@ def solve_skeleton(
         make_ring(c, cut, int(np.flatnonzero(c.side)[0])),
         remaining & ~cut & (c.side == 0),
     )
-    first, last = _find_positions(c, inner, ring)
+    first, last = _find_ring_positions_of_edges(c, inner, ring)
     if (first < 0).any() or (last < 0).any():
         return None
     n, inner = len(ring), np.flatnonzero(inner)
@@ -61,7 +61,7 @@ def solve_skeleton(
         return None
     potentials = np.zeros(len(c.edges), dtype=np.int64)
     # The potential from the earlier to the later ring position is the far cost, negated (see
-    # `compute_far_costs`). Potentials of edges are those from the lower to the higher site.
+    # `compute_far_costs`). Potentials of edges a < b are those from a to b.
     potentials[inner] = np.where(first < last, -by_pair[: len(inner)], by_pair[: len(inner)])
     closing = np.flatnonzero(c.side)[0]
     potentials[closing] = c.side[closing] * by_pair[-1]
@@ -195,7 +195,7 @@ def make_ring(candidates: Candidates, cut: np.ndarray, root: int) -> np.ndarray:
 
 
 @njit(nogil=True)
-def find_position(
+def find_ring_position(
     points: np.ndarray,
     ring: np.ndarray,
     start: np.ndarray,
@@ -218,10 +218,10 @@ def find_position(
 
 
 @njit(nogil=True)
-def _find_positions(
+def _find_ring_positions_of_edges(
     candidates: Candidates, selected: np.ndarray, ring: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ring positions of the lower and of the higher ends of the `selected` edges.
+    """Return the ring positions of the ends a and b, a < b, of the `selected` edges.
 
     selected (e,): flags, k of them set; the results are (k,) each. A position is -1 if no position
     of that end has the other end in its angle.
@@ -234,6 +234,6 @@ def _find_positions(
         if selected[e]:
             for end in range(2):
                 site, other = edges[e, end], edges[e, 1 - end]
-                positions[row, end] = find_position(points, ring, start, items, site, other)
+                positions[row, end] = find_ring_position(points, ring, start, items, site, other)
             row += 1
     return positions[:, 0], positions[:, 1]

@@ -12,9 +12,9 @@ triangle a-b-c is
 
 and `factor` exceeds the noise of a full triangulation, three edges times 2^bits - 1 for each
 triangle. So a triangulation of minimum weight has minimum cost in units, and the weight of a
-triangulation // factor is its cost in units. Weights are clamped to 2^59 to fit 64 bits; a lower
-weight leaves a lower bound valid. A higher weight would not: a cost far below 0, or NaN, gets the
-weight `TOO_LARGE`, and the checker rejects all evidence.
+triangulation // factor is its cost in units. Weights are clamped to 2^59 to fit 64 bits: a weight
+that is too low leaves the bound valid. One that is too high would not: a cost far below 0, or NaN,
+gets the weight `TOO_LARGE`, and the checker rejects all evidence.
 
 Integer costs. Half-perimeter, overdraw and similar costs are sums and products of coordinates. If
 coordinates are multiples of 2^-k, half-perimeters are integers in units of 2^-k, areas of triangles

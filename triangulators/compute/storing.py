@@ -31,7 +31,7 @@ from triangulators.compute.compiled_files import (
 
 
 def make_dispatcher(source: Callable[..., Any], options: dict[str, Any]) -> Any:
-    """Return Numba's dispatcher of a function, which stores compiled code in `compiled_files`."""
+    """Return a Numba dispatcher that stores a function's compiled code in `compiled_files`."""
     # Numba's C wrapper of a function is needed only to pass the function as an argument.
     compiled: Any = numba.njit(**{"no_cfunc_wrapper": True, **options})(source)
     compiled._cache = _Cache(source)

@@ -333,7 +333,7 @@ def exact_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float
     edge. The intersection is a span. The quads of two rows are the pairs of columns that either
     span touches: the sum of both lengths in pairs, minus the overlap.
 
-    Loop order. Rows of pixels are visited in pairs, from the lowest; no array is allocated.
+    Loop order. Rows of pixels are visited in pairs, from the lowest y; no array is allocated.
 
     Integers. Coordinates below 2^14 px are below 2^22 units, products below 2^45.
     """

@@ -136,7 +136,7 @@ def _walk_component(
         for step in range(3):
             other = twin[3 * row + (max(entry[row], 0) + step) % 3]
             if other >= 0 and entry[other // 3] == other:
-                # At most two branches, three at the root: insertion sort, the smallest on top.
+                # Insertion sort of at most two branches, three at the root: the smallest on top.
                 index = height
                 while index > begin and size[stack[index - 1]] < size[other // 3]:
                     stack[index] = stack[index - 1]

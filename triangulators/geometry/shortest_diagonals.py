@@ -20,7 +20,7 @@ def triangulate_greedily(points: np.ndarray, edges: np.ndarray, pairs: np.ndarra
     keys = of_boundary.min(axis=1) * size + of_boundary.max(axis=1)
     low, high = pairs.min(axis=1).astype(np.int64), pairs.max(axis=1).astype(np.int64)
     diagonals = sort_by_length(points, pairs[~np.isin(low * size + high, keys)])
-    selected = diagonals[_select_uncrossed(points, diagonals)]
+    selected = diagonals[_select_uncrossed_pairs(points, diagonals)]
     sides = np.concatenate((edges, selected, selected[:, ::-1]))
     directed = np.concatenate((sides, edges[:, ::-1]))
     directed = directed[np.argsort(directed[:, 0], kind="stable")]
@@ -35,7 +35,7 @@ def sort_by_length(points: np.ndarray, pairs: np.ndarray) -> np.ndarray:
 
 
 @njit
-def _select_uncrossed(points: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+def _select_uncrossed_pairs(points: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     """Return flags (p,) of the pairs (p, 2) of points that cross no earlier selected pair.
 
     Most pairs cross a selected pair, and pairs that share an end often cross the same one. So

@@ -25,7 +25,7 @@ from triangulators.gpu.rings import (
     SIZES,
     Rings,
     prepare_rings,
-    read_words,
+    read_cost_words,
     store_results,
 )
 from triangulators.polygon_arrays import Batch
@@ -311,7 +311,7 @@ class Engine:
             indices = first + np.flatnonzero(rings.kind[first:last] != ON_CPU)
             if len(indices):
                 self._compute_chunk(rings, first, last, feature, worst, bases)
-                words = read_words(indices, bases, rings)
+                words = read_cost_words(indices, bases, rings)
                 costs = words.view(np.float64) if is_quads else words.astype(np.float64)
                 store_results(indices, bases, costs, is_quads, worst, rings, batch)
                 wrong += int(np.count_nonzero((words != NO_RESULT) & ~batch.done[indices]))

@@ -123,7 +123,7 @@ def _has_repeated_vertex(corners: np.ndarray) -> bool:
     return False
 
 
-def read_words(indices: np.ndarray, bases: np.ndarray, rings: Rings) -> np.ndarray:
+def read_cost_words(indices: np.ndarray, bases: np.ndarray, rings: Rings) -> np.ndarray:
     """Return the 64 bits (k,) uint64 of the cost of each ring in `indices` (k,).
 
     bases (n,): see `store_results`; the first and last vertex have the low and the high word.

@@ -51,13 +51,13 @@ def enumerate_triangulations(
         return np.asarray(ring.cycle[_list_triangulations(ring)])
     if mode != "paper":
         raise ValueError(f"unknown mode {mode!r} (choose from conforming, paper)")
-    _check_count(ring, MAX_PAPER_TRIANGULATIONS)
+    _check_triangulation_count(ring, MAX_PAPER_TRIANGULATIONS)
     results = Recursion(outline.points, drop_straight=True).list_triangulations(ring.cycle.tolist())
     ordered = sorted(map(sorted, results))
     return [np.array(triangles, dtype=np.int32) for triangles in ordered]
 
 
-def _check_count(ring: Cycle, max_count: int) -> None:
+def _check_triangulation_count(ring: Cycle, max_count: int) -> None:
     """Raise `SkippedError` if a cycle has more than `max_count` triangulations."""
     if count_triangulations_of_cycle(ring, max_count) > max_count:
         raise SkippedError(
@@ -67,7 +67,7 @@ def _check_count(ring: Cycle, max_count: int) -> None:
 
 def _list_triangulations(ring: Cycle) -> np.ndarray:
     """Return all triangulations of a cycle, (count, n - 2, 3), as positions in the cycle."""
-    _check_count(ring, MAX_TRIANGULATIONS)
+    _check_triangulation_count(ring, MAX_TRIANGULATIONS)
     n = len(ring.cycle)
     # lists[j][i]: the triangulations of sub-polygon i..j.
     lists: list[dict[int, np.ndarray]] = [{} for _ in range(n)]
@@ -78,7 +78,7 @@ def _list_triangulations(ring: Cycle) -> np.ndarray:
                 row[j] = np.empty((1, 0, 3), dtype=np.int16)
                 continue
             parts = [
-                _combine_parts(row[k], right, (i, k, j))
+                _combine_triangulations(row[k], right, (i, k, j))
                 for k, right in lists[j].items()
                 if k in row
             ]
@@ -88,7 +88,9 @@ def _list_triangulations(ring: Cycle) -> np.ndarray:
     return lists[n - 1][0].astype(np.int32)
 
 
-def _combine_parts(before: np.ndarray, after: np.ndarray, triangle: Triangle) -> np.ndarray:
+def _combine_triangulations(
+    before: np.ndarray, after: np.ndarray, triangle: Triangle
+) -> np.ndarray:
     """Return all unions (b * a, m, 3) of one of `before`, the triangle and one of `after`.
 
     before (b, ., 3), after (a, ., 3): triangulations of the sub-polygons on both sides of the apex.

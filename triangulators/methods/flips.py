@@ -49,7 +49,7 @@ NO_COST = make_cost(criteria.find("half-perimeter"), 1.0, 1)
 
 @njit(nogil=True)
 def flip_by_test(points: np.ndarray, corner: np.ndarray, twin: np.ndarray, test: int) -> int:
-    """Flip in place until no flip passes `test`, which is not COST; return the number of flips.
+    """Flip in place until no flip passes `test` (any except COST); return the number of flips.
 
     corner, twin: (3 m,), see `half_edges`. See `geometry.flips.flip_while_gaining` for the order of
     flips.

@@ -28,8 +28,8 @@ from triangulators.optimum.any_cost import INFEASIBLE_COST
 from triangulators.optimum.best_way import (
     MAX_PIECE_TRIANGLES,
     find_optimum,
+    find_optimum_of_small_polygon,
     optimise_along_random_trees,
-    solve_small,
     sweep_pieces,
 )
 from triangulators.polygon import Boundary, boundary_area
@@ -157,7 +157,7 @@ def _find_optimum_in_walk_order(
     """Return the optimum, in walk order; sign: 1 to minimise, -1 to maximise."""
     options, weights = SearchOptions.split(parameters)
     resolved = criteria.find(criterion, **weights)
-    small = solve_small(outline, resolved, sign, options.limit)
+    small = find_optimum_of_small_polygon(outline, resolved, sign, options.limit)
     if small is not None:
         return _Result(put_in_walk_order(small, len(outline.points)), 0.0, resolved)
     result = _search_optimum(outline, resolved, sign, options)
@@ -184,7 +184,7 @@ def _search_optimum(
         return _Result(
             sweep_pieces(points, start, cost, min(MAX_PIECE_TRIANGLES, limit), seed), math.inf
         )
-    optimal = _solve_few_holes(outline, cost)
+    optimal = _find_optimum_with_few_holes(outline, cost)
     if optimal is not None:
         return _Result(optimal, 0.0, criterion)
     if sign > 0.0:
@@ -201,7 +201,7 @@ def _search_optimum(
     )
 
 
-def _solve_few_holes(outline: Boundary, cost: Cost) -> np.ndarray | None:
+def _find_optimum_with_few_holes(outline: Boundary, cost: Cost) -> np.ndarray | None:
     """Return the optimum (m, 3) of a polygon with one or two holes, or None.
 
     None if the polygon or the cost is unsupported, or if `bridges` finds no optimum.

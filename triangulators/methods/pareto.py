@@ -108,12 +108,14 @@ def _compute_fronts(ring: Cycle, first: Cost, second: Cost) -> dict[tuple[int, i
                 fronts[i, j] = _Partial(np.zeros((1, 2)), np.zeros((1, 3), dtype=np.int32))
             else:
                 apexes = [k for k in below[j] if (i, k) in fronts]
-                fronts[i, j] = _find_pair_front(ring.points, fronts, i, j, apexes, (first, second))
+                fronts[i, j] = _find_sub_polygon_front(
+                    ring.points, fronts, i, j, apexes, (first, second)
+                )
             below[j].append(i)
     return fronts
 
 
-def _find_pair_front(
+def _find_sub_polygon_front(
     points: np.ndarray,
     fronts: dict[tuple[int, int], _Partial],
     i: int,

@@ -130,7 +130,9 @@ def _triangulate_cycle_greedily(outline: Boundary) -> np.ndarray:
     tails = np.repeat(np.arange(n, dtype=np.int32), np.diff(ring.start))
     pairs = sort_by_length(ring.points, np.column_stack((tails, ring.target)))
     sides = np.column_stack((np.arange(n), (np.arange(n) + 1) % n))
-    selected = np.concatenate((pairs[_select_uncrossed_in_cycle(n, pairs)], np.sort(sides, axis=1)))
+    selected = np.concatenate(
+        (pairs[_select_uncrossed_pairs_of_cycle(n, pairs)], np.sort(sides, axis=1))
+    )
     selected = selected[np.lexsort((selected[:, 1], selected[:, 0]))]
     selected = selected[np.r_[True, np.any(selected[1:] != selected[:-1], axis=1)]]
     # Two consecutive neighbours of vertex i with numbers above i form a triangle with i.
@@ -139,7 +141,7 @@ def _triangulate_cycle_greedily(outline: Boundary) -> np.ndarray:
 
 
 @njit
-def _select_uncrossed_in_cycle(n: int, pairs: np.ndarray) -> np.ndarray:
+def _select_uncrossed_pairs_of_cycle(n: int, pairs: np.ndarray) -> np.ndarray:
     """Return flags of the pairs (i, j) of a cycle, i < j, that cross no earlier selected pair.
 
     n: number of vertices; pairs (p, 2): in order of preference. Diagonals of a cycle cross if their
@@ -178,11 +180,11 @@ def triangulate_largest_first(outline: Boundary) -> np.ndarray:
     n = len(ring.cycle)
     sees = np.zeros((n, n), dtype=np.bool_)
     sees[np.repeat(np.arange(n), np.diff(ring.start)), ring.target] = True
-    return np.asarray(ring.cycle[_cut_largest_first(ring.points, sees)])
+    return np.asarray(ring.cycle[_cut_largest_triangles_first(ring.points, sees)])
 
 
 @njit
-def _cut_largest_first(points: np.ndarray, sees: np.ndarray) -> np.ndarray:
+def _cut_largest_triangles_first(points: np.ndarray, sees: np.ndarray) -> np.ndarray:
     """Return the triangles (n - 2, 3) of a counter-clockwise cycle (n, 2), the largest first.
 
     sees (n, n): element [i, j], for i < j, is True if vertices i and j see each other. A stack has

@@ -130,7 +130,7 @@ def _collect_triangles(
 ) -> int:
     """Collect triangles of the pairs `pair`, `pair` + 1, ...; return the first pair left out.
 
-    The pairs, up to `stop` - 1, have the same lower vertex i. target: higher vertex j of each pair;
+    The pairs, up to `stop` - 1, have the same vertex i < j. target: vertex j of each pair;
     lists: start and end of each j's list, and the apexes of all lists; sees (n,): flags of the
     vertices that i sees. Writes the coordinates of vertices k and j of each triangle to `corners`,
     the index of k in the lists to `entries`, and the number of triangles up to each pair to `ends`.

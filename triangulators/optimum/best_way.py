@@ -45,7 +45,7 @@ def find_optimum(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.nd
     """
     n = len(points)
     if cost["is_box"] and n <= MAX_DENSE_VERTICES:
-        optimal = _solve_dense(points, cost["box"])
+        optimal = _solve_by_full_table(points, cost["box"])
         if optimal is not None:
             return optimal
     start, target = find_visible_pairs(points, triangles, find_twins(triangles), n * n)
@@ -53,7 +53,7 @@ def find_optimum(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.nd
         is_convex = len(target) == n * (n - 1) // 2
         is_dense = _count_apexes(n, target) * _SPARSE_TO_DENSE > n**3 / 6.0
         if is_dense and (is_convex or find_grid_unit(points) > 0.0):
-            optimal = _solve_dense(points, cost["box"])
+            optimal = _solve_by_full_table(points, cost["box"])
             if optimal is not None:
                 return optimal
     optimal = solve_visible_pairs(points, start, target, cost)
@@ -76,7 +76,7 @@ def _count_apexes(n: int, target: np.ndarray) -> float:
     return np.sum(seen_from_above * seen_from_above) / 2.0
 
 
-def solve_small(
+def find_optimum_of_small_polygon(
     outline: Boundary, criterion: Criterion, sign: float, limit: int
 ) -> np.ndarray | None:
     """Return the optimum (m, 3) of a small polygon, or None if the polygon is unsupported.
@@ -99,7 +99,7 @@ def solve_small(
     return triangles if is_solved else None
 
 
-def _solve_dense(points: np.ndarray, box: np.ndarray) -> np.ndarray | None:
+def _solve_by_full_table(points: np.ndarray, box: np.ndarray) -> np.ndarray | None:
     """Return the triangles (n - 2, 3) of `solve_ring`, or None if it finds no triangulation."""
     triangles = np.empty((len(points) - 2, 3), dtype=np.int32)
     return triangles if solve_ring(points, box, triangles) < np.inf else None
@@ -123,9 +123,9 @@ class Patchwork:
     def optimise_piece(
         self, root: int, max_size: int, *, depth_first: bool = False, first_edge: int = 0
     ) -> np.ndarray:
-        """Replace a piece by its optimum; return the indices (k,) of its triangles.
+        """Replace a tree of adjacent triangles by its optimum; return their indices (k,).
 
-        The piece has at most `max_size` triangles around triangle `root`; depth_first, first_edge:
+        The tree has at most `max_size` triangles around triangle `root`; depth_first, first_edge:
         see `unfold.grow_tree`.
         """
         rows, marks = np.empty(max_size, dtype=np.int32), (self._visited, self._visited)
@@ -181,7 +181,7 @@ def sweep_pieces(
     piece: int = MAX_PIECE_TRIANGLES,
     seed: int = 0,
 ) -> np.ndarray:
-    """Optimise overlapping pieces of up to `piece` triangles; return all triangles (m, 3).
+    """Optimise overlapping trees of up to `piece` adjacent triangles; return all triangles (m, 3).
 
     triangles: (m, 3), the initial solution; seed: seed of the random order of pieces.
     """

@@ -74,7 +74,7 @@ def _fill_int_table(space: np.ndarray, n: int, sign: int, base: int) -> None:
         for j in range(lanes):
             space[_TABLE + i, j] = _NO_INT
     for i in range(n - 2, -1, -1):
-        _weigh_diagonals(space, n, i, sign, base)
+        _fill_rows_of_vertex(space, n, i, sign, base)
         cost, k = np.int32(0), i + 1
         while True:
             if cost < _NO_INT:
@@ -90,7 +90,7 @@ def _fill_int_table(space: np.ndarray, n: int, sign: int, base: int) -> None:
 
 
 @njit(nogil=True)
-def _weigh_diagonals(space: np.ndarray, n: int, i: int, sign: int, base: int) -> None:
+def _fill_rows_of_vertex(space: np.ndarray, n: int, i: int, sign: int, base: int) -> None:
     """Fill the workspace rows of vertex i: coordinates relative to i, costs of diagonals from i.
 
     The row _ROW, the minimum costs found so far, is reset. space, sign, base: see
@@ -159,7 +159,7 @@ def _fill_float_table(
                     is_left = (a * ry[j] > b * rx[j]) | convex
                     row[j] = min(row[j], total if is_left else _NONE)
                 continue
-            if _compute_sides(number, rx, ry, k, first, side) <= doubt:
+            if _compute_determinants(number, rx, ry, k, first, side) <= doubt:
                 for j in range(k + 1, n):
                     side[j] = orient(x[i], y[i], x[k], y[k], x[j], y[j])
             for j in range(first, np.uint64(lanes)):
@@ -187,7 +187,7 @@ def _is_convex(x: np.ndarray, y: np.ndarray, n: int) -> bool:
 
 
 @njit(nogil=True, fastmath=FAST_MATH_FLAGS)
-def _compute_sides(
+def _compute_determinants(
     number: np.ndarray, rx: np.ndarray, ry: np.ndarray, k: int, first: np.uint64, side: np.ndarray
 ) -> float:
     """Write the determinants of the triangles i, k, j to side[j] for j = first, first + 1, ....
