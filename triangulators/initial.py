@@ -56,7 +56,7 @@ def find_initial_triangulations(outline: Boundary) -> Iterator[np.ndarray]:
 
 
 def find_best_initial(outline: Boundary, cost: Cost) -> np.ndarray:
-    """Return the initial triangulation (m, 3) of lowest cost.
+    """Return the triangulation (m, 3) of lowest cost that `find_initial_triangulations` yields.
 
     Raises `TriangulationError` if there is none; see `find_initial_triangulations`.
     """

@@ -127,7 +127,7 @@ def _repair_invalid(
     dropped: list[Note],
     repaired: list[Note],
 ) -> tuple[NDArray[Any], NDArray[np.int64]]:
-    """Return `parts` with invalid polygons replaced by repaired pieces, and each polygon's source.
+    """Return valid or repaired polygons (q,), and the index (q,) of the geometry of each.
 
     valid : (p,) flags of the valid parts. Appends notes on repaired and dropped polygons.
     """

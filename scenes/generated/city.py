@@ -150,7 +150,7 @@ def _choose_cuts(
 
 
 def _cut_blocks(rng: Generator, district: shapely.Polygon, central: bool) -> list[shapely.Polygon]:
-    """Return the blocks of a district, given rotated so that streets run along the axes.
+    """Return the blocks of a district that is rotated so that streets run along the axes.
 
     central : True for the smaller blocks of the city centre
     """

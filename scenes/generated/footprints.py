@@ -144,9 +144,10 @@ class _Wall:
 
 
 def _build_corner(before: _Wall, after: _Wall, cut: float, vertices: int) -> Ring:
-    """Return the points of a corner between two walls, with 0, 1 or 2 vertices more.
+    """Return the points of a corner between two walls.
 
-    0 is a plain corner, 1 a bevel, 2 a step; cut : length cut off either wall, in metres
+    vertices : number added to the corner: 0 for a plain corner, 1 for a bevel, 2 for a step
+    cut : length cut off either wall, in metres
     """
     start, end = before.point(before.length - cut, 0.0), after.point(cut, 0.0)
     if vertices == 0:

@@ -184,7 +184,7 @@ def build_random_maze(rng: Generator, n: int) -> Ring:
 
 
 def _draw_spanning_tree(rng: Generator, side: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return whether each cell is joined to its right, and to its upper neighbour, (side, side)."""
+    """Return flags (side, side) of cells joined to the right, and to the upper neighbour."""
     cell = np.arange(side**2).reshape(side, side)
     a = np.concatenate([cell[:-1].ravel(), cell[:, :-1].ravel()])
     b = np.concatenate([cell[1:].ravel(), cell[:, 1:].ravel()])

@@ -118,7 +118,7 @@ class GltfFile:
             )
         refuse_special(file)
         if not file.is_file():
-            raise SceneError(f"{self.path} needs {uri}, which was not found")
+            raise SceneError(f"{self.path} needs {uri}, which was not found: copy it there")
         return file
 
     def read_array(self, accessor: int) -> NDArray[Any]:

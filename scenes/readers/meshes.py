@@ -55,7 +55,7 @@ def read(source: Source, size: int) -> Iterator[RawChunk]:  # noqa: ARG001 - a m
     usable = [
         (f"face {number}", face)
         for number, face in enumerate(faces)
-        if _has_vertices(face, len(vertices), f"face {number}", dropped)
+        if _has_valid_vertices(face, len(vertices), f"face {number}", dropped)
     ]
     if usable and all(len(face) == 3 for _, face in usable):
         joined = _join_triangles(*_merge_vertices(vertices, np.array([face for _, face in usable])))
@@ -100,7 +100,9 @@ def _flatten_faces(
     )
 
 
-def _has_vertices(face: NDArray[np.int64], count: int, label: str, dropped: list[Note]) -> bool:
+def _has_valid_vertices(
+    face: NDArray[np.int64], count: int, label: str, dropped: list[Note]
+) -> bool:
     """Whether a face has three or more vertices, all below `count`; if not, append a note."""
     if len(face) < 3:
         dropped.append((label, "has fewer than 3 vertices"))

@@ -154,7 +154,7 @@ class _Drawing:
             matrix = parse_transform(local["transform"], is_css="transform" in style)
             if local["transform-origin"] != "inherit":
                 if style.get("transform-box", "view-box") != "view-box":
-                    raise ValueError("transform-box is unsupported")
+                    raise ValueError("transform-box is unsupported: use view-box")
                 matrix = transform_about(matrix, local["transform-origin"], state.viewport)
             state = replace(state, matrix=state.matrix.transform(matrix))
         if get_tag(element) == "svg":
@@ -164,7 +164,7 @@ class _Drawing:
             if clip is not None and get_tag(clip) == "clipPath":
                 state = _intersect_clip(state, self._find_clip_area(clip, element, state))
         elif local["clip-path"] not in ("inherit", "none"):
-            raise ValueError(f"clip-path {local['clip-path']!r} is unsupported")
+            raise ValueError(f"clip-path {local['clip-path']!r} is unsupported: use url(#ID)")
         return state, style
 
     def _enter_viewport(self, element: ElementTree.Element, state: _State, overflow: str) -> _State:
@@ -236,7 +236,7 @@ class _Drawing:
         areas = []
         for child in clip:
             if get_tag(child) in ("use", "text"):
-                raise ValueError(f"the clip path has a {get_tag(child)}, which is unsupported")
+                raise ValueError(f"the clip path has a {get_tag(child)}: convert it to a path")
             if get_tag(child) in SHAPES:
                 child_state, style = self._enter_element(child, clip_state)
                 is_hidden = child_state.hidden == "is not displayed"

@@ -51,7 +51,7 @@ def parse_length(text: str, viewport: Viewport, axis: int | None = None) -> floa
     if match and (unit is None or unit in _PIXELS):
         return float(match[1]) * _PIXELS.get(unit or "px", 1.0)
     if match is None or unit != "%" or viewport is None:
-        raise ValueError(f"length {text.strip()!r} is not a number in an absolute unit")
+        raise ValueError(f"length {text.strip()!r} is not a number in an absolute unit: use px")
     extent = math.hypot(*viewport) / math.sqrt(2) if axis is None else viewport[axis]
     return float(match[1]) / 100 * extent
 

@@ -151,7 +151,7 @@ def compute_first_number(zoom: int) -> int:
 
 
 def decompress(data: bytes, limit: int | None = None) -> bytes:
-    """Return a tile's uncompressed bytes; data that do not begin like gzip or zlib are returned.
+    """Return a tile's uncompressed bytes: `data` itself unless it begins like gzip or zlib.
 
     Raises ValueError for invalid data, and for `limit` (default `MAX_TILE_BYTES`) or more bytes.
     """

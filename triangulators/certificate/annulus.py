@@ -53,8 +53,8 @@ def classify_edges(
 
     outer (m,), inner (q,): rings of sites with the polygon on the left; inner[0] is leftmost. cut,
     usable (e,): flags of cuts, and of edges that cross no cut. For a bridge, the numbers are the
-    positions on the outer ring and on the hole. For a pocket, the first number is the number of
-    ring sides that the pocket spans, negative if the pocket runs from the higher to the lower site;
+    positions on the outer ring and on the hole. For the pocket of an edge a-b, a < b, the first
+    number is the number of ring sides that the pocket spans, negative if these lead from b to a;
     the second is 0.
     """
     points, edges, side = candidates.points, candidates.edges, candidates.side

@@ -343,7 +343,7 @@ def _find_lightest_walk(
     walk: np.ndarray,
     via: np.ndarray,
 ) -> Any:
-    """Return the minimum weight of a closed walk from a bridge; write the last steps to `via`.
+    """Return the minimum weight of a closed walk over bridges; write the last steps to `via`.
 
     order: bridges by their sums of positions, with `start` at index `at`; the walk visits those up
     to the end, then, a turn ahead, those from the beginning to `start`. turn: sizes (m, q) of the
@@ -385,7 +385,7 @@ def _list_walk_triangles(
     via: np.ndarray,
     start: int,
 ) -> np.ndarray:
-    """Return the triangles (m,) of the lightest closed walk from `start` and of its pockets.
+    """Return the triangles (m,) of the lightest closed walk from bridge `start` and its pockets.
 
     kind (e,), steps (s, 4): see `_find_pockets_and_steps`; via (e,): last step of the lightest walk
     to each bridge; apex (e,): triangle of each pocket.

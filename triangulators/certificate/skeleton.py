@@ -158,7 +158,7 @@ def _is_in_angle(points: np.ndarray, before: int, vertex: int, after: int, other
 
 @njit(nogil=True)
 def make_ring(candidates: Candidates, cut: np.ndarray, root: int) -> np.ndarray:
-    """Return the ring of sites of the cut polygon that contains edge `root`, with repetitions.
+    """Return the cut polygon's ring through edge `root`: sites in order, with repetitions.
 
     The polygon is on the left. The last site leads to the first along `root`, a boundary edge. The
     ring follows the boundary's directed edges, and each cut in both directions. The edge after u-v

@@ -1,4 +1,4 @@
-"""The greedy triangulation: the shortest diagonal, then the next shortest that crosses no earlier.
+"""The greedy triangulation: repeatedly the shortest diagonal that crosses no earlier diagonal.
 
 Exact orientations decide crossings, so the triangulation is valid even if the distance of a vertex
 from an edge is less than a rounding error.

@@ -242,12 +242,14 @@ _driver_pids: set[int] = set()
 
 
 def _open_engine(name: str) -> "Engine":
-    """Return the open device of a name, opening it first if necessary; for the context thread.
+    """Return the open device of a name, opening it first if necessary.
+
+    To be called in the thread of all OpenGL contexts only (`_get_context_thread`).
 
     Raises `DeviceError`, also in a process that was forked after a driver was loaded.
     """
     if _driver_pids - {os.getpid()}:
-        raise DeviceError("driver loaded before this process was forked")
+        raise DeviceError("driver loaded before this process was forked; start it by spawn")
     if name not in _open_engines:
         _driver_pids.add(os.getpid())
         _open_engines[name] = Engine(name)
@@ -265,7 +267,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def _close_all() -> None:
-    """Close all devices; for the context thread."""
+    """Close all devices; to be called in the thread of all OpenGL contexts only."""
     while _open_engines:
         _open_engines.popitem()[1].compute.close()
 
@@ -288,7 +290,7 @@ def _solve_batch(name: str, *task: Any) -> int:
 
 
 class Engine:
-    """An open device with programs and buffers, for the context thread."""
+    """An open device with programs and buffers, used by the thread of all OpenGL contexts only."""
 
     def __init__(self, name: str) -> None:
         self.compute: Compute = open_context(name)

@@ -50,7 +50,7 @@ MAX_BRIDGED_HOLES = 2
 """Number of holes up to which `bridges` optimises over all edges, without excluding any first."""
 
 MAX_TRIPLES = 1_500_000
-"""Maximum number of visible triples for which `bridges` is tried over all edges."""
+"""Maximum number of triples of mutually visible vertices for `bridges` over all edges."""
 
 
 class SearchOptions(NamedTuple):

@@ -64,8 +64,8 @@ def _find_best_apexes(
 ) -> np.ndarray:
     """Return the best apex (p,) of each visible pair, -1 if there is none.
 
-    start, target: see `solve_any_cost`. A block has triangles i, k, j of one i and several j. The
-    costs of the pairs i-k and k-j are final when the block's triangles are compared, j by j. If
+    start, target: see `solve_any_cost`. Costs are computed in blocks of triangles i, k, j of one i
+    and several j; the costs of the pairs i-k and k-j are final when these are compared, j by j. If
     several apexes have the minimum cost, the one with the highest index is taken.
     """
     n, pairs = len(points), start[len(points)]

@@ -188,10 +188,10 @@ def _minimise_edges(
 ) -> Any:
     """Return a pair's minimum cost (see `_fill_costs`); edges cost weights[p], triangles 0."""
     (first, end), (_, _, p) = between, pair
-    # No array has a second variable, and `weights` is read without a branch: otherwise Numba would
-    # count references for each apex or pair. The casts keep Numba from widening to int64, which
-    # would halve the number of SIMD lanes. The side from vertex 0 to the last counts as a diagonal,
-    # which adds the same constant to every triangulation.
+    # No array is assigned to a second variable, and `weights` is read without a branch: otherwise
+    # Numba would count references for each apex or pair. The casts keep Numba from widening to
+    # int64, which would halve the number of SIMD lanes. The side from vertex 0 to the last counts
+    # as a diagonal, which adds the same constant to every triangulation.
     kind, best = row.dtype.type, none
     for r in range(first, end):
         best = min(best, kind(row[np.uint32(apex[r])] + lists[0, r]))
