@@ -222,7 +222,7 @@ def _find_meeting_edge(sides: _Sides, scale: float, a: int, b: int, stack: np.nd
 
 @njit
 def _is_hidden(points: np.ndarray, a: int, hiding: np.ndarray, b: int) -> bool:
-    """Whether the segment a-b crosses one of the edges `hiding` (k, 2); move that edge first.
+    """Whether the segment a-b crosses an edge of `hiding` (k, 2); move that edge to the front.
 
     a is left of all these edges, so a-b crosses an edge if b is right of the edge and between the
     rays from a to the ends of the edge.

@@ -148,7 +148,7 @@ def _list_by_overdraw_and_shape(wkb: bytes) -> list[np.ndarray]:
 
 
 class Recursion:
-    """All triangulations of the polygons over one set of points, by cutting ears.
+    """The triangulations of polygons whose vertices are in `points`, found by cutting ears.
 
     From each edge of the remaining polygon three cuts are tried: the triangle of this and the next
     edge (firstPart in the paper), the triangle of the two edges before (secondPart), and both

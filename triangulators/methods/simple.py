@@ -191,8 +191,8 @@ def _cut_largest_triangles_first(points: np.ndarray, sees: np.ndarray) -> np.nda
     the remaining sub-polygons, each as vertices in the cycle's order, so that every triangle
     i < k < j of mutually visible vertices is counter-clockwise, with a positive doubled area. The
     largest triangle p, q, r cuts off three sub-polygons, of the vertices p to q, q to r, and r
-    around to p; one that is a single side is not pushed. Of equal areas the first by i, k and j is
-    taken.
+    around to p; one that is a single side is not pushed. Of equal areas, that with the lowest i,
+    then k, then j is taken.
     """
     n = len(points)
     triangles = np.empty((n - 2, 3), dtype=np.int32)
