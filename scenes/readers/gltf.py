@@ -118,7 +118,9 @@ class GltfFile:
             )
         refuse_special(file)
         if not file.is_file():
-            raise SceneError(f"{self.path} needs {uri}, which was not found: copy it there")
+            raise SceneError(
+                f"{self.path} needs {uri}, which was not found: copy it to the model's folder"
+            )
         return file
 
     def read_array(self, accessor: int) -> NDArray[Any]:
