@@ -39,7 +39,7 @@ def write(path: Path, content: bytes, *, forced: bool = False) -> None:
             file.flush()
             temporary.chmod(0o666 & ~system.read_umask())
             if os.name != "nt":
-                # While the file is open and locked, so that no other process claims it.
+                # Rename while the file is open and locked, so that no other process claims it.
                 move(temporary, path, forced=forced)
         if os.name == "nt":  # Windows can only rename a file after it is closed
             move(temporary, path, forced=forced)
@@ -49,7 +49,7 @@ def write(path: Path, content: bytes, *, forced: bool = False) -> None:
 
 
 def _open_locked(path: Path) -> IO[bytes] | None:
-    """Open, lock and empty the temporary file `path`, which a killed process may have left.
+    """Open, lock and empty the temporary file `path`, which may be left from a killed process.
 
     Returns None if the file is in use, not this user's regular file, or cannot be locked.
     """
@@ -61,7 +61,7 @@ def _open_locked(path: Path) -> IO[bytes] | None:
         if system.lock_file(file.fileno(), wait=False, required=True):
             info = os.fstat(file.fileno())
             is_own = stat.S_ISREG(info.st_mode) and info.st_uid == os.geteuid()
-            # Before the lock, another process may have renamed or removed the file.
+            # Another process may have renamed or removed the file before this one locked it.
             if is_own and info.st_nlink == 1 and path.lstat().st_ino == info.st_ino:
                 file.truncate(0)
                 return file
@@ -167,7 +167,9 @@ def create_folder(path: Path, *, merge: bool = False) -> Iterator[Path]:
     parent.mkdir(parents=True, exist_ok=True)
     with (parent / LOCK).open("a") as lock:
         if not system.lock_file(lock.fileno(), wait=False):
-            raise StorageError(f"{path}: in use (another process is creating the folder)")
+            raise StorageError(
+                f"{path}: another process is creating the folder; wait, or give a new folder"
+            )
         temporary = parent / path.name
         shutil.rmtree(temporary, ignore_errors=True)
         try:
@@ -181,7 +183,9 @@ def create_folder(path: Path, *, merge: bool = False) -> Iterator[Path]:
             except OSError as error:
                 if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
                     raise
-                raise StorageError(f"{path}: another process created the folder") from error
+                raise StorageError(
+                    f"{path}: another process created the folder; give a new folder"
+                ) from error
         finally:
             shutil.rmtree(parent, ignore_errors=True)
 

@@ -20,8 +20,8 @@ from scenes.scene import Scene, Tiling
 from triangulators.polygon_arrays import PolygonArray
 
 MARGIN_PX = 1.0
-"""Empty margin on each side: a device may clip triangles that leave the viewport, and would count
-quads at the cuts twice."""
+"""Empty margin on each side, in pixels: a device may clip triangles that leave the viewport, and
+would count quads at the cuts twice."""
 
 MARGIN_STEP_PX = 64
 """Step of a tile's margin, so that quads, blocks and bins are aligned with the tile."""
@@ -35,7 +35,7 @@ OWN_VIEW_MESSAGE = (
 )
 
 UNBOUNDED = np.array([-(2**30), -(2**30), 2**30, 2**30], np.int64)
-"""Window of a frame without scissor rectangle."""
+"""Bounds of the drawn pixels in a frame without scissor rectangle."""
 
 
 @dataclass(frozen=True, order=True)
@@ -123,7 +123,7 @@ class Frame:
 
     @property
     def window(self) -> NDArray[np.int64]:
-        """First column and row, last column and row of the drawn pixels."""
+        """Drawn pixels: first column, first row, last column, last row."""
         if self.scissor is None:
             return UNBOUNDED
         x, y, width, height = self.scissor

@@ -37,7 +37,7 @@ class Snapped(NamedTuple):
 def snap_polygons(polygons: Sequence[Polygon] | NDArray[Any]) -> Snapped:
     """Snap polygons in px to the grid; repair or drop polygons that snapping breaks.
 
-    Polygons that stay valid with all vertices, as most do, are rounded together, which is fast.
+    Most polygons keep all vertices and stay valid; these are rounded together, which is fast.
     """
     before = np.asarray(polygons, dtype=object)
     rounded = shapely.transform(before, lambda xy: np.rint(xy * SUBPIXEL) / SUBPIXEL)
@@ -64,8 +64,8 @@ def snap_polygons(polygons: Sequence[Polygon] | NDArray[Any]) -> Snapped:
 def snap_polygon(polygon: Polygon) -> tuple[list[Polygon], str]:
     """Round a polygon in px to the grid, and repair the polygon if rounding makes it invalid.
 
-    Returns the pieces, possibly none, and the reason for which the polygon was changed or vanished;
-    "" if it keeps all vertices.
+    Returns the pieces, possibly none, and the reason why the polygon was changed or vanished;
+    "" if the polygon keeps all vertices.
     """
     rounded, lost = _round_rings(polygon)
     if rounded is not None and rounded.is_valid and rounded.area > 0:

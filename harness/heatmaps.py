@@ -18,7 +18,7 @@ PADDING_PX = 2
 """Pixels shown around the polygon."""
 
 PANEL_PX = 600
-"""Approximate length of a panel's longer edge; the factor that enlarges pixels is an integer."""
+"""Approximate length in px of a panel's longer edge: pixels are enlarged by an integer factor."""
 
 GAP_PX, FONT_PX = 12, 16
 
@@ -80,7 +80,7 @@ def draw_heatmaps(
     height, width = (zoom * size for size in panels[0][0].shape)
     caption_lines = [part for text in captions for part in text.split("\n")]
     across = GAP_PX + max(width, *(round(font.getlength(text)) for text in caption_lines))
-    tops = (5 * line, 7 * line + height)  # of both rows: below title and captions, below a legend
+    tops = (5 * line, 7 * line + height)  # below title and captions; below the first row's legend
     total_width = max(across * len(panels), round(font.getlength(title)), LEGEND_PX) + GAP_PX
     picture = Image.new("RGB", (total_width, tops[1] + height + 2 * line), "white")
     pen = ImageDraw.Draw(picture)

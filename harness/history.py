@@ -3,8 +3,8 @@
 An exact metric changes at each run whose value differs from that of the run before. The values of a
 noisy metric are cut into segments of constant level by the pruned exact linear time search of
 Killick, Fearnhead & Eckley (2012). The search minimises the sum of absolute deviations from the
-segments' medians, so that a single run on a busy machine is not a change. Changes by less than
-`MIN_STEP` are then removed, the smallest first.
+segments' medians, so that a single run on a busy machine is not a change. Changes of the
+log level by less than `MIN_STEP` are then removed, the smallest first.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ TIME = "time"
 the other triangulators of the group."""
 
 GROUP_NAME = "(all cases together)"
-"""Name, in place of a triangulator's, of a group's series of the time changes that all its
-triangulators have in common."""
+"""Name, in place of a triangulator's, of a series: the time changes that all triangulators of a
+group have in common."""
 
 CACHED_METRIC = "triangulate_ms"
 """Metric without values for runs that loaded triangulations from the cache: their time was measured

@@ -1,4 +1,4 @@
-"""Defaults and limits of runs and studies; no heavy imports, as `--help` shows these values."""
+"""Defaults and limits of runs and studies; imports little, as `--help` shows these values."""
 
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
@@ -25,8 +25,8 @@ MODEL_TRIANGULATORS = (
 length is proportional to the half-perimeter averaged over rotations."""
 
 COST_COUNTERS = ("helper_lanes", "quads", "covering_triangles", "bbox_tests")
-"""Counters that represent the cost of drawing; a rasteriser's main counter is its first in this
-order."""
+"""Counters that represent the cost of drawing. The main counter of a rasteriser is the first of
+these that it counts."""
 
 HISTORY_METRICS = (*COST_COUNTERS, "time")
 """Default metrics of `history`."""
@@ -61,7 +61,7 @@ MAX_SEED = 2**63 - 1
 
 TIMEOUT_S = 600.0
 QUICK_TIMEOUT_S = 60.0
-"""Time limit of a triangulator or a device, without and with --quick."""
+"""Time limits in seconds of a triangulator or a device, without and with --quick."""
 
 MAX_REPEATS = 1000
 """Upper bound of `TimingSettings.processes`, as a thousand processes take hours."""

@@ -32,8 +32,8 @@ MIN_WIDE = 96
 """Minimum width of the terminal at which a table also has the metrics `WIDE`."""
 
 WIDE = ("regret",)
-"""Metrics that a narrow table omits. Within a table regret says the same as the helper lanes, which
-it divides by their minimum."""
+"""Metrics that a narrow table omits. Within a table regret orders triangulators as the helper lanes
+do, which it divides by their minimum."""
 
 NAME_WIDTH = 24
 """Minimum width of the column of names."""
@@ -42,7 +42,7 @@ VERDICTS = {FASTER: "faster", SLOWER: "slower", UNDECIDED: "n.s."}
 
 
 def print_summary(decided: Iterable[Decided], console: Console) -> None:
-    """Print, for each group, a table with the cheapest triangulator first, notes, and advice."""
+    """Print, for each group, a table sorted by cost, the lowest first, with notes and advice."""
     wide = console.width >= MIN_WIDE
     for group, decision in decided:
         if decision:
@@ -131,7 +131,7 @@ def _select_metrics(records: Sequence[Record], *, wide: bool) -> list[Metric]:
 
 
 def _describe_proofs(records: Sequence[Record]) -> list[str]:
-    """Return a line about optima proven for all polygons, and one for each other optimum's gap."""
+    """Return a line about optima proven for all polygons, then a line on the gap of each other."""
     optima = [record for record in records if record.proven is not None]
     complete = [record.name for record in optima if record.proven == record.polygons]
     lines = [f"proven optimal, every polygon: {', '.join(complete)}"] if complete else []
@@ -147,7 +147,7 @@ def _describe_proofs(records: Sequence[Record]) -> list[str]:
 
 
 def _describe_regret(records: Sequence[Record]) -> list[str]:
-    """Return a line with the number of polygons of known regret, or [] if it is none or all."""
+    """Return a line with the number of polygons of known regret; [] if all or none are known."""
     covered = max((record.least.polygons for record in records if record.least), default=0)
     drawn = max((record.polygons for record in records), default=0)
     if not 0 < covered < drawn:

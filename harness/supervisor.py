@@ -6,8 +6,8 @@ the user started therefore forks before anything is loaded. The child runs the p
 forwards signals, and kills the child and all descendants at a time limit.
 
 The parent also creates a folder for temporary files, and removes the folder after the child has
-ended in any way. If a parent is killed, the next program that is supervised removes its folder, at
-the start; or at the end, if children still used the folder at the start.
+ended in any way. If a parent is killed, the next supervised program removes the folder: at its own
+start, or, if processes still use the folder then, at its own end.
 
 Supervision exists only on Linux, where the kernel ends the child with the parent, and a fork is
 safe.
@@ -157,7 +157,7 @@ class _Supervisor:
         )
 
     def _collect_exit_code(self) -> int | None:
-        """Return the child's exit code or negative signal, or None while it runs."""
+        """Return the child's exit code, or minus the signal that ended it; None while it runs."""
         code = None
         with suppress(ChildProcessError):
             while (ended := os.waitpid(-1, os.WNOHANG))[0]:

@@ -22,8 +22,8 @@ from harness.frame import View, make_scene_frame
 from harness.metrics.decision import (
     MIN_PIXELS,
     MIN_SAVED_SHARE,
-    choose_cheapest,
-    describe_cheapest,
+    choose_recommended,
+    describe_recommended,
     find_best,
 )
 from harness.profile.device_costs import (
@@ -52,8 +52,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 MIN_TIMED_S, TIMED_ROUNDS = 0.2, 3
-"""If all triangulators together take less time, they are timed in this number of rounds, and the
-minimum of each triangulator is used."""
+"""Seconds and number of rounds: if all triangulators together take less time, they are timed in
+rounds, and the minimum of each triangulator is used."""
 
 COST_TERMS = (
     "fragments",
@@ -122,8 +122,8 @@ class Sizes:
         return max(mattering, key=lambda size: max(size.saved.values()), default=None)
 
     @property
-    def recommended(self) -> str:
-        """The fastest triangulator that reaches nearly the largest saving of all sizes.
+    def recommended_triangulator(self) -> str:
+        """The triangulator to recommend: `choose_recommended` at the size with the largest saving.
 
         The base if the triangulator matters at no size.
         """
@@ -131,11 +131,11 @@ class Sizes:
             return next(iter(self.sizes[0].costs))
         costs = self.largest.costs
         seconds = {name: cost["triangulate_s"] for name, cost in costs.items()}
-        return choose_cheapest(self.largest.saved, seconds)
+        return choose_recommended(self.largest.saved, seconds)
 
     @property
     def measure(self) -> str:
-        """Name of the quantity that `Size.saved` is a share of."""
+        """Name of the cost of which `Size.saved` is a share."""
         return f"draw time on {self.device.name}" if self.device else "shaded lanes"
 
     def to_json(self) -> dict[str, Any]:
@@ -150,7 +150,7 @@ class Sizes:
             "matters_share": MIN_SAVED_SHARE,
             "sentence": summarise(self),
             "stages": list(list_stages(self)),
-            "recommended": self.recommended,
+            "recommended": self.recommended_triangulator,
             "next": format_next_step(self),
         }
 
@@ -188,7 +188,7 @@ def count_size(
 def _list_costs(
     counters: Sequence[dict[str, int]], seconds: Sequence[float], device: DeviceCosts | None
 ) -> list[Cost]:
-    """Return each triangulator's cost, the base first, from its counters and triangulation time."""
+    """Return the triangulators' costs, the base's first, from counters and triangulation seconds."""
     unknown: list[Cost] = [dict.fromkeys(("draw", "draw_walk", "stage", "saved_95"))]
     draws = predict_draw_costs(counters, device) if device else unknown * len(counters)
     return [
@@ -243,11 +243,11 @@ def _format_saving(size: Size, name: str) -> str:
 
 def format_next_step(sizes: Sizes) -> str:
     """Return the recommended triangulator, with a command and a Python call."""
-    name, size = sizes.recommended, sizes.largest
+    name, size = sizes.recommended_triangulator, sizes.largest
     if size is None:
         return f"Next: keep {name}."
     return (
-        f"Next: use {describe_cheapest(name)}, {_format_saving(size, name)}: "
+        f"Next: use {describe_recommended(name)}, {_format_saving(size, name)}: "
         f"raster-harness triangulate "
         f"{shlex.quote(sizes.source)} -o OUT.glb --triangulator {name}, or in Python "
         f'triangulators.triangulate(polygon, "{name}").'

@@ -39,8 +39,8 @@ def triangulate(
         typer.Option(
             "--out",
             "-o",
-            help="File to write: .glb, .gltf, .obj, .npz, .geojson or .parquet; for many "
-            "files, and with --dask, a folder for GeoParquet parts.",
+            help="File to write: .glb, .gltf, .obj, .npz, .geojson or .parquet. For many "
+            "files, or with --dask: a folder for GeoParquet parts.",
         ),
     ] = None,
     triangulator: Annotated[

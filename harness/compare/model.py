@@ -291,7 +291,7 @@ class Settings:
         """Return the tolerated increase of a counter, or None if the counter is not gated."""
         metric = find_metric(counter)
         # A counter that every triangulation shares is gated in both directions.
-        gated = metric.is_cost or (counter in self.thresholds and metric.has_direction)
+        gated = metric.is_cost or (counter in self.thresholds and metric.can_regress)
         if "counters" not in self.gates or not gated:
             return None
         return self.thresholds.get(counter, self.thresholds.get("counters", 0.0))
@@ -324,7 +324,7 @@ def parse_threshold(text: str) -> tuple[str, float]:
     name, sign, value = (part.strip() for part in text.partition("="))
     if not sign:
         raise UsageError(f"threshold '{text}': give name=percentage, e.g. time=5%")
-    if name not in ("time", "counters") and not find_metric(name).has_direction:
+    if name not in ("time", "counters") and not find_metric(name).can_regress:
         raise UsageError(f"threshold '{text}': no change of {name} is better; give another metric")
     if not re.fullmatch(r"\d+(\.\d+)?\s*%", value):
         raise UsageError(f"threshold '{text}': give a percentage, e.g. {name}=5%")

@@ -15,7 +15,7 @@ from harness.measuring.pool import (
     Backend,
     MeasuringPool,
     get_rasteriser_worker,
-    get_recipe_worker,
+    get_triangulator_worker,
 )
 from harness.measuring.tasks import Supported, find_supported
 from harness.progress import Reporter
@@ -104,7 +104,7 @@ def import_third_party_triangulators(
         if not recipe.builtin:
             try:
                 limit_s = max(MIN_IMPORT_TIMEOUT_S, pool.timeout_s)
-                pool.run(get_recipe_worker(recipe), recipe.load, timeout_s=limit_s)
+                pool.run(get_triangulator_worker(recipe), recipe.load, timeout_s=limit_s)
             except TaskError as error:
                 broken[recipe] = str(error)
     return broken

@@ -37,13 +37,13 @@ MIN_ROUNDS, MAX_ROUNDS = 5, 12
 """Bounds of the number of rounds that time triangulation; above 12, intervals narrow little."""
 
 TRIANGULATING_SHARE = 1 / 3
-"""Seconds of timing triangulation, per second of the budget for timing draws."""
+"""Time budget for timing triangulation, as a multiple of the budget for timing draws."""
 
 COMPILE_TIMEOUT_S = 900.0
 """Time limit for compiling a built-in triangulator, which does not count as triangulating."""
 
 COMPILED_LATE = "triangulators.geometry.order"
-"""Module whose kernels are compiled after the optimum's: if it is cached, so are the optimum's."""
+"""Module compiled after the optimum's kernels: if it is cached, so are the optimum's kernels."""
 
 TRIANGULATORS = WorkerSpec("triangulators")
 """Worker that runs all built-in triangulators."""
@@ -53,12 +53,12 @@ SECOND_PROCESS = WorkerSpec("second process")
 
 
 def get_rasteriser_worker(name: str) -> WorkerSpec:
-    """Return the worker that lists a rasteriser's devices and options."""
+    """Return the specification of the worker that lists a rasteriser's devices and options."""
     return WorkerSpec(f"rasteriser {name}", limits=None if name in BUILT_IN else Limits())
 
 
-def get_recipe_worker(recipe: Recipe) -> WorkerSpec:
-    """Return the worker in which a recipe's triangulator runs."""
+def get_triangulator_worker(recipe: Recipe) -> WorkerSpec:
+    """Return the specification of the worker in which the triangulator of `recipe` runs."""
     if recipe.builtin:
         return TRIANGULATORS
     return WorkerSpec(f"triangulator {recipe}", limits=get_third_party_limits())
@@ -118,7 +118,7 @@ class MeasuringPool(WorkerPool):
             self._compiled.add(recipe.base)
 
     def compile_ahead(self, recipes: Sequence[Recipe]) -> None:
-        """Start compiling built-in recipes in the second process, last first, unless cached.
+        """Start compiling built-in triangulators in the second process, the last first, unless cached.
 
         Meanwhile `compile_kernels` compiles the first recipe first, and loads kernels that the
         second process has already written to disk.
@@ -175,7 +175,9 @@ class MeasuringPool(WorkerPool):
         """
         try:
             with self.time_stage(stage):
-                return self.run(get_recipe_worker(recipe), function, recipe, *arguments, **options)
+                return self.run(
+                    get_triangulator_worker(recipe), function, recipe, *arguments, **options
+                )
         except TaskTimeoutError as error:
             if recipe.builtin:
                 raise TaskTimeoutError(message) from error
@@ -194,7 +196,7 @@ class MeasuringPool(WorkerPool):
             of `budget_s` is skipped
         budget_s : budget for timing the draws of a triangulator; a share of it is spent here
 
-        Third-party triangulators run in separate processes, and so in separate rounds.
+        Third-party triangulators run in separate processes, so their rounds are not interleaved.
         """
         timed = [recipe for recipe, seconds in seconds_by_recipe.items() if 2 * seconds <= budget_s]
         if not timed:
@@ -209,13 +211,13 @@ class MeasuringPool(WorkerPool):
             arguments = (group, polygons, rounds, seed)
             timeout_s = self.timeout_s + 10 * budget_s * len(group)
             with self.time_stage("triangulate"), suppress(TaskError):
-                worker = get_recipe_worker(group[0])
+                worker = get_triangulator_worker(group[0])
                 samples = self.run(worker, time_in_rounds, *arguments, timeout_s=timeout_s)
                 seconds |= dict(zip(group, samples, strict=True))
         return seconds
 
     def compute_in_second_process(self, function: Callable[..., T], *arguments: Any) -> Future[T]:
-        """Start a function of this package in the second process, with compiling's time limit."""
+        """Start a function of this package in the second process, with the time limit of compiling."""
         timeout_s = max(COMPILE_TIMEOUT_S, self.timeout_s)
         return self.submit(SECOND_PROCESS, function, *arguments, timeout_s=timeout_s)
 

@@ -255,8 +255,8 @@ def _measure_parts(
         if options.profile is not None:
             atomic.write(out / STORED_PROFILE, options.profile)
         writer.write_facts({**facts, "interrupted": True})  # until the run has finished
-        # Triangulation is timed in rounds except with a baseline, which triangulates in another
-        # process, and in a study that splits the scene and compares draw times only.
+        # Triangulation is timed in interleaved rounds, with two exceptions: --beside triangulates
+        # in another process, and a study that splits the scene compares draw times only.
         rounds = not (options.split or options.baseline)
         try:
             with _handle_signals(pool, reporter):

@@ -136,7 +136,10 @@ def decide_run(run: Run) -> list[Decided]:
 def _make_standing(
     record: Record, group: RecordGroup, base: Record, all_polygons: int, compared: int
 ) -> Standing:
-    """Return the standing of a record; the cost is the paired ratio of times if there is one.
+    """Return the standing of a record.
+
+    The cost is the ratio of times if that is quiet or nothing was counted. Otherwise it is the main
+    counter relative to the base's; without a ratio of times, the draw time relative to the base's.
 
     The verdict uses the paired ratio, which may contradict the order of two median times.
 
@@ -174,7 +177,7 @@ def _choose_triangulator(
     }
     if faster:
         saved = {name: 1.0 - rival.ratio.value for name, rival in faster.items() if rival.ratio}
-        return "faster", *_find_cheapest_and_best(faster, saved)
+        return "faster", *_find_recommended_and_best(faster, saved)
     if all(rival.verdict == SLOWER for rival in challengers):
         return "others slower", base, base
     candidates = [rival for rival in rivals if rival.verdict != SLOWER]
@@ -191,7 +194,7 @@ def _choose_triangulator(
         saved = {s.name: _compute_saved_share(s.record, other.record, measure) for _, s in counts}
         if saved[fewest.name] >= MIN_SAVED_SHARE:
             better = {s.name: s for _, s in counts[: 1 if fewest is base else None]}
-            return "counter", *_find_cheapest_and_best(
+            return "counter", *_find_recommended_and_best(
                 better, {name: saved[name] for name in better}
             )
     equal = base if base in rivals else candidates[0]
@@ -203,24 +206,24 @@ def _get_joint_ratio(standing: Standing) -> Ratio | None:
     return standing.ratio and (standing.ratio.joint or standing.ratio)
 
 
-def _find_cheapest_and_best(
+def _find_recommended_and_best(
     standings: Mapping[str, Standing], saved: Mapping[str, float]
 ) -> tuple[Standing, Standing]:
-    """Return the standings of `choose_cheapest` and of the largest saving."""
+    """Return the standing to recommend (`choose_recommended`), and that of the largest saving."""
     seconds = {name: standing.record.triangulate_s for name, standing in standings.items()}
-    return standings[choose_cheapest(saved, seconds)], standings[find_best(saved)]
+    return standings[choose_recommended(saved, seconds)], standings[find_best(saved)]
 
 
 def find_best(saved: Mapping[str, float]) -> str:
-    """Return the name with the largest saved share, the first of equal ones."""
+    """Return the triangulator with the largest saved share, the first of those with equal shares."""
     return max(saved, key=lambda name: saved[name])
 
 
-def choose_cheapest(saved: Mapping[str, float], seconds: Mapping[str, float | None]) -> str:
-    """Return the triangulator that reaches nearly the largest saving at the lowest cost.
+def choose_recommended(saved: Mapping[str, float], seconds: Mapping[str, float | None]) -> str:
+    """Return the fastest to triangulate of the triangulators with nearly the largest saving.
 
-    Of the triangulators that save at least `MAIN_PART` of the largest saving, it has the minimum
-    triangulation time; if no time is known, it has the largest saving.
+    These save at least `MAIN_PART` of the largest saving. If no triangulation time is known, the
+    triangulator with the largest saving is returned.
 
     saved, seconds : saved share of a cost, and triangulation time, by triangulator
     """
@@ -234,13 +237,13 @@ def choose_cheapest(saved: Mapping[str, float], seconds: Mapping[str, float | No
     return min(enough, key=key)
 
 
-def describe_cheapest(name: str) -> str:
-    """Return the name with the reason of its choice, for sentences."""
+def describe_recommended(name: str) -> str:
+    """Return the name of a recommended triangulator with the reason, for sentences."""
     return f"{name}, the cheapest triangulator with most of the saving"
 
 
 def _compute_saved_share(record: Record, base: Record, measure: str | None) -> float:
-    """Return the share of the base's quads that `record` saves; of `measure` if none has quads."""
+    """Return the share of the base's quads that `record` saves; without quads, of `measure`."""
     names = ["quads", *([measure] if measure else [])]
     count, base_count = (get_first_value(r, names) or 0.0 for r in (record, base))
     return 1.0 - count / base_count if base_count else 0.0
@@ -280,7 +283,7 @@ def _format_choice(decision: Decision) -> str:
         saved, low, high = (
             _format_percent(1 - end) for end in (ratio.value, ratio.high, ratio.low)
         )
-        text = f"{describe_cheapest(choice.name)}: {saved} % of {base.name}'s draw time "
+        text = f"{describe_recommended(choice.name)}: {saved} % of {base.name}'s draw time "
         text += f"(95 % CI {low}-{high} %)"
         if choice.break_even is not None and choice.break_even.kind in ("at once", "after"):
             text += f", break-even {choice.break_even.text}"
@@ -295,7 +298,7 @@ def _format_choice(decision: Decision) -> str:
         if choice is base:
             text = f"{base.name} has the lowest exact count, {count}"
         else:
-            text = f"{describe_cheapest(choice.name)}: {count}"
+            text = f"{describe_recommended(choice.name)}: {count}"
         best = decision.best
         if best is not choice:
             text += f"; {best.name} has the lowest exact count, {_format_count(decision, best)}"

@@ -67,7 +67,7 @@ def find_mixed_processors(runs: Sequence[Run]) -> dict[str, list[str]]:
 
 
 def mark_processors(runs: Sequence[Run], mark: Callable[[CaseId, str], CaseId]) -> list[Run]:
-    """Return the runs; apply `mark` to cases of software devices that several processors timed.
+    """Return the runs; apply `mark` to cases of software renderers timed on several CPU models.
 
     mark : (case, processor) -> the case with the processor in one of its fields
     """

@@ -94,8 +94,8 @@ class Metric:
         return self.gated and self.kind == "counter" and self.better == "none"
 
     @property
-    def has_direction(self) -> bool:
-        """Whether growth beyond a threshold can be a regression."""
+    def can_regress(self) -> bool:
+        """Whether a change beyond a threshold can be a regression."""
         return self.better != "none" or self.is_shared
 
     @property
@@ -104,7 +104,7 @@ class Metric:
 
         Ratios follow from counters, and predictions are not measurements.
         """
-        return self.kind in ("counter", "count") and self.has_direction
+        return self.kind in ("counter", "count") and self.can_regress
 
 
 def _read_counter(name: str) -> Read:

@@ -104,7 +104,7 @@ def sum_scene_features(
     seed: int = 0,
     coefficients: Mapping[str, float] | None = None,
 ) -> dict[str, NDArray[np.float64]] | None:
-    """Return sums over each polygon's triangles of the features that a device's cost weights.
+    """Return, for each polygon, sums over its triangles of the features in a device's cost model.
 
     Returns triangulator -> (p, 8): for each polygon that all triangulators solve, the columns
     `COSTS[1:]` (number of triangles, area, half-perimeters, ...); None without such a polygon.

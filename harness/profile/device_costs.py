@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from harness.errors import UsageError
 from harness.frame import Frame
-from harness.metrics.decision import MIN_SAVED_SHARE, choose_cheapest, describe_cheapest
+from harness.metrics.decision import MIN_SAVED_SHARE, choose_recommended, describe_recommended
 from harness.profile.counted import TERMS, count_cost_terms, make_design_rows
 from harness.profile.law import FORMS, VERTICES, Law, compute_stage_times
 from harness.profile.profile import describe_origin, is_of_this_machine, read_law, read_profile
@@ -167,6 +167,6 @@ def describe_stage(condition: str, costs: Mapping[str, Cost], device: DeviceCost
     saved = compute_saved_shares({name: cost["draw"] for name, cost in costs.items()})
     if max(saved.values()) < MIN_SAVED_SHARE:
         return f"{text}keep {base}."
-    best = choose_cheapest(saved, {name: c.get("triangulate_s") for name, c in costs.items()})
+    best = choose_recommended(saved, {name: c.get("triangulate_s") for name, c in costs.items()})
     saving = format_saving(saved[best], costs[best].get("saved_95"))
-    return f"{text}use {describe_cheapest(best)}: {saving}."
+    return f"{text}use {describe_recommended(best)}: {saving}."

@@ -280,7 +280,7 @@ class Mesh(Drawing):
         (ctx.disable if self.frame.depths is None else ctx.enable)(ctx.DEPTH_TEST)
 
     def draw(self, instances: int = 1) -> None:
-        """Submit the triangles, a call per tile or view that draws `instances` instances."""
+        """Submit the triangles in one call per tile or view; a call draws `instances` instances."""
         for rows in self.draws:
             self.draw_rows(rows, instances)
 

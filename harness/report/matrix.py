@@ -134,7 +134,11 @@ def format_best_criterion(
     measure : the group's main counter, or None without counters per polygon
     spread : result of `read_spread` for the group's view
     """
-    within = {} if spread is None or measure is None else correlate_spread(spread, measure)
+    within = (
+        {}
+        if spread is None or measure is None
+        else correlate_predictions_within_polygons(spread, measure)
+    )
     if within:
         values = {name: estimate.value for name, estimate in within.items()}
     else:
@@ -229,8 +233,8 @@ def read_spread(run: Run, view: View) -> pd.DataFrame | None:
     return None if table.empty else table
 
 
-def correlate_spread(table: pd.DataFrame, measure: str) -> dict[str, Estimate]:
-    """Return the rank correlation of each criterion with `measure` within polygons, if defined."""
+def correlate_predictions_within_polygons(table: pd.DataFrame, measure: str) -> dict[str, Estimate]:
+    """Return each criterion's median rank correlation with `measure` within a polygon, if any."""
     estimates = {
         name: estimate_median(correlate_within_polygons(table, name, measure))
         for name in list_predictions()

@@ -61,8 +61,8 @@ def _parse_finite(text: str) -> float | None:
 def parse_record(values: Mapping[str, Any]) -> Record:
     """Return the record of a line of `cases.jsonl`.
 
-    Unknown fields, which other versions write, are ignored. Names in the records of older versions,
-    which contain a number, `@0` or a host, are split.
+    Unknown fields, which other versions write, are ignored. In older records a triangulator's name
+    ends with its number and `@0`, and a device's with its host; these become separate fields.
 
     Raises
     ------

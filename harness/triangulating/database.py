@@ -92,7 +92,7 @@ class ModelDatabase:
         self.close()
 
     def close(self) -> None:
-        """Close the file, which must not be used afterwards."""
+        """Close the database; this object must not be used afterwards."""
         self._database.close()
 
     def find(self, keys: Sequence[bytes]) -> dict[bytes, TimedTriangles]:

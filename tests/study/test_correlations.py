@@ -149,7 +149,7 @@ def test_counters_are_those_of_the_polygon_in_its_frame(run_folder):
 
 def test_criteria_are_ranked_within_polygons(run_folder):
     table = matrix.read_spread(read_run(run_folder), View(1024))
-    spread = matrix.correlate_spread(table, "helper_lanes")
+    spread = matrix.correlate_predictions_within_polygons(table, "helper_lanes")
     q, h, a, d = (
         spread[name] for name in ("expected_quads", "half_perimeter", "overdraw", "shape")
     )
