@@ -188,7 +188,7 @@ def count_size(
 def _list_costs(
     counters: Sequence[dict[str, int]], seconds: Sequence[float], device: DeviceCosts | None
 ) -> list[Cost]:
-    """Return the triangulators' costs, the base's first, from counters and triangulation seconds."""
+    """Return the triangulators' costs, the base's first, from counters and triangulation times."""
     unknown: list[Cost] = [dict.fromkeys(("draw", "draw_walk", "stage", "saved_95"))]
     draws = predict_draw_costs(counters, device) if device else unknown * len(counters)
     return [

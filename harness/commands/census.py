@@ -34,10 +34,10 @@ DEFAULT_TRIANGULATORS = (
     "optimal:overdraw",
     "optimal:half-perimeter",
 )
-"""All of them in compiled code."""
+"""All run in compiled code."""
 
 UNITS_PER_PIXEL = 0.25
-"""Default scale: units of the file, or metres if the file is in degrees, per pixel."""
+"""Default scale per pixel: in the file's units, or in metres if the file is in degrees."""
 
 
 def census(

@@ -69,7 +69,10 @@ def history(
     filters = {"scene": scene, "triangulator": triangulator, "rasteriser": rasteriser}
     series = filter_series(read_series(runs, metrics), {k: v for k, v in filters.items() if v})
     if not series:
-        raise NothingMeasuredError(f"no selected case of {len(runs)} runs has a value of {metrics}")
+        raise NothingMeasuredError(
+            f"no selected case of {len(runs)} runs has a value of {metrics}; give other --metrics, or "
+            "fewer filters"
+        )
     shown_series = series if everything else select_series(series)
     if shown_series:
         with atomic.create_folder(out, merge=True) as folder:

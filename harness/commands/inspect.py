@@ -169,7 +169,9 @@ def _draw_picture(
         else:
             drawn[str(recipe)] = part
     if not drawn:
-        raise InputError(f"polygon {polygon} of {scene.name}: no triangulator succeeded")
+        raise InputError(
+            f"polygon {polygon} of {scene.name}: no triangulator succeeded; see the reasons above"
+        )
     content = io.BytesIO()
     draw_heatmaps(frame, drawn, content)
     atomic.write(file, content.getvalue())

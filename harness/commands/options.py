@@ -99,7 +99,8 @@ StudyFolder = Annotated[
 Quick = Annotated[
     bool,
     typer.Option(
-        "--quick", help="Measure with low precision, and in a study few polygons: a first look."
+        "--quick",
+        help="For a first look: measure with low precision and, in a study, few polygons.",
     ),
 ]
 Base = Annotated[

@@ -26,8 +26,8 @@ def report(
     profile: Annotated[
         str | None,
         typer.Option(
-            help="Profile of a device, whose draw times the report predicts: a file, or the name "
-            "of a contributed profile, e.g. opengl-h200; if absent, that of run --profile.",
+            help="Profile of the device for which the report predicts draw times: a file, or the "
+            "name of a contributed profile, e.g. opengl-h200; by default that of run --profile.",
         ),
     ] = None,
 ) -> None:

@@ -28,7 +28,7 @@ ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
 """Rotations in degrees at which triangulations of the unrotated scene are drawn."""
 
 REFUSALS = (IncompatibleRunsError, InputError, StorageError, UsageError)
-"""Errors that end one part of the study; the other parts are measured."""
+"""Errors that end only the part of the study in which they occur."""
 
 
 def study_all(
@@ -107,7 +107,9 @@ def study_all(
             "no finding could be evaluated: no part of the study has the necessary metrics"
         )
     if inconclusive:
-        raise InconclusiveError(f"{inconclusive} of {parts} parts of the study are incomplete")
+        raise InconclusiveError(
+            f"{inconclusive} of {parts} parts of the study are incomplete; see the reasons above"
+        )
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from harness.results.run_folder import Run
 
 BASES = ("ear-clipping", "delaunay", "optimal:half-perimeter", "optimal:calibrated")
-"""Default bases of the ratios: common triangulators, and the best of this project."""
+"""Default triangulators to compare with: common ones, and the best of this project."""
 
 MAX_VIEWS_NAMED = 12
 """Maximum number of views printed for a base; gains.csv has all views."""
@@ -86,7 +86,9 @@ def write_gains(runs: Sequence[Run], bases: Sequence[str], out: Path) -> Gains:
     if table.empty:
         if disturbances:
             raise InconclusiveError(disturbances[0])
-        raise NothingMeasuredError("no two triangulators were timed together on the same polygons")
+        raise NothingMeasuredError(
+            "no two triangulators were timed together on the same polygons; measure two in one run"
+        )
     orders = [rows.assign(base=name) for name in bases if len(rows := split_by_order(table, name))]
     with atomic.create_folder(out, merge=True) as folder:
         files = plot_gains(table, folder / "plots")

@@ -21,7 +21,10 @@ if TYPE_CHECKING:
 def study_pareto(
     scene: options.SceneName = "paper",
     polygons: Annotated[
-        int, typer.Option(min=0, help="Number of polygons whose full front is measured.")
+        int,
+        typer.Option(
+            min=0, help="Number of single polygons, each measured with its full Pareto front."
+        ),
     ] = 6,
     rasterisers: options.Rasterisers = None,
     device: options.Devices = None,

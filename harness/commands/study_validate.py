@@ -114,7 +114,7 @@ def plan_validation(
         rasterisers=tuple(dict.fromkeys([*rasterisers, *EXACT_RASTERISERS])),
         devices=devices,
         views=tuple(View(size) for size in resolution),
-        # One kind of order, so that triangulations differ in their diagonals only.
+        # The same order for all triangulations, so that only their diagonals differ.
         options=tuple(Options(work=count, order="walk") for count in work),
         timing=TimingSettings(0.01, budget_s=budget_s, warm_up_s=QUICK_S),
     )

@@ -238,7 +238,7 @@ def _retriangulate_model(
         f"flat faces of two or more triangles ({share:.0%} of the area)"
     )
     if not result.triangles:
-        raise NothingMeasuredError(f"{source} has no triangles")
+        raise NothingMeasuredError(f"{source} has no triangles; export the model with its faces")
     if not result.changed:
         typer.echo(f"{out or source}: no change: no flat face has cheaper diagonals")
         return

@@ -10,13 +10,14 @@ from scipy import stats
 from harness.compare.model import Against
 
 MIN_PEERS = 3
-"""Minimum number of peers, whatever their counters; with fewer, the reference draw is used."""
+"""Minimum number of peers (cases timed together), whatever their counters; with fewer, the
+reference draw is used."""
 
 MIN_CASE_SD = 0.0075
 """Minimum standard deviation of a case's log ratio between two runs of equal code."""
 
 OUTLIER_CONFIDENCE = 0.99
-"""Confidence of the other peers' interval; a single peer outside the interval is excluded."""
+"""Confidence of the interval of all peers but one; if just one peer is outside, it is excluded."""
 
 
 @dataclass(frozen=True)

@@ -121,7 +121,8 @@ class Drift:
     ratio, low, high : median of the cases' HEAD over BASE; the interval for separate runs includes
         both the ratio as timed and the ratio relative to the reference draw
     reference : HEAD over BASE of the reference draw, or None if a run has none
-    gated : True if `regressed` makes the gate fail: only if both were timed in the same rounds
+    gated : True if `regressed` makes the gate fail: only if BASE and HEAD were timed in the
+        same rounds
     """
 
     group: CaseGroup

@@ -81,7 +81,7 @@ class Claim:
     """A polygon with triangles and the proof that their cost is minimal.
 
     points : exact integer coordinates, the file's times 2^k
-    site, sites : first of each vertex's coincident vertices; the distinct ones, sorted
+    site, sites : for each vertex, the first vertex at its position; all such first vertices, sorted
     boundary : directed edges with the interior on the left
     exact : True if doubles hold all costs exactly; total : cost of the triangles
     """
@@ -123,7 +123,7 @@ class Claim:
         require(len(set(sides)) == len(sides), "two triangles are on the same side of an edge")
         unpaired = set(sides) - {(b, a) for a, b in sides}
         require(unpaired == self.boundary, "the triangles do not cover the polygon once")
-        self._compute_units()
+        self._compute_weight_parameters()
 
     def orient(self, a: int, b: int, c: int) -> int:
         """Return twice the signed area of triangle a, b, c: positive if counter-clockwise."""
@@ -131,7 +131,7 @@ class Claim:
         return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
 
     def is_between(self, v: int, a: int, b: int) -> bool:
-        """Return whether v lies inside the segment a-b: collinear, and between the ends."""
+        """Return whether vertex v lies on the segment a-b, between its ends."""
         p, q = sorted((self.points[a], self.points[b]))
         return p < self.points[v] < q and self.orient(a, b, v) == 0
 
@@ -181,8 +181,8 @@ class Claim:
         area = w * h - Fraction(abs(self.orient(a, b, c)), 2)
         return step * (w + h) if self.criterion == "half-perimeter" else step * step * area
 
-    def _compute_units(self) -> None:
-        """Compute scale, factor and bits from the polygon; refuse a proof with other values."""
+    def _compute_weight_parameters(self) -> None:
+        """Compute scale, factor and bits of triangle weights; refuse a proof with other values."""
         area, count = self.criterion == "overdraw", len(self.triangles)
         self.total = sum(self.compute_cost(*t) for t in self.triangles)
         steps = max(max(values) - min(values) for values in zip(*self.points, strict=True))
@@ -208,7 +208,9 @@ class Claim:
             require_int(self.fields["factor"]),
             require_int(self.fields["bits"]),
         )
-        require(stated == (scale, factor, bits), "the units differ from the polygon's")
+        require(
+            stated == (scale, factor, bits), "scale, factor and bits do not follow from the polygon"
+        )
 
     def compute_noise(self, a: int, b: int) -> int:
         """Return the noise of an edge a < b: the upper bits of a hash (splitmix64)."""

@@ -101,8 +101,8 @@ def run_git(folder: Path, *arguments: str) -> str:
     return os.fsdecode(call(*switches, *arguments)).removesuffix("\n")
 
 
-def _ask_git(folder: Path, *arguments: str) -> str | None:
-    """Return the result of `run_git`, or None on failure."""
+def _run_git_or_none(folder: Path, *arguments: str) -> str | None:
+    """Return the output of a git command, as `run_git` does, or None on failure."""
     try:
         return run_git(folder, *arguments)
     except (OSError, subprocess.SubprocessError):
@@ -114,8 +114,8 @@ def read_git_state(folder: Path) -> dict[str, Any] | None:
 
     None if `folder` is in no repository, or git fails.
     """
-    commit = _ask_git(folder, "rev-parse", "HEAD")
-    changes = _ask_git(folder, "status", "--porcelain", "--untracked-files=no")
+    commit = _run_git_or_none(folder, "rev-parse", "HEAD")
+    changes = _run_git_or_none(folder, "status", "--porcelain", "--untracked-files=no")
     if commit is None or changes is None:
         return None
     return {"commit": commit, "dirty": bool(changes)}
@@ -124,7 +124,7 @@ def read_git_state(folder: Path) -> dict[str, Any] | None:
 def find_commit(folder: Path, reference: str) -> str | None:
     """Return the full hash of a commit, branch or tag, or None if it does not exist."""
     options = ("--verify", "--quiet", "--end-of-options")
-    return _ask_git(folder, "rev-parse", *options, f"{reference}^{{commit}}") or None
+    return _run_git_or_none(folder, "rev-parse", *options, f"{reference}^{{commit}}") or None
 
 
 @contextmanager
@@ -151,7 +151,7 @@ def check_out(top: Path, commit: str) -> Iterator[Path]:
         yield folder
     finally:
         # Not `git worktree prune`, which removes work trees that are only out of reach for now.
-        _ask_git(top, "worktree", "remove", "--force", "--force", str(folder))
+        _run_git_or_none(top, "worktree", "remove", "--force", "--force", str(folder))
         shutil.rmtree(parent, ignore_errors=True)
 
 
@@ -162,7 +162,7 @@ def find_project_folder(triangulators: Sequence[str]) -> Path | None:
     `module:function`.
     """
     for folder in (Path.cwd(), *_list_module_folders(triangulators)):
-        top = _ask_git(folder, "rev-parse", "--show-toplevel")
+        top = _run_git_or_none(folder, "rev-parse", "--show-toplevel")
         if top:
             return Path(top)
     return None

@@ -44,7 +44,7 @@ def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker
 
     Raises InputError if the scene cannot be loaded, or third-party code ends the process.
     """
-    if _is_foreign(name):
+    if _is_loaded_by_third_party(name):
         allow_user_module(name)
         with closing(open_worker(f"scene {name}", {}, Limits())) as worker:
             try:
@@ -79,7 +79,7 @@ def _load(name: str, seed: int) -> Scene:
         raise InputError(str(error)) from error
 
 
-def _is_foreign(name: str) -> bool:
+def _is_loaded_by_third_party(name: str) -> bool:
     """Return whether third-party code loads the scene."""
     if is_model_with_views(name):
         return False

@@ -118,7 +118,7 @@ class MeasuringPool(WorkerPool):
             self._compiled.add(recipe.base)
 
     def compile_ahead(self, recipes: Sequence[Recipe]) -> None:
-        """Start compiling built-in triangulators in the second process, the last first, unless cached.
+        """Start compiling uncached built-in triangulators in the second process, the last first.
 
         Meanwhile `compile_kernels` compiles the first recipe first, and loads kernels that the
         second process has already written to disk.
@@ -217,7 +217,7 @@ class MeasuringPool(WorkerPool):
         return seconds
 
     def compute_in_second_process(self, function: Callable[..., T], *arguments: Any) -> Future[T]:
-        """Start a function of this package in the second process, with the time limit of compiling."""
+        """Start a function in the second process, with the time limit of compiling."""
         timeout_s = max(COMPILE_TIMEOUT_S, self.timeout_s)
         return self.submit(SECOND_PROCESS, function, *arguments, timeout_s=timeout_s)
 

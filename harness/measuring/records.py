@@ -227,7 +227,7 @@ def _sum_outline_quads(drawn: NDArray[np.bool_], outline: NDArray[np.int64] | No
 def _sum_least_quads(
     drawn: NDArray[np.bool_], counters: Counters, minima: NDArray[np.int64] | None
 ) -> LeastQuads | None:
-    """Return sums over the `drawn` polygons with known minima, or None if nothing is known.
+    """Return sums over the `drawn` polygons with known minima, or None if no minimum is known.
 
     minima : proven minimum quads (p,), -1 if unknown; quads and fragments are also summed
     """

@@ -215,7 +215,7 @@ def _find_recommended_and_best(
 
 
 def find_best(saved: Mapping[str, float]) -> str:
-    """Return the triangulator with the largest saved share, the first of those with equal shares."""
+    """Return the triangulator with the largest saved share; of several, the first."""
     return max(saved, key=lambda name: saved[name])
 
 

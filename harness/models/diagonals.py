@@ -21,7 +21,7 @@ _ROUNDING = 1e-6
 """Minimum relative gain; smaller differences may be caused by rounding a face's points."""
 
 WORK_NS = (1.0, 10.0, 20.0, 45.0)
-"""Measured time of the optimum divided by the cube of the vertex count, for 0, 1, 2 and 3 holes."""
+"""Measured ns of the optimum per cube of the vertex count, for 0, 1, 2 and 3 holes."""
 
 MAX_WORK_NS = 1e9
 """Maximum sum of the times that `WORK_NS` estimates for a part; the slowest faces get flips. Times

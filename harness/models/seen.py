@@ -118,7 +118,7 @@ MIN_DISTANCE, MAX_DISTANCE = 1.1, 1000.0
 """Range of the camera's distance from the centre, in radii."""
 
 MIN_REPORTED_SHARE = 0.005
-"""Minimum share of a model's area outside flat faces to report."""
+"""Minimum share of a model's area at which the area outside flat faces is reported."""
 
 MAX_VERTICES, MAX_PIECES = 20_000_000, 500_000
 """Limits of vertices and faces of all views together; criteria take about 50 us per face."""

@@ -28,7 +28,7 @@ MAX_DRIFT = 1.5
 """Tolerated ratio of the slowest to the fastest epoch."""
 
 MAX_CONTROL_DIFFERENCE = 0.03
-"""Tolerated relative difference of the control; memory layout makes equal drawings differ."""
+"""Tolerated relative difference of the two copies of one draw: memory layout makes them differ."""
 
 
 @dataclass(frozen=True)

@@ -116,7 +116,7 @@ class Stopwatch:
     _queues = system.RunQueueClock()
 
     def __init__(self) -> None:
-        # The slowest clock to read is read first, outside the measured interval.
+        # The clock that takes longest to read is read first, outside the measured interval.
         self._waited = self._queues.read()
         self._cpu = time.process_time()
         self._wall = time.perf_counter()

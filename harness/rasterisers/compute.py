@@ -39,7 +39,8 @@ JOB_PIXELS = 16384 * LANES
 class BoundingBox(GLRasteriser):
     """Rasteriser that tests every pixel centre of each triangle's bounding box.
 
-    A workgroup draws a triangle, several a huge one; its invocations share the box's pixels.
+    One workgroup draws a triangle, several draw a huge one; the invocations of a workgroup share
+    the box's pixels.
     """
 
     name = "bounding-box"
@@ -76,7 +77,8 @@ class BoundingBox(GLRasteriser):
 class Scanline(BoundingBox):
     """Rasteriser that computes the span of covered pixels in each row of a triangle.
 
-    A workgroup draws a triangle, several a huge one; its invocations share the rows.
+    One workgroup draws a triangle, several draw a huge one; the invocations of a workgroup share
+    the rows.
     """
 
     name = "scanline"

@@ -142,7 +142,7 @@ ESTIMATES = {
     # plus A, the area of the boxes outside their triangles (the criterion "overdraw").
     "bbox_tests_by_overdraw": Estimate("bbox_tests", "A + S", {"overdraw": 1, "area": 1}),
 }
-"""Estimates by column name; of several for a counter, the first is exact on average."""
+"""Estimates by column name; if a counter has several, the first is exact on average."""
 
 
 def compute_estimates(columns: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

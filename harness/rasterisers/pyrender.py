@@ -104,7 +104,9 @@ class Pyrender(Rasteriser):
         renderer = GL.glGetString(GL.GL_RENDERER).decode()
         if not selects_renderer("llvmpipe" if device.software else device.name, renderer):
             self.close()
-            raise NoRasteriserError(f"{device.name}: pyrender opened '{renderer}' instead")
+            raise NoRasteriserError(
+                f"{device.name}: pyrender opened '{renderer}' instead; choose another device"
+            )
         details = {**device.details, "renderer": renderer}
         self.device = replace(device, software=is_software(renderer), details=details)
 

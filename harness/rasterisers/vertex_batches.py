@@ -30,7 +30,7 @@ UNLIMITED = 2**31 - 1
 
 
 class VertexReuse(NamedTuple):
-    """Maximum vertices and triangles of a batch, and vertices in the cache within a batch."""
+    """A GPU: maximum vertices and triangles of a batch, and size of the vertex cache in a batch."""
 
     max_vertices: int = 32
     max_triangles: int = 32

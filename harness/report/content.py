@@ -90,7 +90,7 @@ class ViewContent(TypedDict):
 
 
 class GroupContent(TypedDict):
-    """A group of comparable cases.
+    """A group of comparable cases, which differ in the triangulator alone.
 
     correlations : measure -> criterion -> rank correlation
     estimated : estimate -> rank correlation (`rank`) and RMS error (`error`) of ratios to the base

@@ -132,7 +132,7 @@ def format_best_criterion(
     """Return a sentence about the criterion that predicts the cost best, "" if unknown.
 
     measure : the group's main counter, or None without counters per polygon
-    spread : result of `read_spread` for the group's view
+    spread : criteria and counters of many triangulations per polygon, from `read_spread`
     """
     within = (
         {}

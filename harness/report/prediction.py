@@ -1,4 +1,4 @@
-"""Predicted draw times of a run's triangulations on a device: which stage binds, and a remedy."""
+"""Predicted draw times of a run's triangulations on a device: the slowest stage, and a remedy."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -39,7 +39,7 @@ class PredictedRow(TypedDict):
 
 
 class PredictedView(TypedDict):
-    """Predicted costs in one view, the cheapest triangulator first."""
+    """Predicted costs in one view, the triangulator with the shortest draw first."""
 
     view: str
     advice: str

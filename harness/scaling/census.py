@@ -72,7 +72,7 @@ class Census(Counting):
     layer: str | None = None
     where: str | None = None
 
-    def cut(self, path: str) -> Slices:
+    def list_slices(self, path: str) -> Slices:
         """Return the slices of a file, which are ranges of rows."""
         return cut_file(path, self.layer, self.where)
 
@@ -98,7 +98,7 @@ class TileCensus(Counting):
 
     selection: TileSelection
 
-    def cut(self, path: str) -> Slices:
+    def list_slices(self, path: str) -> Slices:
         """Return the slices of an archive, which are ranges of tiles."""
         return cut_tiles(path, self.selection.zooms)
 
@@ -115,7 +115,7 @@ class TileCensus(Counting):
 
 
 class _Batch(NamedTuple):
-    """Polygons of a group, their labels, and `times`, the number of tiles with these polygons."""
+    """Polygons of a zoom and layer, their labels, and `times`: how many tiles repeat them."""
 
     group: Group
     polygons: NDArray[np.object_]

@@ -117,7 +117,7 @@ class PartWork:
     unit: ClassVar[str] = "footprints"
     suffix: ClassVar[str]
 
-    def cut(self, path: str) -> Slices:
+    def list_slices(self, path: str) -> Slices:
         """Return the slices of a file; raise SceneError or OSError if the file is unreadable."""
         raise NotImplementedError
 
@@ -264,7 +264,7 @@ class Dataset:
         seen: Counter[str] = Counter()
         for file in paths:
             try:
-                slices = self.work.cut(str(file))
+                slices = self.work.list_slices(str(file))
             except (SceneError, OSError) as error:
                 self._unreadable[str(file)] = str(error)
                 continue

@@ -54,7 +54,7 @@ Task = tuple[Callable[..., Any], tuple[Any, ...]]
 
 
 class TaskResult(NamedTuple):
-    """The value of a task, or why the task failed (`failed`)."""
+    """The value that a task returned, or `failed`, the reason why it failed."""
 
     value: Any = None
     failed: str = ""

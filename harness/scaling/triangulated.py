@@ -31,7 +31,7 @@ class Triangulating(PartWork):
     certify: bool = False
     order: str = ORDER
 
-    def cut(self, path: str) -> Slices:
+    def list_slices(self, path: str) -> Slices:
         """Return the slices of a file, which are ranges of rows."""
         return cut_file(path, self.layer, self.where)
 

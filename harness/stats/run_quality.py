@@ -54,8 +54,8 @@ clipping (city at 1024 px on llvmpipe) in runs whose reference draw took 0.70 to
 or more from 1.06 ms on."""
 
 MODE_SHARE, MODE_GAP, MODE_WIDTHS = 0.2, 1.1, 5.0
-"""Criteria for two modes: minimum share of the samples in each, minimum ratio of the upper to the
-lower mode, and minimum distance of their medians in standard deviations of a mode. The halves of a
+"""Criteria for two modes: minimum share of the samples in each, minimum ratio of the higher to the
+lower median, and minimum distance of the medians in standard deviations of a mode. The halves of a
 single normal distribution are 2.7 apart, those of a uniform distribution 3.5 (Ashman, Bird and
 Zepf, Astronomical Journal 108, 1994)."""
 

@@ -46,7 +46,7 @@ EXACT = {
 """Exact counts by the CPU, used as predictions: rasteriser and counter."""
 
 TIME = "time_work_"
-"""Prefix of the columns of times; the work per fragment follows."""
+"""Prefix of the columns of draw times; the work per fragment follows, e.g. "8"."""
 
 VIEW = ("resolution", "rotation", "samples")
 KEYS = ("polygon", *VIEW, "rasteriser", "device", "triangulator")

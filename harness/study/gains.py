@@ -23,7 +23,7 @@ AXES = {
     "work": "work per fragment (iterations)",
     "samples": "samples per pixel",
 }
-"""Axes of a study of gains, with labels."""
+"""Conditions that a study of gains may vary, with labels for plots."""
 
 SCENE_KEYS = ("scene", "rasteriser", "device")
 KEYS = (*AXES, "fit", "order")

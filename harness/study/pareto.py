@@ -41,7 +41,7 @@ COMPARED = (
 """Triangulators that are compared with the front, if installed."""
 
 STEPS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
-"""Ratios of D's weight (beta) to A's weight (alpha) between the sweep's ends, A or D alone."""
+"""Ratios of D's weight (beta) to A's weight (alpha); the sweep also has A alone and D alone."""
 
 MAX_POINTS = 15
 """Maximum number of points of a front that are measured; a longer front is sampled evenly."""

@@ -33,7 +33,7 @@ OF_QUADS = ("quads", "helper_lanes")
 """Counters whose minimum follows from the minimum number of quads, as fragments are equal."""
 
 NOT_CHOSEN = ("worst", "listed")
-"""Families of triangulators that are measured only for a wide range of costs."""
+"""Families of triangulators that only widen the range of costs; no program would choose them."""
 
 VIEW = ("rasteriser", "device", "resolution", "rotation", "samples")
 KEYS = (*VIEW, "measure", "kind", "name")

@@ -22,7 +22,7 @@ def carry_to_rotated_frame(
     """Return the triangulation of `upright`'s polygons for the same polygons in `turned`.
 
     Polygons whose vertices were merged by snapping in only one frame fail, with the reason. A thin
-    triangle that snapping inverted is drawn unchanged, and counts as not conforming.
+    triangle that snapping inverted is drawn unchanged; its polygon counts as having a T-junction.
     """
     numbers = {number: k for k, number in enumerate(upright.source.tolist())}
     result = FrameTriangulation(seconds=before.seconds, cached=before.cached, notes=before.notes)
@@ -51,9 +51,8 @@ def carry_to_views(frame: Frame, flat: FrameTriangulation, recipe: Recipe) -> Fr
     """Return the triangulation of a frame's pieces (see `Viewing`) from that of its flat faces.
 
     A face is triangulated once, in the plane of the face, for all views. Triangles outside of faces
-    are not changed. Recipes of `FLIPPING_TRIANGULATORS` treat faces as the command `triangulate`
-    does, including faces that are not
-    polygons. `seconds` is the time of triangulating the flat polygons once, not once per view.
+    are not changed. `FLIPPING_TRIANGULATORS` treat faces, including those that are not polygons, as
+    the command `triangulate` does. `seconds` is the time of triangulating the flat polygons once.
     """
     viewing = frame.viewing
     assert viewing is not None

@@ -182,15 +182,15 @@ class ModelDatabase:
         return self.path.with_name(self.path.name + suffix)
 
     def _refuse_foreign(self) -> None:
-        """Raise StorageError for foreign files, or files that other users own or may write."""
+        """Raise StorageError for files of other programs, and files that other users may write to."""
         for suffix in ("", "-wal", "-shm", "-journal", ".lock"):
             file = self._get_sibling(suffix)
             if file.is_symlink() or (file.exists() and not file.is_file()):
                 self._refuse(file, "not a regular file")
             if file.exists() and not is_trusted(file.stat()):
-                self._refuse(file, "another user owns or may write the file")
+                self._refuse(file, "another user owns or may write to the file")
         if not is_trusted(self.path.parent.stat()):
-            self._refuse(self.path.parent, "another user owns or may write the folder")
+            self._refuse(self.path.parent, "another user owns or may write to the folder")
         lock = self._get_sibling(".lock")
         mark = lock.read_bytes()[: len(LOCK_MARK) + 1] if lock.exists() else b""
         if mark not in (b"", LOCK_MARK):

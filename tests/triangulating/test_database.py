@@ -49,7 +49,7 @@ def test_a_database_that_other_users_may_write_is_refused(path, mode, suffix):
     ModelDatabase(path).close()
     file = path.parent if suffix == "folder" else path.with_name(path.name + suffix)
     file.chmod(mode | 0o100 * file.is_dir())
-    with pytest.raises(StorageError, match="another user owns or may write"):
+    with pytest.raises(StorageError, match="another user owns or may write to"):
         ModelDatabase(path)
     file.chmod(0o700)
     ModelDatabase(path).close()
