@@ -70,8 +70,8 @@ def history(
     series = filter_series(read_series(runs, metrics), {k: v for k, v in filters.items() if v})
     if not series:
         raise NothingMeasuredError(
-            f"no selected case of {len(runs)} runs has a value of {metrics}; give other --metrics, or "
-            "fewer filters"
+            f"no selected case of {len(runs)} runs has a value of {metrics}; give other --metrics, "
+            "or fewer filters"
         )
     shown_series = series if everything else select_series(series)
     if shown_series:

@@ -182,7 +182,7 @@ class ModelDatabase:
         return self.path.with_name(self.path.name + suffix)
 
     def _refuse_foreign(self) -> None:
-        """Raise StorageError for files of other programs, and files that other users may write to."""
+        """Raise StorageError for files of other programs, and files that other users may change."""
         for suffix in ("", "-wal", "-shm", "-journal", ".lock"):
             file = self._get_sibling(suffix)
             if file.is_symlink() or (file.exists() and not file.is_file()):
