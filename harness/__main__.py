@@ -1,7 +1,7 @@
 """Entry point of `python -m harness` and of the script `raster-harness`.
 
-The module imports little, as worker processes import it as well. A stopping signal during loading,
-which takes a second or two, or during exit ends the process with one line and exit code 130.
+The module imports little, as worker processes import it as well. A stopping signal during loading
+(a second or two) or during exit ends the process with one line and exit code 130.
 """
 
 import os

@@ -283,7 +283,7 @@ class Output:
         return temporary
 
     def publish(self) -> list[Path]:
-        """Close all files, move them to their final paths, and return these, the target first."""
+        """Close all files, move them to their final paths; return the paths, the target first."""
         self._streams.close()
         for temporary, target in self._files:
             move(temporary, target, forced=self._forced)

@@ -98,7 +98,7 @@ class Frame:
         Polygons tiles[k]:tiles[k + 1] are tile or view k, which is drawn by a separate call, at the
         same position in the viewport as all others. By default one call draws all polygons.
     flat : Frame, optional
-        For a model in space, the faces as polygons in their own planes, which are triangulated.
+        For a model in space, the faces as polygons, each in its plane; these are triangulated.
     viewing : Viewing, optional
         For a model in space, the views.
     """
@@ -261,7 +261,7 @@ def make_frame(polygons: Sequence[Polygon], view: View) -> Frame:
         If there is no polygon, or the polygons have no extent.
     """
     if not polygons:
-        raise InputError("the scene has no polygon to draw")
+        raise InputError("the scene has no polygon to draw; give another scene or condition")
     return _make_snapped_frame(*_fit_to_view(polygons, view), view, view.resolution)
 
 

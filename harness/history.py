@@ -1,4 +1,4 @@
-"""Plot each metric of each case over many runs, and detect its changes.
+"""Plot each metric of each case over many runs, and detect changes of the metric.
 
 An exact metric changes at each run whose value differs from that of the run before. The values of a
 noisy metric are cut into segments of constant level by the pruned exact linear time search of
@@ -58,8 +58,8 @@ class Series:
     exact : True for counters and other values without noise
     values : (runs,) float64, nan for a run without the case; times are relative to the median of
         all runs
-    content : (runs,) content hash of the scene, or "" if unknown; times of a software device also
-        depend on the processor, so that it is appended to the hash
+    content : (runs,) content hash of the scene, or "" if unknown; for times of a software
+        device, which depend on the processor, the processor's name is appended
     """
 
     id: CaseId

@@ -36,8 +36,8 @@ def compare(
     normalise: Annotated[
         Literal["auto", "reference", "none"] | None,
         typer.Option(
-            help="How to correct times for the machine's speed: auto (by other cases of the same "
-            "rounds, else by the reference draw), reference, or none."
+            help="How to correct times for the machine's speed: auto (by other cases timed "
+            "together, else by a reference triangle), reference (by that triangle), or none."
         ),
     ] = None,
     across_devices: Annotated[

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 PICTURE_TRIANGULATORS = ("ear-clipping", "optimal:half-perimeter")
 SIZES_TRIANGULATORS = ("ear-clipping", "earcut-refine", "flips:l1", "optimal:half-perimeter")
-"""Default triangulators of the picture, and of --sizes, which compares them with the first."""
+"""Default triangulators of the picture; and of --sizes, where the first is the base."""
 
 SHAPE_OPTIMUM = "optimal:expected-quads"
 """Added to the defaults of --sizes with a profile: few of its triangles cover a pixel, which is

@@ -292,7 +292,7 @@ def _compute_p_value(
 ) -> float:
     """Return the two-sided p-value of "no change" that corresponds to a Student interval.
 
-    The log ratio is in `lowest`..`highest`, with the interval `low`..`high`.
+    The log ratio is between `lowest` and `highest`; its confidence interval is `low` to `high`.
     """
     nearest, reach = (lowest, lowest - low) if lowest > 0 else (-highest, high - highest)
     if nearest <= 0:
@@ -318,7 +318,7 @@ def _make_unchanged(pair: Pair) -> TimeChange:
 def classify_change(
     lowest: float, highest: float, low: float, high: float, threshold: float
 ) -> tuple[Outcome, str]:
-    """Return the outcome for a log ratio in `lowest`..`highest` with interval `low`..`high`.
+    """Return the outcome for a log ratio of `lowest` to `highest`, with interval `low` to `high`.
 
     The outcome is `regressed` or `improved` only beyond the threshold with an interval that
     excludes 0, and `unchanged` only with an interval inside the threshold; otherwise inconclusive,

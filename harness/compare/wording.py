@@ -114,7 +114,7 @@ def _summarise_without_regression(comparison: Comparison) -> str:
 
 
 def format_thresholds(comparison: Comparison) -> str:
-    """Return the thresholds of times, `±5 %`, or two: in common rounds the threshold is lower."""
+    """Return the threshold of times, `±5 %`; two if some cases were timed in common rounds."""
     times = [case.time for case in comparison.cases if case.time is not None]
     thresholds = sorted({time.threshold for time in times if time.threshold is not None})
     thresholds = thresholds or [comparison.settings.get_time_threshold(paired=False)]

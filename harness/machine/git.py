@@ -172,7 +172,7 @@ def describe_project(triangulators: Sequence[str]) -> dict[str, Any] | None:
     """Return the user's repository: name, commit and whether it has local changes, JSON-ready.
 
     Without git, as in a container, the commit is read from the environment variables of services of
-    continuous integration (`COMMITS`). None if there is neither.
+    continuous integration (`COMMITS`). None without git and without such a variable.
     """
     folder = find_project_folder(triangulators)
     state = None if folder is None else read_git_state(folder)

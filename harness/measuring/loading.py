@@ -140,7 +140,10 @@ def find_backends(plan: Plan, pool: MeasuringPool, reporter: Reporter) -> list[U
         if plan.rasterisers[0] in rasterisers.BUILT_IN:
             # raises with a suggestion
             rasterisers.find_device(plan.rasterisers[0], unknown_devices[0])
-        raise UsageError(f"device '{unknown_devices[0]}': unknown to all rasterisers of this run")
+        raise UsageError(
+            f"device '{unknown_devices[0]}': unknown to all rasterisers of this run; "
+            "see: raster-harness list rasterisers"
+        )
     if not usable:
         raise NoRasteriserError("all rasterisers of the run failed; see the warnings above")
     return usable

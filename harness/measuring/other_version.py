@@ -85,7 +85,7 @@ def open_other_version(reference: str, triangulators: Sequence[str]) -> Iterator
     """Yield another version of the user's code, which exists until the end of the block.
 
     reference : a commit, branch or tag of the user's repository, which is checked out into a
-        temporary folder; or a folder with code, or with an environment with the code installed
+        temporary folder; a folder with the code; or an environment in which the code is installed
 
     Raises UsageError if the version does not exist.
     """

@@ -58,7 +58,7 @@ class BreakEven:
         return f"{prefix}{self._round(self.draws):,} ({interval})"
 
     def _round(self, draws: float) -> int:
-        """Round to the first, or for "up to" the last, draw at which the total time is lower."""
+        """Round up to the first draw of lower total time; "up to": down to the last such draw."""
         return math.floor(draws) if self.kind == "up to" else math.ceil(draws)
 
     def _format_interval(self, separator: str) -> str:

@@ -58,13 +58,15 @@ class ObjModel:
                 self._read_line(line, offset)
             except ValueError as error:
                 text = line.decode(errors="replace").strip()[:60]
-                raise InputError(f"{path} line {number}: not OBJ ({text!r})") from error
+                raise InputError(
+                    f"{path} line {number}: not OBJ ({text!r}); correct the file"
+                ) from error
             offset += len(line)
         for largest, (kind, lines) in zip(self._largest, self._lines.items(), strict=True):
             if largest > len(lines):
                 raise InputError(
                     f"{path}: invalid OBJ (a face refers to {kind.decode()} line {largest:,}, but "
-                    f"the file has {len(lines):,})"
+                    f"the file has {len(lines):,}); correct the file"
                 )
 
     def _read_line(self, line: bytes, offset: int) -> None:
@@ -153,10 +155,13 @@ class ObjModel:
             rows = [[float(word) for word in line] + [0.0] * (width - len(line)) for line in lines]
         except ValueError as error:
             raise InputError(
-                f"{self._path}: not OBJ ({error} in a line that begins with {kind.decode()})"
+                f"{self._path}: not OBJ ({error} in a line that begins with {kind.decode()}); "
+                "correct the file"
             ) from error
         if kind == b"v" and lines and min(map(len, lines)) < 3:
-            raise InputError(f"{self._path}: not OBJ (a vertex has fewer than 3 coordinates)")
+            raise InputError(
+                f"{self._path}: not OBJ (a vertex has fewer than 3 coordinates); correct the file"
+            )
         step = _find_step(word for line in lines for word in line)
         return np.array(rows, dtype=np.float64).reshape(len(rows), width), max(
             _MIN_TOLERANCE[kind], min(step, 1e-3)

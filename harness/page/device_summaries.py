@@ -137,7 +137,7 @@ def _read_summary(file: Path) -> Summary:
     try:
         summary = json.loads(atomic.read(file))
     except (OSError, ValueError) as error:
-        raise InputError(f"{file}: cannot be read ({error})") from error
+        raise InputError(f"{file}: cannot be read ({error}); choose another file") from error
     if not isinstance(summary, dict) or summary.get("format") != FORMAT:
         raise InputError(f"{file}: not a summary of a device; choose another file")
     return summary

@@ -144,7 +144,7 @@ class ProfileContent(TypedDict):
 
 
 def write_page(content: PageContent | ProfileContent, file: Path) -> None:
-    """Write the page for a run's content, with charts, or for a profile's content, without."""
+    """Write the page for the content of a run, with charts, or of a profile, without charts."""
     profiling = content["format"] == PROFILE_FORMAT
     shaders = {name: read_shader(f"{name}.wgsl") for name in ("draw", "count")}
     styles = ("page.css", *["profile.css"] * profiling)

@@ -1,4 +1,4 @@
-"""Import of a profiling page's result: draws, counters and the law are computed again.
+"""Import of a profiling page's result: draws, counters and cost model (law) are computed again.
 
 Only the saved times are used; a result whose draws, counters or law differ from these is rejected.
 """

@@ -117,15 +117,20 @@ def read_saved(file: Path, kinds: Mapping[str, type[Result]]) -> Result:
     """
     try:
         if file.exists() and not file.is_file():
-            raise InputError(f"{file}: not a regular file")
+            raise InputError(f"{file}: not a regular file; give the file that the page saved")
         if file.stat().st_size > MAX_BYTES:
-            raise InputError(f"{file}: too large for a saved result (over {MAX_BYTES >> 20} MiB)")
+            raise InputError(
+                f"{file}: too large for a saved result (over {MAX_BYTES >> 20} MiB); give the file "
+                "that the page saved"
+            )
         outer = _File.model_validate_json(file.read_bytes())
         kind = kinds[outer.format]
     except OSError as error:
         raise InputError(f"{file}: {error.strerror}") from error
     except (ValueError, KeyError) as error:
-        raise InputError(f"{file}: not a file saved by a measuring page") from error
+        raise InputError(
+            f"{file}: not a file saved by a measuring page; save or copy the file again"
+        ) from error
     if outer.version != VERSION:
         raise InputError(f"{file}: saved by another version of the page; update raster-harness")
     content = outer.result.encode()

@@ -13,7 +13,7 @@ from harness.rasterisers import reference
 from harness.rasterisers.vertex_batches import sum_batches_of_draws
 
 COARSE = 16
-"""Size in px of triangles up to which a rasteriser may scan differently, as llvmpipe does
+"""Size in px up to which a rasteriser may scan triangles differently, as llvmpipe does
 (`lp_setup_tri.c`)."""
 
 

@@ -102,7 +102,7 @@ FORMS: dict[str, dict[str, tuple[str, ...]]] = {
 other terms cost nothing in a maximum."""
 
 ALWAYS_FITTED = "few"
-"""Group of draws that no fit leaves out: only they show the cost of the draw itself."""
+"""Group of draws that every fit uses: only these show the cost of the draw itself."""
 
 START_FACTORS = (1.0, 0.5, 2.0)
 """Factors of each stage's time, from which binding stages are computed to begin with."""

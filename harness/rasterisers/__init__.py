@@ -75,11 +75,16 @@ def get(name: str) -> type[Rasteriser]:
         try:
             rasteriser = plugin.load() if plugin else resolve_name(name)
         except Exception as error:
-            raise UsageError(f"rasteriser '{name}': import failed ({error})") from error
+            raise UsageError(
+                f"rasteriser '{name}': import failed ({error}); correct or reinstall the module"
+            ) from error
     else:
         raise make_unknown_name_error("rasteriser", name, names())
     if not (isinstance(rasteriser, type) and issubclass(rasteriser, Rasteriser)):
-        raise UsageError(f"rasteriser '{name}' is not a subclass of harness.rasterisers.Rasteriser")
+        raise UsageError(
+            f"rasteriser '{name}' is not a subclass of harness.rasterisers.Rasteriser; derive its "
+            "class from Rasteriser"
+        )
     register_counters(rasteriser.new_counters)
     return rasteriser
 

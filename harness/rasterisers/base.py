@@ -228,7 +228,7 @@ class Rasteriser(ABC):
     @classmethod
     @abstractmethod
     def devices(cls) -> list[Device]:
-        """List the devices that work on this machine, best first, without loading drivers."""
+        """List the devices that work here, in order of preference, without loading drivers."""
 
     @abstractmethod
     def __init__(self, device: Device) -> None:

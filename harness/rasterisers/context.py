@@ -139,7 +139,7 @@ class Context:
         except moderngl.Error as error:
             message = " ".join(str(error).split())
             raise NoRasteriserError(
-                f"OpenGL driver: shader compilation failed: {message}"
+                f"OpenGL driver: shader compilation failed ({message}); choose another device"
             ) from error
 
     def build_compute_shader(self, *names: str, define: str = "") -> Any:
@@ -166,7 +166,8 @@ class Context:
         check_size(width, height, self.max_size)
         if samples > max(self.max_samples, 1):
             raise UsageError(
-                f"{samples} samples per pixel: unsupported (the maximum is {self.max_samples})"
+                f"{samples} samples per pixel: unsupported (the maximum is {self.max_samples}); "
+                "lower --samples"
             )
         properties = (width, height, samples if samples > 1 else 0, int(deep))
         if properties != self._target[0]:

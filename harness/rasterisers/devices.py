@@ -49,7 +49,7 @@ SWIFTSHADER = (
 
 BACKENDS = {"darwin": ("Metal",), "win32": ("DX12", "Vulkan")}
 LINUX_BACKENDS = ("Vulkan", "GL")
-"""Backends of WebGPU, best first, as browsers choose them: by `sys.platform`, and for Linux."""
+"""Backends of WebGPU in order of preference, as in browsers: by `sys.platform`, and for Linux."""
 
 REPORTED_BACKENDS = {"DX12": "D3D12", "GL": "OpenGL"}
 """Names of backends in an adapter's properties, by requested name, if the two names differ."""
@@ -63,7 +63,7 @@ SOFTWARE_ADAPTERS = {
 """Device names of CPU rasterisers, by (word in the adapter's name, backend)."""
 
 Devices = tuple[tuple[Device, ...], tuple[str, ...]]
-"""Devices, best first, and the problems of unavailable devices."""
+"""Devices in order of preference, and the problems of unavailable devices."""
 
 Reports = Sequence[Mapping[str, Any]]
 """Properties of each device that a probe has found."""

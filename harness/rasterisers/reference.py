@@ -162,8 +162,8 @@ def choose_polygon_colours(polygons: NDArray[np.int32]) -> NDArray[np.uint32]:
 def find_disagreements(frame: Frame, drawn: Counters, expected: Counters) -> list[str]:
     """Return a sentence for each counter that differs for some polygon.
 
-    drawn, expected : counters of a device and of the reference; those that both have per polygon
-        are compared
+    drawn, expected : counters of a device and of the reference; only counters that both have for
+        each polygon are compared
     """
     sentences = []
     for name, values in expected.items():

@@ -226,7 +226,7 @@ def count_lanes_per_pixel(
     helpers: NDArray[np.int64],
     window: Window,
 ) -> None:
-    """Add to each pixel's counts the triangles that cover the pixel, and its helper lanes.
+    """Add to each pixel's counts the numbers of covering triangles and of helper lanes there.
 
     covered, helpers : (height, width) sums of triangles and of helper lanes; row 0 at the bottom,
         height and width even

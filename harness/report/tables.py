@@ -21,7 +21,7 @@ def write_table(decided: Sequence[Decided], file: Path) -> None:
     """
     decisions = [decision for _, decision in decided if decision]
     if not decisions:
-        raise InputError(f"{file}: table not written (the run has no measured case)")
+        raise InputError(f"{file}: table not written (no case was measured); see cases.jsonl")
     atomic.write(file, FORMATS[file.suffix.lower()](decisions).encode())
 
 

@@ -59,7 +59,10 @@ class Triangulating(PartWork):
             make = partial(GeoParquetWriter, output)
             writer = export_chunks(chunks, make, options, report, empty=True)
             if writer is None:
-                raise InputError(f"{part.label}: the file ends before these rows")
+                raise InputError(
+                    f"{part.label}: the file ends before these rows, so it has changed; give "
+                    "another folder with -o"
+                )
             assert isinstance(writer, GeoParquetWriter)
             certified = report.certified
             counts = [[*which, count] for which, count in sorted(report.counts.items())]

@@ -48,10 +48,10 @@ MAX_STOLEN_SHARE = 0.05
 """Maximum share of a core's time that the host takes from a quiet virtual machine."""
 
 MAX_REFERENCE_RATIO = 1.35
-"""Maximum, on a quiet machine, of the reference draw's time relative to the fastest such draw. Up
-to there the ratios of other drawings are constant: H-optimal took 0.837 to 0.847 of the time of ear
-clipping (city at 1024 px on llvmpipe) in runs whose reference draw took 0.70 to 0.92 ms, and 0.862
-or more from 1.06 ms on."""
+"""Maximum, on a quiet machine, of the reference draw's time relative to the fastest one on this
+machine. Up to there the ratios of other drawings are constant: H-optimal triangulations took 0.837
+to 0.847 of the time of ear clipping (city at 1024 px on llvmpipe) in runs whose reference draw took
+0.70 to 0.92 ms, and 0.862 or more from 1.06 ms on."""
 
 MODE_SHARE, MODE_GAP, MODE_WIDTHS = 0.2, 1.1, 5.0
 """Criteria for two modes: minimum share of the samples in each, minimum ratio of the higher to the

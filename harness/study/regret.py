@@ -54,8 +54,8 @@ def estimate_regret(values: Column, selected: int) -> tuple[float, float]:
 
     The plug-in estimate compares with the minimum of the means over all blocks, which is too low,
     so that the estimate is too high on average. The cross-fitted estimate compares with the
-    candidate that is best in the other blocks, is too low on average, and may be below 0. The true
-    regret lies between the expectations of both estimates, as the minimum is concave (Jensen's
+    candidate that is best in the other blocks; it is too low on average, and may be below 0. The
+    true regret lies between the expectations of both estimates, as the minimum is concave (Jensen's
     inequality).
     """
     logs = np.log(values)

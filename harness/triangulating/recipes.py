@@ -155,7 +155,9 @@ def parse(text: str, *, seed: int = 0, calibration: Mapping[str, float] | None =
     stem = text.removesuffix(UPRIGHT_MARK)
     base, mark, digits = stem.partition(NUMBER_MARK)
     if "@" in stem:
-        raise UsageError(f"triangulator '{text}': only {UPRIGHT_MARK} can follow a name")
+        raise UsageError(
+            f"triangulator '{text}': only {UPRIGHT_MARK} can follow a name, as in fan{UPRIGHT_MARK}"
+        )
     if mark and not (base in NUMBERED and digits.isdecimal()):
         raise UsageError(
             f"triangulator '{text}': invalid number; write a seed as random{NUMBER_MARK}7, a point "
