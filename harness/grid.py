@@ -108,6 +108,6 @@ def to_grid(polygons: Sequence[Polygon] | NDArray[Any]) -> PolygonArray:
     return replace(arrays, coords=np.rint(arrays.coords * SUBPIXEL).astype(np.int32))
 
 
-def coarsen(points: NDArray[np.int32], step: int) -> NDArray[np.int32]:
+def round_points(points: NDArray[np.int32], step: int) -> NDArray[np.int32]:
     """Round points (n, 2) in 1/256 px to the nearest multiples of `step`."""
     return ((points + step // 2) // step * step).astype(np.int32)

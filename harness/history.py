@@ -302,7 +302,7 @@ def find_noisy_changes(logs: NDArray[np.float64]) -> list[int]:
 
 
 def _remove_small_steps(logs: NDArray[np.float64], cuts: list[int]) -> list[int]:
-    """Remove the cut with the smallest step until all steps are at least `MIN_STEP`."""
+    """Remove the change (cut) of the smallest step until all steps are at least `MIN_STEP`."""
     while cuts:
         levels = [float(np.median(part)) for part in np.split(logs, cuts)]
         steps = np.abs(np.diff(levels))

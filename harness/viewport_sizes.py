@@ -24,7 +24,7 @@ from harness.metrics.decision import (
     MIN_SAVED_SHARE,
     choose_recommended,
     describe_recommended,
-    find_best,
+    find_largest_saving,
 )
 from harness.profile.device_costs import (
     Cost,
@@ -98,7 +98,7 @@ class Size:
 
     @property
     def matters(self) -> bool:
-        """True if savings reach `MIN_SAVED_SHARE`, over enough pixels for a conclusion."""
+        """True if a triangulator saves `MIN_SAVED_SHARE`, and enough pixels are covered."""
         return max(self.saved.values()) >= MIN_SAVED_SHARE and self.covered >= MIN_PIXELS
 
 
@@ -116,8 +116,8 @@ class Sizes:
     source: str = "FILE"
 
     @property
-    def largest(self) -> Size | None:
-        """The size with the largest saving, or None if the triangulator matters at no size."""
+    def size_of_largest_saving(self) -> Size | None:
+        """The size at which a triangulator saves most, or None if the choice matters at no size."""
         mattering = [size for size in self.sizes if size.matters]
         return max(mattering, key=lambda size: max(size.saved.values()), default=None)
 
@@ -125,13 +125,13 @@ class Sizes:
     def recommended_triangulator(self) -> str:
         """The triangulator to recommend: `choose_recommended` at the size with the largest saving.
 
-        The base if the triangulator matters at no size.
+        It is the base if the choice matters at no size.
         """
-        if self.largest is None:
+        if self.size_of_largest_saving is None:
             return next(iter(self.sizes[0].costs))
-        costs = self.largest.costs
+        costs = self.size_of_largest_saving.costs
         seconds = {name: cost["triangulate_s"] for name, cost in costs.items()}
-        return choose_recommended(self.largest.saved, seconds)
+        return choose_recommended(self.size_of_largest_saving.saved, seconds)
 
     @property
     def measure(self) -> str:
@@ -211,8 +211,8 @@ def summarise(sizes: Sizes) -> str:
             f"The triangulator does not matter: at {across} px none saves "
             f"{MIN_SAVED_SHARE:.0%} of {base}'s {sizes.measure}."
         )
-    largest = sizes.largest or mattering[0]
-    best = find_best(largest.saved)
+    largest = sizes.size_of_largest_saving or mattering[0]
+    best = find_largest_saving(largest.saved)
     text = (
         f"The triangulator matters at {across} px, most at {largest.resolution} px "
         f"({_format_pixels(largest.polygon_px, 2)} per polygon): "
@@ -243,7 +243,7 @@ def _format_saving(size: Size, name: str) -> str:
 
 def format_next_step(sizes: Sizes) -> str:
     """Return the recommended triangulator, with a command and a Python call."""
-    name, size = sizes.recommended_triangulator, sizes.largest
+    name, size = sizes.recommended_triangulator, sizes.size_of_largest_saving
     if size is None:
         return f"Next: keep {name}."
     return (

@@ -48,12 +48,12 @@ def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker
         allow_user_module(name)
         with closing(open_worker(f"scene {name}", {}, Limits())) as worker:
             try:
-                scene = worker.call(_load, name, seed)
+                scene = worker.call(_load_scene_or_model, name, seed)
             except TaskError as error:
                 raise InputError(f"scene {name} cannot be loaded: {error}") from error
     else:
         with reporter.say_if_long(f"still loading {name}: {QUADRATIC_TEST}", MESSAGE_AFTER_S):
-            scene = _load(name, seed)
+            scene = _load_scene_or_model(name, seed)
     if line := describe_large_polygon(scene.polygons):
         reporter.say(f"{scene.name}: {line}")
     if scene.notes:
@@ -67,8 +67,8 @@ def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker
     return scene
 
 
-def _load(name: str, seed: int) -> Scene:
-    """Load a scene or a model with views; runs in a worker process if third-party code does it."""
+def _load_scene_or_model(name: str, seed: int) -> Scene:
+    """Load a scene or a model with views; runs in a worker if third-party code loads it."""
     try:
         if is_model_with_views(name):
             from harness.models import seen  # slow to import

@@ -107,7 +107,7 @@ class MeasuringPool(WorkerPool):
         self._compiled: set[str] = set()
 
     def compile_kernels(self, recipe: Recipe, tick: Callable[[float], None] | None = None) -> None:
-        """Compile or load a triangulator's kernels, once; do nothing for a recipe of the baseline.
+        """Compile or load a triangulator's kernels, once; do nothing for the baseline's.
 
         Raises TaskError if the process crashed, hung or ran out of memory.
         """
@@ -167,7 +167,7 @@ class MeasuringPool(WorkerPool):
         *arguments: Any,
         **options: Any,
     ) -> T:
-        """Run `function(recipe, *arguments)` in the recipe's worker.
+        """Run `function(recipe, *arguments)` in the worker of the recipe's triangulator.
 
         stage : stage of the run to which the duration is added
         message : text of the error if a built-in triangulator exceeds the time limit
@@ -190,7 +190,7 @@ class MeasuringPool(WorkerPool):
         budget_s: float,
         seed: int,
     ) -> dict[Recipe, list[float]]:
-        """Triangulate again in rounds; return the seconds of each round by recipe.
+        """Time the triangulators again in several rounds; return each round's seconds by recipe.
 
         seconds_by_recipe : seconds of the first triangulation; a recipe that needs more than half
             of `budget_s` is skipped

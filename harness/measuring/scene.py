@@ -274,7 +274,7 @@ class SceneRun:
         return carry_to_rotated_frame(before, upright, frame)
 
     def _time_triangulating(self, current: _ViewState) -> None:
-        """Triangulate again in rounds, to measure the variation of the triangulation time."""
+        """Triangulate again in several rounds, to measure how the triangulation time varies."""
         plan_recipes = {
             current.calibrated.get(recipe, recipe): recipe
             for recipe in current.triangulations

@@ -34,7 +34,7 @@ MIN_SAVED_SHARE = 0.01
 the helper lanes is a negligible share of the shaded lanes."""
 
 MAIN_PART = 0.8
-"""Minimum part of the largest saving that the recommended triangulator reaches."""
+"""Minimum share of the largest saving that a recommended triangulator saves."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def decide_run(run: Run) -> list[Decided]:
 def _make_standing(
     record: Record, group: RecordGroup, base: Record, all_polygons: int, compared: int
 ) -> Standing:
-    """Return the standing of a record.
+    """Return the entry of a record in the ranking.
 
     The cost is the ratio of times if that is quiet or nothing was counted. Otherwise it is the main
     counter relative to the base's; without a ratio of times, the draw time relative to the base's.
@@ -145,7 +145,7 @@ def _make_standing(
 
     compared : number of complete records that the base is compared with
     """
-    ratio = group.compare(record, base, compared)
+    ratio = group.compute_ratio(record, base, compared)
     counters = list_costs(record.counters)
     if ratio is not None and (ratio.quiet or not counters):
         cost = ratio.value
@@ -209,12 +209,12 @@ def _get_joint_ratio(standing: Standing) -> Ratio | None:
 def _find_recommended_and_best(
     standings: Mapping[str, Standing], saved: Mapping[str, float]
 ) -> tuple[Standing, Standing]:
-    """Return the standing to recommend (`choose_recommended`), and that of the largest saving."""
+    """Return the entries of the recommended triangulator and of that with the largest saving."""
     seconds = {name: standing.record.triangulate_s for name, standing in standings.items()}
-    return standings[choose_recommended(saved, seconds)], standings[find_best(saved)]
+    return standings[choose_recommended(saved, seconds)], standings[find_largest_saving(saved)]
 
 
-def find_best(saved: Mapping[str, float]) -> str:
+def find_largest_saving(saved: Mapping[str, float]) -> str:
     """Return the triangulator with the largest saved share; of several, the first."""
     return max(saved, key=lambda name: saved[name])
 
@@ -227,7 +227,7 @@ def choose_recommended(saved: Mapping[str, float], seconds: Mapping[str, float |
 
     saved, seconds : saved share of a cost, and triangulation time, by triangulator
     """
-    best = find_best(saved)
+    best = find_largest_saving(saved)
     enough = [name for name, share in saved.items() if share >= MAIN_PART * saved[best]]
 
     def key(name: str) -> tuple[float, bool]:

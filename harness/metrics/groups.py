@@ -61,7 +61,9 @@ class RecordGroup:
                 return by_name[name]
         return max(self.measured, key=lambda record: record.polygons, default=None)
 
-    def compare(self, record: Record, base: Record | None, candidates: int = 1) -> Ratio | None:
+    def compute_ratio(
+        self, record: Record, base: Record | None, candidates: int = 1
+    ) -> Ratio | None:
         """Return `compute_time_ratio` of two records of the group."""
         return compute_time_ratio(record, base, candidates, quiet=self.state == QUIET)
 

@@ -79,7 +79,7 @@ class FaceDiagonals:
     optimal: int
 
 
-def find_cost(criterion: str) -> Cost:
+def get_cost_function(criterion: str) -> Cost:
     """Return the cost function of a criterion.
 
     Raises UsageError if the criterion is unknown, or if its weights depend on the polygon.
@@ -98,8 +98,8 @@ def find_cost(criterion: str) -> Cost:
 
 
 def choose_diagonals(faces: Faces, criterion: str) -> FaceDiagonals:
-    """Choose the diagonals of each face by a criterion; raises as `find_cost` does."""
-    cost = find_cost(criterion)
+    """Choose the diagonals of each face by a criterion; raises as `get_cost_function` does."""
+    cost = get_cost_function(criterion)
     sizes = np.diff(faces.triangle_offsets)
     result, unsolved = faces.triangles.copy(), np.ones(len(sizes), dtype=np.bool_)
     outlines = _take_affordable(find_outlines(faces))

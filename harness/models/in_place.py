@@ -10,7 +10,7 @@ import pandas as pd
 from pandas.util import hash_pandas_object
 
 from harness.errors import UsageError
-from harness.models.diagonals import choose_diagonals, find_cost
+from harness.models.diagonals import choose_diagonals, get_cost_function
 from harness.models.flat_faces import (
     INDEX_BITS,
     Ints,
@@ -92,7 +92,7 @@ def retriangulate(
     model, groups = open_model(source)
     if out is not None and out.suffix.lower() != source.suffix.lower():
         raise UsageError(f"-o {out}: the output must keep the input format ({source.suffix})")
-    find_cost(criterion)
+    get_cost_function(criterion)
     changes = Changes()
     changes.unchanged += model.unchanged
     drawn: list[DrawnPart] = []

@@ -26,8 +26,8 @@ from harness.models.views import (
     find_bounding_sphere,
     list_directions,
     list_integer_directions,
-    project,
-    transform,
+    project_points,
+    transform_points,
 )
 from harness.rasterisers.spans import DEEPEST
 from harness.settings import RESOLUTIONS
@@ -252,7 +252,7 @@ def _place_part(
     part: ModelPart, flat: PartFaces, first: tuple[int, int], matrix: Floats
 ) -> _PlacedPart:
     """Return the part transformed by a placement's `matrix`, with normals that point outwards."""
-    points = transform(part.mesh.positions, matrix)
+    points = transform_points(part.mesh.positions, matrix)
     corners = points[part.mesh.triangles]
     fronts = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     if np.linalg.det(matrix[:3, :3]) < 0:  # mirrored: the orientation of triangles is reversed
@@ -311,7 +311,7 @@ def _list_pieces(
 ) -> Iterator[_ViewPieces]:
     """Yield the pieces of a view part by part, then the loose triangles, if any.
 
-    direction, distance : of the camera, as for `project`
+    direction, distance : of the camera, as for `project_points`
     """
     eye = sphere.middle + sphere.radius * distance * direction
     near, far = distance - _DEPTH_RADIUS, distance + _DEPTH_RADIUS
@@ -321,7 +321,7 @@ def _list_pieces(
     for placed_part in placed_parts:
         flat = placed_part.flat
         local = (placed_part.points - sphere.middle) / sphere.radius
-        position, distances = project(local, direction, distance)
+        position, distances = project_points(local, direction, distance)
         grid = np.nan_to_num(np.rint(position * (pixels * SUBPIXEL))).astype(np.int32)
         deep = far * (distances - near) / (distances * (far - near)) * DEEPEST
         deep = np.nan_to_num(np.rint(deep)).astype(np.int32)

@@ -91,7 +91,7 @@ def count_views(
             order = [0, 2, 1] if np.linalg.det(matrix[:3, :3]) < 0 else [0, 1, 2]
             for triangle_set, triangles in zip(sets, rows, strict=True):
                 triangle_set.append(triangles[:, order] + count)
-            points.append(transform(part.mesh.positions, matrix))
+            points.append(transform_points(part.mesh.positions, matrix))
             count += len(points[-1])
     if not points:
         return []
@@ -104,7 +104,7 @@ def count_views(
     sums = np.zeros((len(sizes), 2, 2), dtype=np.int64)
     for number, direction in enumerate(list_directions()):
         tick(placements * number // VIEWS)
-        flat, _ = project(local, direction)
+        flat, _ = project_points(local, direction)
         for pixels, size_sums in zip(sizes, sums, strict=True):
             grid = np.rint(np.nan_to_num(flat) * (pixels * _STEPS_PER_PIXEL)).astype(np.int32)
             shared, before, after = (
@@ -117,7 +117,9 @@ def count_views(
     ]
 
 
-def transform(positions: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+def transform_points(
+    positions: NDArray[np.float64], matrix: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Transform positions (n, 3) by a matrix (4, 4)."""
     return np.stack([_dot(positions, row) + row[3] for row in matrix[:3]], axis=1)
 
@@ -133,7 +135,7 @@ def find_bounding_sphere(placed_points: Sequence[NDArray[np.float64]]) -> Boundi
     return BoundingSphere(middle, float(np.sqrt((off * off).sum(axis=1).max())))
 
 
-def project(
+def project_points(
     local: NDArray[np.float64], direction: NDArray[np.float64], distance: float = DISTANCE
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Project points (n, 3) of the unit sphere; return (n, 2) in 0..1, y up, and distances (n,).

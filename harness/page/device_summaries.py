@@ -83,7 +83,7 @@ def _summarise_view(group: RecordGroup) -> Summary:
     ratios: dict[str, Any] = {}
     rows = []
     for record in group.records:
-        ratio = None if record is base else group.compare(record, base)
+        ratio = None if record is base else group.compute_ratio(record, base)
         if ratio is None:
             continue
         quads, base_quads = record.counters.get("quads"), base.counters.get("quads")

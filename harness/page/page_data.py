@@ -91,7 +91,7 @@ class PageContent(TypedDict):
 
 
 class GridContent(TypedDict):
-    """Draws on a grid: checksums, exact counters by name, and terms of criteria, per draw."""
+    """Draws on a vertex grid: checksum, exact counters and `law.COSTS` (predicted) of each draw."""
 
     checksums: list[int]
     counters: dict[str, list[int]]
@@ -290,7 +290,7 @@ def make_grid_content(draws: Sequence[Draw]) -> GridContent:
 
 
 def _make_groups(draws: Sequence[Draw], positions: list[int]) -> GroupsContent:
-    """Return the groups and folds of the draws at `positions`."""
+    """Return the groups and cross-validation folds of the draws at `positions`."""
     groups = [draws[position].group for position in positions]
     labels = np.unique(groups, return_inverse=True)[1]
     folds = law.assign_folds(groups).tolist()

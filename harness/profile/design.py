@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.frame import Frame, make_bare_frame
-from harness.grid import SUBPIXEL, coarsen
+from harness.grid import SUBPIXEL, round_points
 from harness.profile import placing, stage_draws
 from harness.profile.placing import (
     DIRECTIONS,
@@ -132,7 +132,7 @@ def make_draws(seed: int = 0) -> list[Draw]:
 
 def snap_draw(draw: Draw, step: int) -> Draw:
     """Return the draw with its points on multiples of `step`/256 px, as on a coarser grid."""
-    points = coarsen(draw.frame.points, step)
+    points = round_points(draw.frame.points, step)
     return draw if step == 1 else replace(draw, frame=make_bare_frame(SIDE, points))
 
 

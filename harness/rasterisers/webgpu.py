@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from harness.errors import NoRasteriserError
 from harness.frame import Frame, make_bare_frame
-from harness.grid import SUBPIXEL, coarsen
+from harness.grid import SUBPIXEL, round_points
 from harness.rasterisers import devices
 from harness.rasterisers.base import (
     Counters,
@@ -164,7 +164,7 @@ class WebGPU(Rasteriser):
         corners = rng.integers(SUBPIXEL, (PROBE_PX - 1) * SUBPIXEL, (3 * PROBES, 2))
         rows = np.arange(3 * PROBES, dtype=np.int32).reshape(-1, 3)
         for step in GRID_STEPS:
-            points = coarsen(corners.astype(np.int32), step)
+            points = round_points(corners.astype(np.int32), step)
             frame = make_bare_frame(PROBE_PX, points, 3)
             counted = self._draw_and_count(frame, rows, Options())
             expected = count_per_triangle(points, rows)
@@ -211,7 +211,7 @@ class WebGPU(Rasteriser):
 
     def _snap_to_grid(self, frame: Frame) -> Frame:
         """Return the frame on the device's grid, on which drawing and counting agree."""
-        return frame.with_points(coarsen(frame.points, self._step))
+        return frame.with_points(round_points(frame.points, self._step))
 
     def get_target(self, frame: Frame) -> Any:
         """Return a view of a texture to draw into; the last texture is reused if the size is equal.

@@ -26,7 +26,7 @@ from harness.study.correlations import (
     Estimate,
     correlate_within_polygons,
     estimate_median,
-    get_label,
+    get_measure_title,
     get_predictor_column,
     list_predictors,
 )
@@ -107,7 +107,7 @@ def _make_matrix(statistic: str, cells: Iterable[Cell]) -> Matrix:
             for name in rows
         ],
         "columns": [
-            {**dict(zip(TARGET, target, strict=True)), "title": get_label(target[2])}
+            {**dict(zip(TARGET, target, strict=True)), "title": get_measure_title(target[2])}
             for target in columns
         ],
         "cells": [[table.get((target, name)) for target in columns] for name in rows],

@@ -121,7 +121,7 @@ def get_predictor_column(criterion: str) -> str:
     return criterion.replace("-", "_")
 
 
-def get_label(measure: str) -> str:
+def get_measure_title(measure: str) -> str:
     """Return the title of a measure: a counter's name or a time's column."""
     if measure.startswith(TIME):
         return f"draw time, work {measure.removeprefix(TIME)}"
@@ -267,7 +267,7 @@ def make_criterion_table(
 ) -> Table:
     """Return a table of (criterion, measure) -> cell with a column for each of `measures`."""
     table = make_plain_table(
-        title, "criterion", *(f">{get_label(measure)}" for measure in measures)
+        title, "criterion", *(f">{get_measure_title(measure)}" for measure in measures)
     )
     for name in dict.fromkeys(name for name, _ in cells):
         table.add_row(name, *(cells.get((name, measure), "-") for measure in measures))
@@ -322,6 +322,6 @@ def _draw_scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure:
         coefficient = values.get((criterion, measure), np.nan)
         panel.set_title(f"rank correlation {coefficient:.3f}", fontsize=8)
         panel.set_xlabel(f"predicted by {list_predictors()[criterion]}, over median")
-        panel.set_ylabel(f"measured {get_label(measure)},\nover median")
+        panel.set_ylabel(f"measured {get_measure_title(measure)},\nover median")
     add_legend_below(figure, axes, columns=4)
     return figure

@@ -60,7 +60,7 @@ def _make_row(
     group: RecordGroup, record: Record, base: Record | None, name: str
 ) -> dict[str, object] | None:
     """Return the row of a record and the base called `name`, or None without a usable ratio."""
-    ratio = group.compare(record, base)
+    ratio = group.compute_ratio(record, base)
     if ratio is None or base is None or not ratio.quiet:
         return None
     case, options = group.id, group.id.options

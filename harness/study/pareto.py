@@ -152,7 +152,7 @@ def make_pareto_table(run: Run, fronts: Mapping[str, pd.DataFrame]) -> pd.DataFr
 def _make_row(run: Run, group: RecordGroup, record: Record, base: Record) -> dict[str, object]:
     """Return a row of pareto.csv; base : the end of the front with minimum A, for time ratios."""
     name, case = record.name, record.id
-    ratio = group.compare(record, base)
+    ratio = group.compute_ratio(record, base)
     kind = "sweep" if name.startswith("optimal:mixed") else "named"
     weights: Sequence[float | None] = (None, None, None)
     if kind == "sweep":

@@ -25,7 +25,12 @@ from harness.metrics.per_polygon import Column
 from harness.metrics.registry import list_costs, list_predictions
 from harness.results.record import Record, Time
 from harness.stats.intervals import MIN_VALUES, UNKNOWN, compute_mean_interval, split_rounds
-from harness.study.correlations import TIME, get_label, get_predictor_column, make_criterion_table
+from harness.study.correlations import (
+    TIME,
+    get_measure_title,
+    get_predictor_column,
+    make_criterion_table,
+)
 from harness.study.subjects import MIN_QUADS
 from harness.style import format_latex_table, format_markdown_table, get_family
 
@@ -225,7 +230,9 @@ def write_paper_table(correlations: pd.DataFrame, regrets: pd.DataFrame, folder:
                 key = (rasteriser, device, measure, row["criterion"])
                 regret = [cells.get((*key, size), "") for size in sizes]
                 device_label = f"{rasteriser} on {device}"
-                rows.append([device_label, get_label(measure), row["criterion"], rank, *regret])
+                rows.append(
+                    [device_label, get_measure_title(measure), row["criterion"], rank, *regret]
+                )
     for suffix, format_table in (("md", format_markdown_table), ("tex", format_latex_table)):
         text = format_table(heading, rows, 3)
         (folder / f"{PAPER_TABLE}.{suffix}").write_text(text, encoding="utf-8")

@@ -104,11 +104,15 @@ def _replace_faces(
     method, _, criterion = recipe.base.partition(":")
     if method not in FLIPPING_TRIANGULATORS or recipe.calibration is not None or frame.flat is None:
         return {}
-    from harness.models.diagonals import choose_diagonals, find_cheaper_faces, find_cost  # compiled
+    from harness.models.diagonals import (  # compiled
+        choose_diagonals,
+        find_cheaper_faces,
+        get_cost_function,
+    )
     from harness.models.flat_faces import Faces
 
     try:
-        cost = find_cost(criterion)
+        cost = get_cost_function(criterion)
     except UsageError:  # the criterion's weights depend on the polygon
         return {}
     originals, first_vertices = viewing.polygon_triangles, frame.flat.grid.vertex_offsets[:-1]

@@ -48,7 +48,9 @@ def triangulate_many(
     """
     arrays = polygons if isinstance(polygons, PolygonArray) else PolygonArray.from_shapely(polygons)
     if parse(name).entry.builtin or multiprocessing.parent_process() is not None:
-        return _verify(arrays, triangulators.triangulate_many(polygons, name, **more), conforming)
+        return _mark_invalid(
+            arrays, triangulators.triangulate_many(polygons, name, **more), conforming
+        )
     # Most commands need no worker process, so the modules are loaded here.
     from harness.workers.pool import get_third_party_limits
     from harness.workers.worker import get_shared_worker
@@ -83,18 +85,18 @@ def triangulate_many(
         pieces += list(done)
         failed |= {first + number: reason for number, reason in done.failed.items()}
     joined = _join_pieces(pieces, failed, np.zeros(len(pieces), np.bool_))
-    return _verify(arrays, joined, conforming)
+    return _mark_invalid(arrays, joined, conforming)
 
 
 def _join_pieces(
     pieces: list[NDArray[np.int32]], failed: dict[int, str], compiled: NDArray[np.bool_]
 ) -> Triangulations:
-    """Return the triangles (m_k, 3) of each polygon, `pieces`, as `Triangulations`."""
+    """Return `pieces`, the triangles (m_k, 3) of each polygon, as `Triangulations`."""
     triangles = np.concatenate([np.empty((0, 3), np.int32), *pieces])
     return Triangulations(triangles, offsets_of([len(piece) for piece in pieces]), failed, compiled)
 
 
-def _verify(
+def _mark_invalid(
     polygons: PolygonArray, triangulations: Triangulations, conforming: bool
 ) -> Triangulations:
     """Return the triangulations; mark invalid triangulations as failed, without triangles."""

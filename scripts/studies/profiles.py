@@ -41,7 +41,7 @@ from numpy.typing import NDArray
 from harness import rasterisers
 from harness.errors import NothingMeasuredError
 from harness.frame import Frame, View, make_frame
-from harness.grid import coarsen
+from harness.grid import round_points
 from harness.measuring.loading import load_scene
 from harness.measuring.pool import Backend, MeasuringPool
 from harness.measuring.timing import EMPTY, REFERENCE
@@ -182,7 +182,7 @@ def measure_scene(
         table, empty = time_draws(backend, pool, options.budget, draws, polygons)
     step = device["details"].get("step") or 1
     counted = [
-        count_cost_terms(frame.with_points(coarsen(frame.points, step)), triangles)
+        count_cost_terms(frame.with_points(round_points(frame.points, step)), triangles)
         for frame, triangles in draws
     ]
     table = table.join(pd.DataFrame(counted)[list(DRAW_COUNTERS)])

@@ -151,7 +151,7 @@ def test_the_sentence_has_the_range_of_sizes_that_matter():
         "The triangulator matters at 32 to 64 px, most at 64 px (32 px per polygon): b saves 20.0% "
         "of a's shaded lanes."
     )
-    assert (result.recommended_triangulator, result.largest.resolution) == ("b", 64)
+    assert (result.recommended_triangulator, result.size_of_largest_saving.resolution) == ("b", 64)
     for entry in result.sizes:  # c saves nearly as much, and b takes longer
         entry.costs["b"]["triangulate_s"] = 1.0
     assert "Next: use c, the cheapest triangulator with most" in sizes.format_next_step(result)

@@ -63,7 +63,7 @@ def test_placements_are_counted_together(monkeypatch):
 def test_a_sphere_fills_the_image_exactly():
     points = trimesh.creation.icosphere(4).vertices
     for direction in views.list_directions():
-        flat, _ = views.project(points, direction)
+        flat, _ = views.project_points(points, direction)
         assert flat.min() >= 0
         assert flat.max() <= 1
         assert np.ptp(flat, axis=0).min() > 0.99
@@ -99,7 +99,7 @@ def test_node_placements_agree_with_trimesh(tmp_path):
     builder.json["scenes"] = [{"nodes": [0]}]
     path = builder.write(tmp_path / "nodes.glb")
     ((part,),) = GltfModel(path).iterate_groups()
-    ours = [views.transform(part.mesh.positions, matrix) for matrix in part.placements]
+    ours = [views.transform_points(part.mesh.positions, matrix) for matrix in part.placements]
     read = trimesh.load_scene(path)
     expected = [geometry.vertices for geometry in read.dump()]
     order = sorted(points.sum() for points in ours), sorted(p.sum() for p in expected)

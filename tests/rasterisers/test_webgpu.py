@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from harness.errors import NoRasteriserError, UsageError
-from harness.grid import coarsen
+from harness.grid import round_points
 from harness.measuring import tasks
 from harness.rasterisers import Device, Options, devices, find_device, get
 from harness.rasterisers.reference import SHADED, find_disagreements
@@ -98,7 +98,7 @@ def count_on_coarse_grid(name: str, device: Device, *case: Any) -> tuple[int, An
     tally = opened._count_batch
 
     def coarse(frame: Any, part: Any) -> Any:
-        return tally(frame.with_points(coarsen(frame.points, 16)), part)
+        return tally(frame.with_points(round_points(frame.points, 16)), part)
 
     opened._count_batch = coarse
     try:
@@ -114,7 +114,7 @@ def test_coarse_grid_is_detected_and_used(on_device, reference):
     frame, triangles = random_triangles(seed=4, size=128, number=50, grid=1)
     step, counted, picture = on_device(count_on_coarse_grid, frame, triangles, Options())
     assert step == 16
-    coarse = frame.with_points(coarsen(frame.points, 16))
+    coarse = frame.with_points(round_points(frame.points, 16))
     assert (
         find_disagreements(coarse, counted, reference.draw_and_count(coarse, triangles, Options()))
         == []
@@ -125,7 +125,7 @@ def test_coarse_grid_is_detected_and_used(on_device, reference):
 
 def test_swiftshader_counters_equal_the_reference_on_its_grid(reference):
     frame, triangles = random_triangles(seed=6, size=250, number=150, grid=1)
-    moved = frame.with_points(coarsen(frame.points, 16))
+    moved = frame.with_points(round_points(frame.points, 16))
     with open_on("webgpu", "swiftshader") as call:
         details = call(tasks.open_device).details
         assert (details["step"], details["subpixel_bits"]) == (16, 4)

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from harness.stats.intervals import MIN_VALUES, compute_mean_interval
 from harness.study import regret
-from harness.study.correlations import get_label
+from harness.study.correlations import get_measure_title
 from harness.study.regret import (
     COLUMNS,
     SUMMARY,
@@ -279,8 +279,8 @@ def test_printed_regrets_are_of_criteria_in_order():
     print_regret(sum_two_views(), console)
     text = console.file.getvalue()
     assert text.index(" 64 px") < text.index("128 px")
-    assert text.index(get_label("helper_lanes")) < text.index(
-        get_label("quads")
+    assert text.index(get_measure_title("helper_lanes")) < text.index(
+        get_measure_title("quads")
     )  # the main one first
     rows = [line.split() for line in text.splitlines() if line.startswith("half-perimeter")]
     assert [row[1] for row in rows] == ["3.00%"] * 2
