@@ -282,7 +282,7 @@ def _make_estimate_metric(name: str) -> Metric:
 
 @cache
 def _make_feature_metric(column: str) -> Metric:
-    """Return the metric of a predicted column that is not a criterion, such as a cost model's term."""
+    """Return the metric of a predicted column that is not a criterion, e.g. a cost model's term."""
     read = _read_prediction(column)
     label = column.replace("_", " ")
     return Metric(PREDICTED + column, label, "1", read, kind="prediction", better="none")
