@@ -26,10 +26,10 @@ would count quads at the cuts twice."""
 MARGIN_STEP_PX = 64
 """Step of a tile's margin, so that quads, blocks and bins are aligned with the tile."""
 
-OWN_VIEWS = {"tile": "map tiles", "view": "a model's views"}
+FIXED_VIEWS = {"tile": "map tiles", "view": "a model's views"}
 """Fits of scenes that define the view, and names of such scenes for messages."""
 
-OWN_VIEW_MESSAGE = (
+FIXED_VIEW_MESSAGE = (
     "--sizes, --resolution, --rotation and --fit are unsupported for {}; set the resolution by "
     "pixels="
 )
@@ -67,7 +67,7 @@ class View:
             raise make_unknown_name_error("fit", self.fit, FITS)
         if not math.isfinite(self.rotation):
             raise UsageError(f"rotation {self.rotation}: not a finite number of degrees")
-        if self.fit in OWN_VIEWS and (self.rotation or self.resolution % 2):
+        if self.fit in FIXED_VIEWS and (self.rotation or self.resolution % 2):
             raise UsageError(
                 f"fit {self.fit}: requires rotation 0 and an even resolution (rotation "
                 f"{self.rotation:g}, resolution {self.resolution})"
@@ -200,8 +200,8 @@ def make_scene_frame(scene: Scene, view: View) -> Frame:
     Raises UsageError if map tiles or a model define another view.
     """
     fit = get_scene_view(scene).fit
-    if view.fit != fit and fit in OWN_VIEWS:
-        raise UsageError(f"{scene.name}: {OWN_VIEW_MESSAGE.format(OWN_VIEWS[fit])}")
+    if view.fit != fit and fit in FIXED_VIEWS:
+        raise UsageError(f"{scene.name}: {FIXED_VIEW_MESSAGE.format(FIXED_VIEWS[fit])}")
     if scene.tiling is not None:
         return _make_tiles_frame(scene, scene.tiling, view)
     viewing = get_viewing(scene)

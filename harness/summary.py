@@ -29,9 +29,9 @@ MAX_COLUMNS = 4
 they fit a terminal of 80 characters."""
 
 MIN_WIDE = 96
-"""Minimum width of the terminal at which a table also has the metrics `WIDE`."""
+"""Minimum width of the terminal at which a table also has the metrics `WIDE_TABLE_METRICS`."""
 
-WIDE = ("regret",)
+WIDE_TABLE_METRICS = ("regret",)
 """Metrics that a narrow table omits. Within a table regret orders triangulators as the helper lanes
 do, which it divides by their minimum."""
 
@@ -122,7 +122,9 @@ def _select_metrics(records: Sequence[Record], *, wide: bool) -> list[Metric]:
     If no counter is among these, the records' first cost counters are added.
     """
     available = find_metrics(records)
-    headed = [m for m in available.values() if m.heading and (wide or m.name not in WIDE)]
+    headed = [
+        m for m in available.values() if m.heading and (wide or m.name not in WIDE_TABLE_METRICS)
+    ]
     metrics = [metric for metric in headed if any(map(metric, records))]
     if not any(metric.kind == "counter" for metric in metrics):
         room = MAX_COLUMNS - len(metrics)
@@ -131,7 +133,7 @@ def _select_metrics(records: Sequence[Record], *, wide: bool) -> list[Metric]:
 
 
 def _describe_proofs(records: Sequence[Record]) -> list[str]:
-    """Return a line about optima proven for all polygons, then a line on the gap of each other."""
+    """Return a line about optima proven for all polygons, and one on each other optimum's gap."""
     optima = [record for record in records if record.proven is not None]
     complete = [record.name for record in optima if record.proven == record.polygons]
     lines = [f"proven optimal, every polygon: {', '.join(complete)}"] if complete else []

@@ -131,7 +131,7 @@ def _count_dataset(
     """
     from harness.results.run_folder import translate_errors
     from harness.scaling import census_report
-    from harness.scaling.census import THIN, TileCensus
+    from harness.scaling.census import TOO_THIN, TileCensus
     from harness.scaling.dataset import Dataset
     from harness.scaling.sums import CensusCounts
     from scenes.spec import format_suggestion
@@ -148,7 +148,7 @@ def _count_dataset(
         if missing := [name for name in asked if totals.layers and name not in totals.layers]:
             hint = format_suggestion(missing[0], sorted(totals.layers), "it has")
             raise UsageError(f"{pattern} has no layer {missing[0]!r}; {hint}")
-        if not any(kind == "failed" or reason == THIN for kind, reason in summary.counts):
+        if not any(kind == "failed" or reason == TOO_THIN for kind, reason in summary.counts):
             condition = getattr(census, "where", None)
             filtered = f" for where={condition}: widen the filter" if condition else ""
             raise InputError(f"{pattern} holds no usable polygon{filtered}")

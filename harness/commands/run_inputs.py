@@ -12,7 +12,7 @@ import typer
 from harness import atomic
 from harness.commands.options import PROFILES, is_given
 from harness.errors import HarnessError, InputError, UsageError
-from harness.frame import OWN_VIEW_MESSAGE, OWN_VIEWS
+from harness.frame import FIXED_VIEW_MESSAGE, FIXED_VIEWS
 from harness.measuring.other_version import OtherVersion, open_other_version
 from harness.measuring.plan import Plan
 from harness.results.run_folder import STORED_PROFILE, read_run
@@ -98,7 +98,7 @@ def refuse_another_view(context: typer.Context, scene: str) -> None:
     """Raise UsageError if view options are given for map tiles or a model, which define a view."""
     kind = "view" if is_model_with_views(scene) else "tile" if is_tiled(scene) else ""
     if kind and is_given(context, "resolution", "rotation", "fit"):
-        raise UsageError(OWN_VIEW_MESSAGE.format(OWN_VIEWS[kind]))
+        raise UsageError(FIXED_VIEW_MESSAGE.format(FIXED_VIEWS[kind]))
 
 
 def read_plan(folder: Path) -> Plan:

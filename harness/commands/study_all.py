@@ -129,14 +129,25 @@ def _list_parts(
     scene: str, folder: Path, settings: _Settings
 ) -> Iterator[tuple[str, Callable[[], None]]]:
     """Yield (folder name, measuring function) of each part of the study of a scene."""
-    from harness.study.replication import CHOICE, DELAUNAY, ROTATED_TRIANGULATORS, TURNED, USUAL
+    from harness.study.replication import (
+        DELAUNAY,
+        EAR_CLIPPING,
+        ROTATED_TRIANGULATORS,
+        TIMED_TRIANGULATORS,
+        UPRIGHT_SUFFIX,
+    )
 
-    bases = [USUAL, DELAUNAY]
+    bases = [EAR_CLIPPING, DELAUNAY]
     largest = replace(settings, resolution=(max(settings.resolution),))
-    turned_bases = [f"{USUAL}{TURNED}"]
+    turned_bases = [f"{EAR_CLIPPING}{UPRIGHT_SUFFIX}"]
     yield "validate", partial(_measure_validation, scene, folder / "validate", settings)
-    yield "choice", partial(_measure_gains, scene, folder / "choice", settings, CHOICE, bases)
-    measure_walked = partial(_measure_gains, scene, folder / "walked", largest, CHOICE, bases)
+    yield (
+        "choice",
+        partial(_measure_gains, scene, folder / "choice", settings, TIMED_TRIANGULATORS, bases),
+    )
+    measure_walked = partial(
+        _measure_gains, scene, folder / "walked", largest, TIMED_TRIANGULATORS, bases
+    )
     yield "walked", partial(measure_walked, order="walk")
     measure_turned = partial(
         _measure_gains, scene, folder / "turned", largest, ROTATED_TRIANGULATORS, turned_bases

@@ -21,7 +21,7 @@ from harness.errors import (
     NothingMeasuredError,
     UsageError,
 )
-from harness.frame import OWN_VIEW_MESSAGE, OWN_VIEWS, View, get_scene_view
+from harness.frame import FIXED_VIEW_MESSAGE, FIXED_VIEWS, View, get_scene_view
 from harness.machine import environment, system
 from harness.machine.environment import describe_processor
 from harness.measuring.loading import find_backends, import_third_party_triangulators, load_scene
@@ -193,10 +193,10 @@ def _set_scene_view(plan: Plan, scene: Scene) -> Plan:
     For a model, the triangulation in its file (ORIGINAL) is added to the triangulators.
     """
     view = get_scene_view(scene)
-    if view.fit not in OWN_VIEWS:
+    if view.fit not in FIXED_VIEWS:
         return plan
     if plan.views not in ((view,), (View(),)):
-        raise UsageError(OWN_VIEW_MESSAGE.format(OWN_VIEWS[view.fit]))
+        raise UsageError(FIXED_VIEW_MESSAGE.format(FIXED_VIEWS[view.fit]))
     if get_viewing(scene) is not None:
         first = Recipe(ORIGINAL)
         plan = replace(plan, triangulators=tuple(dict.fromkeys([first, *plan.triangulators])))

@@ -33,7 +33,7 @@ MIN_SAVED_SHARE = 0.01
 `inspect`. If quads were counted, the cost is the shaded lanes: on large triangles, a large share of
 the helper lanes is a negligible share of the shaded lanes."""
 
-MAIN_PART = 0.8
+MIN_SHARE_OF_BEST = 0.8
 """Minimum share of the largest saving that a recommended triangulator saves."""
 
 
@@ -78,7 +78,7 @@ class Decision:
         `MIN_PIXELS` are covered; "single": only one candidate; "incomplete": every triangulator
         skipped polygons. The last three give no recommendation
     choice : the recommended triangulator: the base, or the triangulator with the minimum
-        triangulation time among those that reach `MAIN_PART` of the largest saving
+        triangulation time among those that reach `MIN_SHARE_OF_BEST` of the largest saving
     best : the triangulator with the largest saving
     measure : the main counter, or None without counters
     timed : whether times of two or more complete triangulators are compared
@@ -222,13 +222,13 @@ def find_largest_saving(saved: Mapping[str, float]) -> str:
 def choose_recommended(saved: Mapping[str, float], seconds: Mapping[str, float | None]) -> str:
     """Return the fastest to triangulate of the triangulators with nearly the largest saving.
 
-    These save at least `MAIN_PART` of the largest saving. If no triangulation time is known, the
-    triangulator with the largest saving is returned.
+    These save at least `MIN_SHARE_OF_BEST` of the largest saving. If no triangulation time is
+    known, the triangulator with the largest saving is returned.
 
     saved, seconds : saved share of a cost, and triangulation time, by triangulator
     """
     best = find_largest_saving(saved)
-    enough = [name for name, share in saved.items() if share >= MAIN_PART * saved[best]]
+    enough = [name for name, share in saved.items() if share >= MIN_SHARE_OF_BEST * saved[best]]
 
     def key(name: str) -> tuple[float, bool]:
         cost = seconds[name]

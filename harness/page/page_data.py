@@ -12,7 +12,7 @@ import numpy as np
 
 from harness import __version__
 from harness.errors import InputError
-from harness.frame import OWN_VIEWS, View
+from harness.frame import FIXED_VIEWS, View
 from harness.measuring.pool import MeasuringPool
 from harness.metrics.groups import DEFAULT_BASE
 from harness.metrics.registry import list_predictions
@@ -168,7 +168,7 @@ def make_page_content(run: Run) -> PageContent:
 
     Raises InputError if the run has no drawable frame.
     """
-    for fit, name in OWN_VIEWS.items():
+    for fit, name in FIXED_VIEWS.items():
         if any(record.id.view.fit == fit for record in run.records):
             raise InputError(f"{run.path}: pages do not support {name}; give another run")
     if not (views := list(_make_views(run))):

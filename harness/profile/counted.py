@@ -12,7 +12,7 @@ from harness.profile.placing import Draw
 from harness.rasterisers import reference
 from harness.rasterisers.vertex_batches import sum_batches_of_draws
 
-COARSE = 16
+COARSE_SCAN_PX = 16
 """Size in px up to which a rasteriser may scan triangles differently, as llvmpipe does
 (`lp_setup_tri.c`)."""
 
@@ -47,16 +47,17 @@ TERMS = {
         "Each pixel of a triangle's width and height costs {}.", "half-perimeter"
     ),
     "near": Term(
-        f"Each of the first {COARSE} pixels of a triangle's width and height costs {{}}.",
-        f"half-perimeter up to {COARSE} px",
+        f"Each of the first {COARSE_SCAN_PX} pixels of a triangle's width and height costs {{}}.",
+        f"half-perimeter up to {COARSE_SCAN_PX} px",
     ),
     "rows": Term("Each row of pixels that a triangle crosses costs {}.", "rows of pixels"),
     "blocks": Term(
         "Each block of 4x4 pixels in which a triangle covers a pixel costs {}.", "4x4 blocks"
     ),
     "coarse_blocks": Term(
-        f"A block of 4x4 costs {{}} more if the triangle is wider or higher than {COARSE} pixels.",
-        f"4x4 blocks of triangles over {COARSE} px",
+        "A block of 4x4 costs {} more if the triangle is wider or higher than "
+        f"{COARSE_SCAN_PX} pixels.",
+        f"4x4 blocks of triangles over {COARSE_SCAN_PX} px",
     ),
     "further_tiles": Term(
         "Each tile of 64x64 pixels that a triangle overlaps, except the first, costs {}.",
@@ -87,8 +88,8 @@ def count_cost_terms(frame: Frame, triangles: NDArray[np.int32], work: int = 0) 
     set_up : triangles whose bounding box contains a pixel centre
     covering : triangles that cover a pixel centre
     fragments, quads, helper_lanes, blocks, bbox_tests : see `reference.count_per_triangle`
-    near : width and height of each triangle, clamped to `COARSE` px
-    coarse_blocks : 4x4 blocks of triangles whose box is wider or higher than `COARSE` px
+    near : width and height of each triangle, clamped to `COARSE_SCAN_PX` px
+    coarse_blocks : 4x4 blocks of triangles whose box is wider or higher than `COARSE_SCAN_PX` px
     rows : rows of pixels whose centres lie between a triangle's lowest and highest corner
     further_tiles : tiles of 64 px that triangles overlap, except one per triangle
     tile_pairs : pairs of a covering triangle and a tile of 16 px that it overlaps, as on an H200
@@ -103,7 +104,7 @@ def count_cost_terms(frame: Frame, triangles: NDArray[np.int32], work: int = 0) 
     centre = SUBPIXEL // 2
     first = -((centre - corners[:, :, 1].min(axis=1)) // SUBPIXEL)  # rounded up
     last = (corners[:, :, 1].max(axis=1) - centre) // SUBPIXEL
-    limit = COARSE * SUBPIXEL
+    limit = COARSE_SCAN_PX * SUBPIXEL
     tiles = reference.count_tiles_per_triangle(points, triangles)
     covering = counts["fragments"] > 0
     sums = {name: int(values.sum()) for name, values in counts.items()}

@@ -50,7 +50,7 @@ ASPECTS = (1, 2, 4, 8, 16, 32, 64)
 AREAS = {8: 1500, 64: 800}
 """Areas in px^2 at which aspects are compared, with the number of triangles of a draw."""
 
-FEW = ((2048, 1), (2048, 16))
+ALMOST_EMPTY = ((2048, 1), (2048, 16))
 """Sizes in 1/256 px and numbers of triangles of almost empty draws."""
 
 SIZES = (64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768)
@@ -107,7 +107,7 @@ def make_draws(seed: int = 0) -> list[Draw]:
     Draws of earlier versions of the design come first.
     """
     kinds = (
-        _yield_equal_shapes("few", 0, FEW, seed),
+        _yield_equal_shapes("few", 0, ALMOST_EMPTY, seed),
         _yield_aspects(seed),
         _yield_equal_shapes("size", 200, ((side, SMALL_TRIANGLES) for side in SIZES), seed),
         _yield_equal_shapes("lanes", 300, EQUAL_LANES, seed),

@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.frame import Frame
-from harness.profile.counted import COARSE, TERMS, count_cost_terms, make_design_rows
+from harness.profile.counted import COARSE_SCAN_PX, TERMS, count_cost_terms, make_design_rows
 from harness.profile.device_costs import DeviceCosts
 from harness.profile.law import FORMS, VERTICES, compute_stage_times
 from harness.triangulating.recipes import Recipe
@@ -49,7 +49,7 @@ EXPECTED: Mapping[str, Mapping[str, float]] = {
     "helper_lanes": {"expected_quads": 4.0, "area": -1.0},
     "blocks": {"expected_blocks": 1.0},
     "covering": COVERING,
-    "tile_pairs": COVERING | {"half_perimeter": 1 / COARSE},
+    "tile_pairs": COVERING | {"half_perimeter": 1 / COARSE_SCAN_PX},
 }
 """Expected counter of a triangle, by cost term (`TERMS`): coefficients of triangle features."""
 

@@ -30,7 +30,7 @@ UNLIMITED = 2**31 - 1
 
 
 class VertexReuse(NamedTuple):
-    """A GPU: maximum vertices and triangles of a batch, and size of the vertex cache in a batch."""
+    """Vertex reuse of a GPU: maximum vertices and triangles of a batch, and size of the cache."""
 
     max_vertices: int = 32
     max_triangles: int = 32

@@ -7,7 +7,7 @@ from typing import Any, TypedDict
 import numpy as np
 
 from harness.errors import InputError
-from harness.frame import OWN_VIEWS, View, make_grid_frame
+from harness.frame import FIXED_VIEWS, View, make_grid_frame
 from harness.metrics.decision import Decided
 from harness.profile.device_costs import (
     DeviceCosts,
@@ -66,7 +66,7 @@ def predict_run(run: Run, decided: Sequence[Decided], device: DeviceCosts) -> Pr
     views: dict[View, PredictedView | None] = {}
     for group, decision in decided:
         view = group.id.view
-        if views.get(view) is None and decision is not None and view.fit not in OWN_VIEWS:
+        if views.get(view) is None and decision is not None and view.fit not in FIXED_VIEWS:
             seconds = {record.name: record.triangulate_s for record in group.measured}
             if (geometry := drawings.read(run, view)) is not None:
                 base = decision.base.name

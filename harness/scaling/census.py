@@ -38,7 +38,7 @@ from triangulators.polygon_arrays import PolygonArray
 PERIOD_PX = 4
 """Translations by multiples of this many pixels preserve 2x2 and 4x4 blocks, and all counters."""
 
-THIN = "thinner than the grid of 1/256 px"
+TOO_THIN = "thinner than the grid of 1/256 px"
 
 
 @dataclass(frozen=True)
@@ -213,7 +213,7 @@ class _Counter:
         pieces, owners = scale_to_pixels(polygons, units_per_pixel, margin)
         arrays = PolygonArray.from_shapely(pieces)
         drawn = np.isin(np.arange(len(polygons)), owners)
-        skipped = [("dropped", k, THIN) for k in np.flatnonzero(~drawn).tolist()]
+        skipped = [("dropped", k, TOO_THIN) for k in np.flatnonzero(~drawn).tolist()]
         tables = []
         for name in self.triangulators:
             table, failed = _count_shading(

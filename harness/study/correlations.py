@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 
-EXACT = {
+EXACT_PREDICTORS = {
     "exact_quads": ("reference", "quads"),
     "exact_tiles_16": ("binning", "tiles_16"),
     "exact_tiles_32": ("binning", "tiles_32"),
@@ -107,7 +107,10 @@ def correlate_within_polygons(
 
 def list_predictors() -> dict[str, str]:
     """Return column -> title of all predictions: criteria, and exact counts by the CPU."""
-    exact = {name: f"{find_metric(counter).label}, exactly" for name, (_, counter) in EXACT.items()}
+    exact = {
+        name: f"{find_metric(counter).label}, exactly"
+        for name, (_, counter) in EXACT_PREDICTORS.items()
+    }
     return {name: metric.title for name, metric in list_predictions().items()} | exact
 
 
@@ -160,7 +163,7 @@ def make_measure_table(records: Sequence[Record]) -> pd.DataFrame:
 def _add_exact_counts(table: pd.DataFrame) -> pd.DataFrame:
     """Add the exact counts by the CPU, from the rows of the rasterisers that count them."""
     keys = ["polygon", "resolution", "rotation", "triangulator"]
-    for name, (rasteriser, counter) in EXACT.items():
+    for name, (rasteriser, counter) in EXACT_PREDICTORS.items():
         if counter not in table.columns:
             continue
         source = table[(table["rasteriser"] == rasteriser) & (table["samples"] == 1)]
@@ -305,7 +308,7 @@ def _draw_scatter(rows: pd.DataFrame, part: pd.DataFrame, title: str) -> Figure:
     # One counter is enough: as fragments are equal, quads and helper lanes have the same ranks.
     for measure in [name for name in measured if name not in times][:1] + times[:1]:
         ranked = values.xs(measure, level="measure").dropna()
-        best = ranked.drop([PAPER, *EXACT], errors="ignore").nlargest(1).index
+        best = ranked.drop([PAPER, *EXACT_PREDICTORS], errors="ignore").nlargest(1).index
         pairs += [(name, measure) for name in (PAPER, *best)]
     title_lines = (
         f"How well do the paper's A and the best criterion predict? {title}\n"

@@ -34,7 +34,7 @@ from harness.study.correlations import (
 from harness.study.subjects import MIN_QUADS
 from harness.style import format_latex_table, format_markdown_table, get_family
 
-OF_QUADS = ("quads", "helper_lanes")
+QUAD_COUNTERS = ("quads", "helper_lanes")
 """Counters whose minimum follows from the minimum number of quads, as fragments are equal."""
 
 NOT_CHOSEN = ("worst", "listed")
@@ -114,7 +114,7 @@ def make_regret_table(records: Sequence[Record]) -> pd.DataFrame:
             regrets[f"{TIME}{case.options.work}"] = _compare_times(times)
         proven = any(r.name == MIN_QUADS and r.proven == r.polygons for r in records_ok)
         for measure, (best, estimates) in regrets.items():
-            least_known = proven and measure in OF_QUADS and case.options.samples == 1
+            least_known = proven and measure in QUAD_COUNTERS and case.options.samples == 1
             for kind, name, index in _list_choices(records_ok):
                 low, high = estimates[index]
                 row = (case.scene, records_ok[index].name, records_ok[best].name, least_known)
@@ -243,7 +243,7 @@ def select_printed_measures(measured: Iterable[str]) -> list[str]:
     names = list(dict.fromkeys(measured))
     times = [name for name in names if name.startswith(TIME)]
     counted = [name for name in names if name not in times]
-    return ([name for name in counted if name in OF_QUADS] or counted[:1]) + times
+    return ([name for name in counted if name in QUAD_COUNTERS] or counted[:1]) + times
 
 
 def print_regret(summary: pd.DataFrame, console: Console) -> None:

@@ -18,14 +18,16 @@ from harness.metrics.registry import find_metric
 from harness.stats.intervals import MIN_VALUES
 from harness.study.correlations import TIME, TOO_FEW
 
-BEST, USUAL, DELAUNAY = "optimal:half-perimeter", "ear-clipping", "delaunay"
-TURNED = "@0"
+H_OPTIMAL, EAR_CLIPPING, DELAUNAY = "optimal:half-perimeter", "ear-clipping", "delaunay"
+UPRIGHT_SUFFIX = "@0"
 """Suffix of triangulators that triangulate at 0 degrees, before the scene is rotated."""
 
-CHOICE = (USUAL, DELAUNAY, "refined", "optimal:overdraw", BEST)
+TIMED_TRIANGULATORS = (EAR_CLIPPING, DELAUNAY, "refined", "optimal:overdraw", H_OPTIMAL)
 """Triangulators of the study of draw times, from which a user may choose."""
 
-ROTATED_TRIANGULATORS = tuple(f"{name}{TURNED}" for name in (USUAL, "optimal:overdraw", BEST))
+ROTATED_TRIANGULATORS = tuple(
+    f"{name}{UPRIGHT_SUFFIX}" for name in (EAR_CLIPPING, "optimal:overdraw", H_OPTIMAL)
+)
 """Triangulators of the study of rotation: triangulated at 0 degrees, then turned."""
 
 RANKED = ("overdraw", "half-perimeter", "expected-quads", "edge-length", "shape")
@@ -182,7 +184,7 @@ def _check_faster(table: pd.DataFrame | None, base: str) -> Finding | None:
 
     table : content of gains.csv, of which the largest viewport is used
     """
-    row = _find_row(table, triangulator=BEST, base=base)
+    row = _find_row(table, triangulator=H_OPTIMAL, base=base)
     finding = _make_finding(row, *(f"time_ratio{end}" for end in ("", "_low", "_high")))
     return finding and replace(finding, holds=finding.high < 1)
 
@@ -206,8 +208,10 @@ def _check_rotation(evidence: Evidence, triangulator: str, *, below: bool) -> Fi
     table = evidence.get("turned")
     if table is None:
         return None
-    rows = table[table["triangulator"] == f"{triangulator}{TURNED}"]
-    rows = rows[(rows["base"] == f"{USUAL}{TURNED}") & (rows["rasteriser"] != BOX_RASTERISER)]
+    rows = table[table["triangulator"] == f"{triangulator}{UPRIGHT_SUFFIX}"]
+    rows = rows[
+        (rows["base"] == f"{EAR_CLIPPING}{UPRIGHT_SUFFIX}") & (rows["rasteriser"] != BOX_RASTERISER)
+    ]
     ratio = "helper_lanes_ratio"
     worst = rows.nlargest(1, ratio)
     finding = None if worst.empty else _make_finding(worst.iloc[0], ratio, ratio, ratio)
@@ -244,7 +248,7 @@ CLAIMS = (
     Claim(
         "H-optimal triangulations are drawn faster than ear clipping",
         H_AGAINST_EAR_CLIPPING,
-        lambda e: _check_faster(e.get("choice"), USUAL),
+        lambda e: _check_faster(e.get("choice"), EAR_CLIPPING),
     ),
     Claim(
         "H-optimal triangulations are drawn faster than Delaunay",
@@ -266,7 +270,7 @@ CLAIMS = (
         "Rotated after triangulation, H-optimal triangulations have at most 0.95 of ear clipping's"
         " helper lanes",
         H_TURNED,
-        lambda e: _check_rotation(e, BEST, below=True),
+        lambda e: _check_rotation(e, H_OPTIMAL, below=True),
     ),
     Claim(
         "Rotated after triangulation, A-optimal triangulations have more than 0.95 of ear"

@@ -9,7 +9,7 @@ from typing import get_args
 import pytest
 
 from harness.commands.index import COMMANDS, load_command
-from harness.frame import OWN_VIEWS
+from harness.frame import FIXED_VIEWS
 from harness.settings import CHOSEN_FITS, Fit
 from tests.conftest import assert_one_line, assert_refused, make_geojson, require_ok
 from tests.paths import ROOT, run_python
@@ -157,7 +157,7 @@ def test_the_table_has_every_command():
 
 
 def test_fit_has_the_choices_of_a_view():
-    assert (*get_args(CHOSEN_FITS), *OWN_VIEWS) == get_args(Fit)
+    assert (*get_args(CHOSEN_FITS), *FIXED_VIEWS) == get_args(Fit)
 
 
 WITHOUT_HEAVY_LIBRARIES = [

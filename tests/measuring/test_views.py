@@ -8,7 +8,7 @@ import shapely
 import trimesh
 
 from harness.errors import IncompatibleRunsError, InputError, NothingMeasuredError, UsageError
-from harness.frame import OWN_VIEW_MESSAGE, View, get_scene_view, make_scene_frame
+from harness.frame import FIXED_VIEW_MESSAGE, View, get_scene_view, make_scene_frame
 from harness.measuring.lower_limits import compute_min_quads, compute_outline_bounds
 from harness.measuring.plan import Plan
 from harness.metrics.groups import compare_views, describe_views, group_run
@@ -141,7 +141,7 @@ def test_a_view_of_another_kind_is_refused(model, tmp_path, harness):
     for scene, noun in ((f"{model}:views=4", "a model's views"), (TILES, "map tiles")):
         for option in ("--resolution=512", "--rotation=30", "--fit=box"):
             answer = harness("run", "--scene", scene, option, "--quick")
-            assert_refused(answer, f"error: {OWN_VIEW_MESSAGE.format(noun)}")
+            assert_refused(answer, f"error: {FIXED_VIEW_MESSAGE.format(noun)}")
 
 
 def test_models_without_a_choice_are_refused(tmp_path):

@@ -72,8 +72,8 @@ def get_verdicts(evidence: Evidence) -> dict[str, bool | None]:
     }
 
 
-USUAL = {"overdraw": 0.86, "half_perimeter": 0.98, "expected_quads": 0.99}
-USUAL |= {"edge_length": 0.93, "shape": 0.75}
+EAR_CLIPPING = {"overdraw": 0.86, "half_perimeter": 0.98, "expected_quads": 0.99}
+EAR_CLIPPING |= {"edge_length": 0.93, "shape": 0.75}
 
 
 def test_claims_without_evidence_have_no_finding():
@@ -81,9 +81,9 @@ def test_claims_without_evidence_have_no_finding():
 
 
 def test_each_claim_can_hold_and_fail():
-    exact = _with_exact_a(correlations(**USUAL))
+    exact = _with_exact_a(correlations(**EAR_CLIPPING))
     good = evidence(
-        exact, compare(**USUAL), lost=0.002, choice=0.9, walked=0.95, turned=(0.92, 0.99)
+        exact, compare(**EAR_CLIPPING), lost=0.002, choice=0.9, walked=0.95, turned=(0.92, 0.99)
     )
     assert set(get_verdicts(good).values()) == {True}
     poor = {"overdraw": 0.86, "half_perimeter": 0.86, "expected_quads": 0.86}
@@ -139,7 +139,9 @@ def regret(mean: float) -> pd.DataFrame:
 
 
 def test_page_shows_reference_and_finding():
-    text = format_page([("mine", Evidence(correlations=correlations(**USUAL)))], "On a machine.")
+    text = format_page(
+        [("mine", Evidence(correlations=correlations(**EAR_CLIPPING)))], "On a machine."
+    )
     assert "| mine | 2 | 1 | 8 |" in text
     assert f"| {replication.Q_RANKS_LANES} | 0.990 (0.980 to 1.000) | holds |" in text
     assert "not measured" in text
@@ -205,21 +207,23 @@ def test_disturbed_times_have_no_gains(harness, monkeypatch):
 
 def test_comparisons_use_paired_differences():
     """Overlapping intervals do not exclude a difference within each polygon, or the reverse."""
-    wide = correlations(**USUAL)
+    wide = correlations(**EAR_CLIPPING)
     wide = wide.assign(ci_low=wide["value"] - 0.2, ci_high=wide["value"] + 0.2)
-    page = format_page([("city", Evidence(correlations=wide, compared=compare(**USUAL)))], "here")
+    page = format_page(
+        [("city", Evidence(correlations=wide, compared=compare(**EAR_CLIPPING)))], "here"
+    )
     assert "A 0.860 (0.660 to 1.060), difference 0.120 (0.110 to 0.130) | holds" in page
-    close = compare(**{**USUAL, "half_perimeter": 0.865})
-    judged = get_verdicts(Evidence(correlations=correlations(**USUAL), compared=close))
+    close = compare(**{**EAR_CLIPPING, "half_perimeter": 0.865})
+    judged = get_verdicts(Evidence(correlations=correlations(**EAR_CLIPPING), compared=close))
     assert [v for sentence, v in judged.items() if "polygon by polygon" in sentence] == [False] * 2
 
 
 def test_too_few_polygons_decide_no_claim():
-    table = correlations(**USUAL)
+    table = correlations(**EAR_CLIPPING)
     unknown = {"ci_low": float("nan"), "ci_high": float("nan"), "polygons": 1}
     evidence = Evidence(
         correlations=table.assign(**unknown),
-        compared=compare(**USUAL).assign(**unknown),
+        compared=compare(**EAR_CLIPPING).assign(**unknown),
         regret=regret(0.002).assign(**unknown),
         turned=gains("optimal:half-perimeter@0", "ear-clipping@0", 0.9).assign(**unknown),
     )
@@ -270,9 +274,9 @@ def test_study_with_failed_parts_is_inconclusive(harness, monkeypatch):
     monkeypatch.setattr(
         "harness.commands.study_gains.write_gains", lambda runs, *_: asked.extend(runs)
     )
-    exact = _with_exact_a(correlations(**USUAL))
+    exact = _with_exact_a(correlations(**EAR_CLIPPING))
     tables = evidence(
-        exact, compare(**USUAL), lost=0.002, choice=0.9, walked=0.95, turned=(0.92, 0.99)
+        exact, compare(**EAR_CLIPPING), lost=0.002, choice=0.9, walked=0.95, turned=(0.92, 0.99)
     )
     monkeypatch.setattr("harness.study.replication.read_evidence", lambda folder: tables)
     code, out, err = harness("study", "all", "city", "--out", "out")
