@@ -206,7 +206,7 @@ Python only prints it; this list still makes the program exit as interrupted."""
 
 
 def _stop(number: int, _: object) -> None:
-    """Record a signal, and raise KeyboardInterrupt as Ctrl-C does; a signal handler."""
+    """Handle a signal: record the signal, and raise KeyboardInterrupt as Ctrl-C does."""
     _received.append(number)
     if number == system.HANGUP:
         detach_terminal()

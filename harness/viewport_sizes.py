@@ -139,7 +139,7 @@ class Sizes:
         return f"draw time on {self.device.name}" if self.device else "shaded lanes"
 
     def to_json(self) -> dict[str, Any]:
-        """Return JSON-ready values."""
+        """Return the output of `inspect --sizes --json`, JSON-ready."""
         return {
             "scene": self.scene,
             "device": self.device.name if self.device else None,

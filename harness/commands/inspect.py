@@ -35,7 +35,7 @@ def _parse_sizes(text: str) -> options.ValueList:
     low, _, high = text.partition("-")
     first, last = size(low), size(high or low)
     if first > last:
-        raise typer.BadParameter(f"{text!r}: the first size is larger than the last")
+        raise typer.BadParameter(f"{text!r}: the first size exceeds the last; give e.g. 16-1024")
     sizes = [first]
     while 2 * sizes[-1] < last:
         sizes.append(2 * sizes[-1])

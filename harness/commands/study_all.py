@@ -156,7 +156,7 @@ def _list_parts(
 
 
 def _measure_validation(scene: str, folder: Path, settings: _Settings) -> None:
-    """Measure the part that ranks criteria."""
+    """Measure how well each criterion ranks triangulations, as `study validate` does."""
     from harness.commands.outcome import raise_if_cases_failed
 
     plan = study_validate.plan_validation(

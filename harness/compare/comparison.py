@@ -316,7 +316,7 @@ def compute_growth(base: float, head: float) -> float | None:
 
 
 def correct_q_values(changes: Sequence[TimeChange], settings: Settings) -> list[TimeChange]:
-    """Correct q-values for the number of cases; a change above the limit becomes inconclusive."""
+    """Correct q-values for the number of cases; a change with a high q-value is inconclusive."""
     p_values = [change.q_value for change in changes if change.q_value is not None]
     if not p_values:
         return list(changes)

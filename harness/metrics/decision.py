@@ -138,7 +138,7 @@ def _make_standing(
 ) -> Standing:
     """Return the entry of a record in the ranking.
 
-    The cost is the ratio of times if that is quiet or nothing was counted. Otherwise it is the main
+    The cost is the ratio of times if the run was quiet or counted nothing. Otherwise it is the main
     counter relative to the base's; without a ratio of times, the draw time relative to the base's.
 
     The verdict uses the paired ratio, which may contradict the order of two median times.
@@ -320,7 +320,7 @@ def _explain_times(decision: Decision) -> str:
 
 
 def _format_count(decision: Decision, standing: Standing) -> str:
-    """Return the main counter of a triangulator, and the share by which the base has more."""
+    """Return a triangulator's main counter, and the share by which it is below the base's."""
     measure, base = decision.measure, decision.base
     assert measure is not None
     count, base_count = standing.record.counters[measure], base.record.counters.get(measure)

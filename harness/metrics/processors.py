@@ -42,7 +42,7 @@ def list_distinct_processors(labels: Iterable[str]) -> list[str]:
 
 
 def is_drawn_in_software(run: Run, record: Record) -> bool:
-    """Return whether a record's device is software."""
+    """Return whether a record's device is a software renderer."""
     device = f"{record.id.rasteriser} on {record.id.device_name}"
     details = ((run.facts.get("devices") or {}).get(device) or {}).get("details") or {}
     renderer = str(details.get("renderer") or record.id.device_name)

@@ -46,7 +46,7 @@ def find_pixel_range(low: int, high: int) -> tuple[int, int]:
 def set_up_edges(
     points: Points, triangle: NDArray[np.int32], edges: Edges, window: Window
 ) -> tuple[int, int, int, int, bool]:
-    """Write a triangle's edge functions to `edges`, and return its bounding box in the window.
+    """Write a triangle's edge functions to `edges`; return the triangle's box in the window.
 
     A row of `edges` (3, 3) is constant, per_row, per_column: constant + per_row*y - per_column*x is
     the edge function at the centre of pixel (x, y), less 1 if the top-left rule excludes the edge

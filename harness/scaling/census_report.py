@@ -171,7 +171,7 @@ def plot_distribution(sums: Sums, triangulators: Sequence[str], noun: str) -> Fi
 
 
 def plot_map(cells: pd.DataFrame, census: Census) -> Figure:
-    """Draw a map of the helper lanes that the last triangulator saves in each cell."""
+    """Draw a map of the share of helper lanes that the last triangulator saves, by map cell."""
     coarse = max(1, int(np.ceil(np.ptp(cells[["x", "y"]], axis=0).max() / MAX_CELLS)))
     sums = cells.groupby([cells["y"] // coarse, cells["x"] // coarse]).sum()
     base, *_, last = (sums[f"helper_lanes {name}"] for name in census.triangulators)

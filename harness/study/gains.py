@@ -31,7 +31,7 @@ KEYS = (*AXES, "fit", "order")
 
 
 def make_gain_table(runs: Sequence[Run], bases: Sequence[str]) -> pd.DataFrame:
-    """Return one row per case and base: the paired ratio of times and of helper lanes.
+    """Return one row per case and base: the paired ratio of times, and the ratio of helper lanes.
 
     runs : if several runs have the same view, the first is used, because times of different runs
         are not paired

@@ -82,7 +82,7 @@ class Finding:
 
     @property
     def verdict(self) -> str:
-        """Whether the claim holds, or too few polygons."""
+        """The verdict in words: holds, does not hold, or too few polygons."""
         return TOO_FEW if self.too_few else "holds" if self.holds else "does not hold"
 
     @property

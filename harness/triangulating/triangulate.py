@@ -44,7 +44,7 @@ def triangulate_polygons(
             warm_up(recipe)
         triangles = {k: timed.triangles for k, timed in enumerate(cached) if timed is not None}
         missing = [k for k, timed in enumerate(cached) if timed is None]
-        batch = run_batch(recipe, arrays.take(missing) if triangles else arrays, result)
+        batch = triangulate_in_batch(recipe, arrays.take(missing) if triangles else arrays, result)
         triangles |= {missing[k]: part for k, part in batch.items()}
         checks = _check_unconfirmed(arrays, triangles)
         valid = {k for k in triangles if not checks.get(k, (0, ""))[1]}
@@ -78,12 +78,12 @@ def triangulate_polygons(
     return result
 
 
-def run_batch(
+def triangulate_in_batch(
     recipe: Recipe, polygons: PolygonArray, result: FrameTriangulation
 ) -> dict[int, Rows]:
     """Return triangles by index for polygons that compiled code solves; add the time to `result`.
 
-    In a batch, `seconds` is the time of the algorithm, without the overhead of single calls.
+    The time is that of the algorithm, without the overhead of single calls.
     """
     if not len(polygons):
         return {}
@@ -112,7 +112,7 @@ def time_in_rounds(
     for _ in range(rounds):
         for index in order.permutation(len(recipes)).tolist():
             result = FrameTriangulation()
-            batch = run_batch(recipes[index], arrays, result)
+            batch = triangulate_in_batch(recipes[index], arrays, result)
             for k, polygon in enumerate(polygons if len(batch) < len(arrays) else ()):
                 if k not in batch:
                     start = cpu_clock()
@@ -168,7 +168,7 @@ def warm_up(*recipes: Recipe) -> None:
         if recipe.base in _warm:
             continue
         polygons = PolygonArray.from_shapely(list(make_small_polygons()))
-        batch = run_batch(recipe, polygons, FrameTriangulation())
+        batch = triangulate_in_batch(recipe, polygons, FrameTriangulation())
         find_unconfirmed(polygons, batch)
         for polygon in polygons:
             # the triangulation of the scene reports errors
