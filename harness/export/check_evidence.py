@@ -6,12 +6,12 @@
 `raster-harness triangulate --certify --evidence FILE` writes FILE: a line of JSON for each polygon
 (docs/reference/files.md). This file needs only Python and shares no code with the program that
 writes proofs. The fields of a line are not trusted: rings must be simple, the triangles must be
-empty and cover the polygon once, and units, cost, bound and gap are computed here. Half-perimeter
+empty and cover the polygon once, and weights, cost, bound and gap are computed here. Half-perimeter
 and overdraw are exact, and edge-length uses integer square roots: sums of doubles are accepted with
 a relative error up to 2^-44. The exit code is 1 if a line is refused.
 
 The proof is explained in docs/theory.md. In short: triangulations consist of empty triangles. A
-triangle has a weight, its cost in units plus a little noise, and an edge has a potential y, negated
+triangle has a weight, its scaled cost plus a little noise, and an edge has a potential y, negated
 for the opposite direction, so that for all empty triangles
 y(ab) + y(bc) + y(ca) + lift <= weight(abc). In the sum over a triangulation, y cancels along
 diagonals: the sum of y over the boundary, plus lift times the number of triangles, is a bound.
@@ -221,7 +221,7 @@ class Claim:
         return (x ^ x >> 31) >> (64 - self.bits)
 
     def compute_weight(self, t: Triangle) -> int:
-        """Return a triangle's weight: cost in units times `factor`, at most 2^59, plus noise."""
+        """Return a triangle's weight: floor(scale * cost) * factor, at most 2^59, plus noise."""
         units = math.floor(self.scale * self.compute_cost(*t) * (1 if self.exact else COST_FACTOR))
         units = min(units, 2**59 // self.factor)
         return units * self.factor + sum(

@@ -35,7 +35,7 @@ function describeDisturbance({ drift, control }) {
   return "";
 }
 
-/* Rows (draws, terms) of the law, from a grid's counters. */
+/* The counters (draws, terms) to which the law is fitted, from the exact results of a vertex grid. */
 const makeDesignRows = (page, counters, size) => range(size).map((k) => Object.keys(page.terms).map((name) =>
   (name === "draw" ? 1 : counters[name][k] / (page.in_px.includes(name) ? UNIT : 1))));
 
