@@ -36,7 +36,7 @@ BINARY: int = getattr(os, "O_BINARY", 0)
 def get_database_path() -> Path:
     """Return the path of the database of triangulations.
 
-    The path is the value of RASTER_HARNESS_CACHE, or else in the user's cache folder.
+    The path is the value of RASTER_HARNESS_CACHE; if unset, a file in the user's cache folder.
     """
     if file := os.environ.get("RASTER_HARNESS_CACHE"):
         return Path(file)

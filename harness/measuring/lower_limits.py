@@ -56,7 +56,7 @@ def start_bounds(
 
 
 def collect_bounds(pending: Pending) -> dict[str, NDArray[np.int64]]:
-    """Wait for lower bounds; return the quads of each polygon, (p,), or -1 if unknown, by name.
+    """Wait for lower bounds; return name -> quads of each polygon, (p,), -1 if unknown.
 
     A bound that fails to compute is omitted.
     """

@@ -201,7 +201,7 @@ def _list_standings(decision: Decision | None) -> Sequence[Standing]:
 def _list_correlations(
     groups: Sequence[GroupContent],
 ) -> Iterator[tuple[tuple[str, str, str], Mapping[str, float | None]]]:
-    """Yield (rasteriser, device, measure) and criterion -> correlation, of the first view only."""
+    """Yield (rasteriser, device, measure), and correlations by criterion, in the first view."""
     for group in groups:
         if group["view"] == groups[0]["view"]:
             for measure, values in group["correlations"].items():

@@ -110,7 +110,7 @@ def _select_records(runs: Iterable[Run]) -> list[_Source]:
 
 
 def _get_priority(source: _Source) -> tuple[int, str]:
-    """Return the sort key by which one of a case's records is selected; equal if both are ok."""
+    """Return the sort key by which one of a case's records is selected; equal for ok records."""
     record = source.record
     content = "" if record.is_ok else json.dumps(record_to_json(record), sort_keys=True)
     return STATUSES.index(record.status), content

@@ -151,7 +151,7 @@ def _compare_counts(values: Sequence[float]) -> tuple[int, list[tuple[float, flo
 def _compare_times(times: Sequence[Time]) -> tuple[int, list[tuple[float, float]]]:
     """Return the index of the minimum time, and lower and upper estimate of each regret.
 
-    times : of the same rounds
+    times : times of the candidates, from the same rounds
     """
     rounds, first = min(len(time.samples_s) for time in times), times[0]
     samples = np.array([time.samples_s[:rounds] for time in times])
