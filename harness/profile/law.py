@@ -187,8 +187,8 @@ class Law:
         """Return the 95 % interval of the share of a draw's time that another draw saves.
 
         spent, base : (t,) counts of the draw that saves and of the other; costs : (t,) costs from
-        which the share is computed. Delta method with the covariance of the signed costs, each draw in
-        its binding stage.
+        which the share is computed. Delta method with the covariance of the signed costs, each draw
+        in its binding stage.
         """
         spent, base = mask_other_stages(np.stack([spent, base]), costs, self.form)
         base_s = float(base @ costs)
