@@ -109,5 +109,8 @@ def sweep(outline: Boundary) -> np.ndarray:
     if -1 in errors:
         raise TriangulationError("sweep: the tessellator would add a vertex where edges meet")
     if errors:
-        raise TriangulationError(f"sweep: GLU error {errors[0]}")
+        problem = GLU.gluErrorString(errors[0]).decode()
+        raise TriangulationError(
+            f"sweep: the OpenGL tessellator failed ({problem}); choose another triangulator"
+        )
     return np.array(indices, dtype=np.int64).reshape(-1, 3)

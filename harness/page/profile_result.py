@@ -26,6 +26,7 @@ from harness.stats.intervals import MIN_EPOCHS
 from triangulators.devices import is_software
 
 FORMAT = "raster-harness device profile"
+NEW_PAGE = "create the page again (raster-harness page --profile) and measure again"
 
 LAW_TOLERANCE = 0.02
 """Tolerated relative difference between a draw's time by the page's law and by a new fit. Both fits
@@ -92,8 +93,8 @@ def import_profile(file: Path, result: Result, name: str) -> tuple[dict[str, Any
     page = result.page
     if page.design != DESIGN_VERSION:
         raise IncompatibleRunsError(
-            f"{file}: draws of design {page.design}, expected {DESIGN_VERSION}; "
-            "create the page again"
+            f"{file}: measured with version {page.design} of the profile page's draws, expected "
+            f"{DESIGN_VERSION}; {NEW_PAGE}"
         )
     step = result.device.step or 1
     draws = [design.snap_draw(draw, step) for draw in design.make_draws(page.seed)]
@@ -155,7 +156,7 @@ def _check_law(
     if result.law is None:
         return
     if list(result.law.seconds) != list(TERMS) or result.law.form not in FORMS:
-        raise InputError(f"{file}: the cost model has unknown terms or form; create the page again")
+        raise InputError(f"{file}: the cost model has unknown terms or form; {NEW_PAGE}")
     rows, form = make_design_rows(exact), result.law.form
     fitted, _ = select_draws_to_fit(draws)
     labels = np.unique([draws[n].group for n in fitted], return_inverse=True)[1]

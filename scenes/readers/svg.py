@@ -153,8 +153,10 @@ class _Drawing:
         if local["transform"] != "inherit":
             matrix = parse_transform(local["transform"], is_css="transform" in style)
             if local["transform-origin"] != "inherit":
-                if style.get("transform-box", "view-box") != "view-box":
-                    raise ValueError("transform-box is unsupported: use view-box")
+                if (box := style.get("transform-box", "view-box")) != "view-box":
+                    raise ValueError(
+                        f"transform-box: {box} is unsupported; use transform-box: view-box"
+                    )
                 matrix = transform_about(matrix, local["transform-origin"], state.viewport)
             state = replace(state, matrix=state.matrix.transform(matrix))
         if get_tag(element) == "svg":

@@ -109,7 +109,7 @@ def truncate_epochs(number: int) -> Callable[[dict[str, Any]], None]:
 
 
 FORGERIES: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
-    "design": (lambda r: r["page"].update(design=2), "draws of design 2, expected"),
+    "design": (lambda r: r["page"].update(design=2), "measured with version 2 of"),
     "seed": (lambda r: r["page"].update(seed=1), "the draws differ from the draws of seed 1"),
     "checksum": (
         lambda r: r["draws"][3].update(checksum=5),
