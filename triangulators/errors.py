@@ -33,7 +33,7 @@ class UnknownNameError(TriangulationError, ValueError):
 
 
 class ArgumentError(TriangulationError, ValueError):
-    """An argument is invalid, or contradicts another argument or the name."""
+    """An argument is invalid, or contradicts another argument or the triangulator's name."""
 
 
 def suggest(name: str, names: Iterable[str], cutoff: float = 0.6, fallback: str = "") -> str:

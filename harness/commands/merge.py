@@ -19,14 +19,17 @@ def merge(
             parser=make_list_parser(),
             metavar="NAME,...",
             help="Names of the hosts that measured the runs, in the same order. Devices are then "
-            "named device@host, so that equal devices of several hosts are not merged.",
+            "named device@host, so that devices with the same name on several hosts are not "
+            "merged.",
         ),
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Merge runs by case; the order of the runs does not matter.
+    """Merge runs of one scene into one run; the order of the runs does not matter.
 
-    Counters of equal devices must agree on all hosts.
+    The merged run has one record for each case (scene, view, triangulator, device and options).
+    Measured records of the same case must be equal, unless --hosts distinguishes their devices.
+    With --hosts, counters of devices with the same name must agree on all hosts.
     """
     from harness.commands.outcome import make_run
     from harness.results.run_folder import read_latest

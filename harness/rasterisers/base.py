@@ -157,8 +157,8 @@ class Rasteriser(ABC):
     `timed`, whether `prepare` works. Construct a rasteriser only inside a worker process with the
     device's environment.
 
-    An implementation overrides `_draw_and_count` and, if it can be timed, `_prepare`; both get
-    validated triangles in submission order.
+    An implementation overrides `_draw_and_count`, which may count without drawing, and, if it can
+    be timed, `_prepare`; both get validated triangles in submission order.
     """
 
     name: ClassVar[str]

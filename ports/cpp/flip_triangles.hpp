@@ -342,7 +342,7 @@ private:
 
     static constexpr double UNDERFLOW_BOUND = 1e-300;  // exceeds the underflow error of a product
 
-    // Whether the triangles a, b, d and a, d, c have a certain orientation, and the same one.
+    // Whether the triangles a, b, d and a, d, c certainly have the same nonzero orientation.
     static bool is_convex(Point a, Point b, Point c, Point d) {
         FLIP_TRIANGLES_AS_WRITTEN
         const double x = d.x - a.x, y = d.y - a.y;

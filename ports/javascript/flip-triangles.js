@@ -124,7 +124,7 @@ function flipAll(count, by, scale) {
     return flips;
 }
 
-/** Whether the triangles a, b, d and a, d, c have a certain orientation, and the same one. */
+/** Whether the triangles a, b, d and a, d, c certainly have the same nonzero orientation. */
 function isConvex(a, b, c, d) {
     const ax = x(a), ay = y(a), dx = x(d) - ax, dy = y(d) - ay;
     const p = (x(b) - ax) * dy, q = (y(b) - ay) * dx, r = dx * (y(c) - ay), s = dy * (x(c) - ax);
