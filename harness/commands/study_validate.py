@@ -77,7 +77,9 @@ def study_validate(
     )
     correlations.print_matrix(validation.ranks, Screen())
     regret.print_regret(validation.regrets, Screen())
-    if conclusion := matrix.format_study_answer(matrix.read_study_matrices(validation.run.folder)):
+    if conclusion := matrix.format_best_criterion_of_study(
+        matrix.read_study_matrices(validation.run.folder)
+    ):
         Screen().print(conclusion, markup=False, soft_wrap=True)
     finish_study(validation.run)
 

@@ -40,7 +40,7 @@ def _make_answer(question: dict[str, Any]) -> dict[str, Any]:
     for polygon in shapely.from_wkb(question["warm_up"]):
         try:
             function(polygon)
-        except (Exception, SystemExit):  # reported for the polygons of the scene
+        except (Exception, SystemExit):  # an error that recurs is reported below
             continue
     results, seconds = [], 0.0
     for polygon in shapely.from_wkb(question["polygons"]):

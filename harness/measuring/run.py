@@ -101,7 +101,7 @@ class RunResult:
 
     @cached_property
     def decided(self) -> list[Decided]:
-        """Groups of the run with the decision about each group."""
+        """The run's groups of records, each with the recommendation, or None if not measured."""
         return decide_run(self.run)
 
 

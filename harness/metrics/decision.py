@@ -125,11 +125,11 @@ def decide_group(group: RecordGroup) -> Decision | None:
 
 
 Decided = tuple[RecordGroup, Decision | None]
-"""A group with the decision, or None if no record was measured."""
+"""A group of records with the recommendation, or None if no record was measured."""
 
 
 def decide_run(run: Run) -> list[Decided]:
-    """Return the groups of a run with decisions."""
+    """Return the groups of a run's records, each with the recommendation."""
     return [(group, decide_group(group)) for group in group_run(run)]
 
 

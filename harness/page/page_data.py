@@ -212,12 +212,12 @@ def _make_views(run: Run) -> Iterator[ViewContent]:
             "scene": records[drawn[0]].id.scene,
             "points": encode_array(geometry.points.astype("<i4")),
             "sizes": geometry.grid.vertex_counts.tolist(),
-            "cases": {name: _make_case(records[name], geometry) for name in drawn},
+            "cases": {name: _encode_triangulation(records[name], geometry) for name in drawn},
         }
 
 
-def _make_case(record: Record, geometry: Geometry) -> CaseContent:
-    """Return the content of a triangulation."""
+def _encode_triangulation(record: Record, geometry: Geometry) -> CaseContent:
+    """Return a triangulation's triangles, exact counters and record, encoded for the page."""
     rows = geometry.triangles[record.name]
     fields = record_to_json(record) | {"triangulator": record.name}
     fragments, quads, partial, covering = (

@@ -219,7 +219,10 @@ def describe_origin(device: Mapping[str, Any]) -> str:
 
 
 def is_of_this_machine(device: Mapping[str, Any]) -> bool:
-    """Return whether this machine has a profile's processor (software) or GPU."""
+    """Return whether this machine has the GPU on which a profile was measured.
+
+    For a software renderer: whether this machine has the processor on which it was measured.
+    """
     if device.get("software"):
         return bool(device.get("cpu") == describe_processor()["label"])
     name, details = device.get("rasteriser"), device.get("details", {})

@@ -284,7 +284,7 @@ def find_tile_span(
 
 
 class Binning(CpuRasteriser):
-    """A binner on the CPU, which counts but cannot be timed."""
+    """A binner on the CPU, which counts without drawing and cannot be timed."""
 
     name = "binning"
     counters: ClassVar[tuple[str, ...]] = tuple(

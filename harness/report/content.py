@@ -32,7 +32,7 @@ from harness.rasterisers.counters import ESTIMATES, compute_estimates
 from harness.report import matrix
 from harness.report.matrix import (
     format_best_criterion,
-    format_study_answer,
+    format_best_criterion_of_study,
     make_run_matrices,
     read_study_matrices,
 )
@@ -183,7 +183,7 @@ def make_content(run: Run, decided: Sequence[Decided] | None = None) -> Content:
         "cases": cases,
         "views": polygons.views,
         "matrices": study or make_run_matrices(_list_correlations(groups)),
-        "study": format_study_answer(study),
+        "study": format_best_criterion_of_study(study),
         "environment": list_facts(run),
         "key_facts": list_key_facts(run),
         "warnings": [*run.facts.get("warnings", []), *get_run_state(run).warnings, *run.problems],

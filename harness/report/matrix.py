@@ -160,10 +160,11 @@ def format_best_criterion(
     return f"{text})."
 
 
-def format_study_answer(matrices: Sequence[Mapping[str, Any]]) -> str | None:
-    """Return a sentence about the best criterion in a study's first matrix, or None if empty.
+def format_best_criterion_of_study(matrices: Sequence[Mapping[str, Any]]) -> str | None:
+    """Return a sentence about the criterion that predicts a measure best, or None if unknown.
 
-    The measure is helper lanes, otherwise bounding-box tests, otherwise the first measure.
+    matrices : the study's correlations of criteria (rows) with measures (columns); the first matrix
+        is used, and of its columns helper lanes, otherwise bounding-box tests, otherwise the first
     """
     if not matrices:
         return None

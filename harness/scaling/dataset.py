@@ -106,7 +106,9 @@ class PartResult:
 
 @dataclass(frozen=True)
 class PartWork:
-    """Processing of a part; subclasses have the options that results depend on as fields.
+    """Processing of a part of a data set.
+
+    The fields of a subclass are the options on which the results depend.
 
     title : shown with the progress
     unit : unit of the sizes of parts

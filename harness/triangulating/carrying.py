@@ -36,7 +36,8 @@ def carry_to_rotated_frame(
         elif turned.grid.vertex_counts[index] != vertices[origin]:
             problem = "snapping changed its vertices in the rotation"
         elif not (checked := verify(turned.polygons[index], part)).conforming:
-            # A program would draw the triangulation anyway; the coverage error reports the effect.
+            # Not a failure: a renderer would draw a triangulation that does not conform, too. The
+            # coverage error counts the wrong pixels.
             junctions = max(1, len(checked.t_junctions))
         result.add(part, junctions, problem)
     result.predicted = sum_criteria_per_polygon(turned.polygons, result.parts)

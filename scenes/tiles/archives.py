@@ -90,13 +90,17 @@ class Archive(ABC):
     def list_tile_runs(
         self, zoom: int | None, first: int = 0, last: int | None = None
     ) -> Iterator[TileRun]:
-        """Yield the runs of equal tiles of a zoom, by ascending number, cut to range(first, last).
+        """Yield the runs of equal tiles of a zoom, by ascending tile number.
 
-        zoom : None for a folder without zooms. Tiles with close numbers are neighbours on the map.
+        A tile's number is its position in the archive's order (see the module). Tiles with close
+        numbers are neighbours on the map.
+
+        zoom : None for a folder without zooms
+        first, last : the runs are cut to the tile numbers in range(first, last)
         """
 
     def list_tile_keys(self, zoom: int | None) -> list[Any]:
-        """Return the keys of all tiles of a zoom, by ascending number; see `get_tile_key`."""
+        """Return the keys of all tiles of a zoom, by ascending tile number; see `get_tile_key`."""
         runs = self.list_tile_runs(zoom)
         return [self.get_tile_key(run.first + k) for run in runs for k in range(run.repeats)]
 

@@ -86,7 +86,7 @@ def _make_message_classes() -> _Messages:
 
 
 def _decode_message(kind: Any, data: bytes) -> Any:
-    """Return the message of class `kind` in `data`; raises ValueError if invalid.
+    """Return the message of class `kind` in `data`; raises ValueError if the data are invalid.
 
     A known field with a wrong wire type is invalid, too: protobuf would silently skip the field,
     which may contain polygons.
@@ -175,7 +175,9 @@ def build_layer(name: str, messages: list[Any]) -> Layer:
 def _parse_feature(data: bytes, keys: int, values: int) -> tuple[int, list[int]]:
     """Return the geometry type of a feature, and the integers of its geometry.
 
-    keys, values : numbers of keys and values in the layer. Raises ValueError if invalid.
+    keys, values : numbers of keys and values in the layer
+
+    Raises ValueError if the feature is invalid.
     """
     feature = _decode_message(_make_message_classes().feature, data)
     if not feature.HasField("type") or not feature.geometry:

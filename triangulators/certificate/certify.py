@@ -147,7 +147,8 @@ def make_certificate(
     """
     units = find_units(outline, triangles, cost)
     total = compute_exact_total(outline, triangles, cost, units)
-    # The noise of a full triangulation is less than a unit: the floor division removes the noise.
+    # Weights contain hashes of edges, which break ties (see `checking.units`) and sum to less than
+    # units.factor over all triangles: the floor division removes the hashes.
     bound_units = checker.compute_lower_bound(outline, triangles, cost, evidence) // units.factor
     proven = proves_optimality(total, bound_units, len(triangles), units)
     if not (units.exact or units.real):
