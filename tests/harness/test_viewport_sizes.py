@@ -200,7 +200,7 @@ def test_contributed_profiles_are_found_by_name(harness):
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
-        (["--sizes", "64-16"], ["--sizes", "larger"]),
+        (["--sizes", "64-16"], ["--sizes", "exceeds"]),
         (["--sizes", "1-16"], ["--sizes", "8 to 16384"]),
         (["--sizes", "16-64", "--resolution", "64"], ["--resolution", "--sizes"]),
         (["--profile", "x.json"], ["--profile", "--sizes"]),
