@@ -300,10 +300,12 @@ class Dataset:
             about = done.about
             for name, value in self._about.items():
                 if about[name] != value:
-                    cause = "by another version of this program" if name == "code" else ""
+                    is_code = name == "code"
+                    cause = (
+                        "by another version of this program" if is_code else "with other options"
+                    )
                     raise IncompatibleRunsError(
-                        f"{self.out} has results written {cause or 'with other options'}; "
-                        "give another folder with -o"
+                        f"{self.out} has results written {cause}; give another folder with -o"
                     )
             if about["identity"] not in identities.get(about["source"], {about["identity"]}):
                 raise IncompatibleRunsError(

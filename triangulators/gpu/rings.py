@@ -175,10 +175,8 @@ def store_results(
                 i, j, k = end - begin - 1 - i, end - begin - 1 - j, end - begin - 1 - k
             # The CPU's order of vertices in a row; for quads, that of `any_cost.solve_any_cost`.
             triangles[row] = (i, k, j) if is_quads else (j, i, k)
-        if is_quads:
-            triangles[:] = put_in_walk_order(
-                triangles, end - begin
-            )  # the order of `methods.optimal`
+        if is_quads:  # the order of `methods.optimal`
+            triangles[:] = put_in_walk_order(triangles, end - begin)
         batch.done[index] = True
 
 

@@ -30,7 +30,7 @@ from triangulators.geometry.flips import (
 )
 from triangulators.geometry.half_edges import is_triangulation, link_half_edges
 from triangulators.geometry.order import is_walk, put_in_walk_order_by_twins
-from triangulators.initial import find_initial_triangulations
+from triangulators.initial import find_any_triangulation
 from triangulators.libraries import ear_clipping
 from triangulators.methods.cost_flips import flip_by_cost
 from triangulators.optimum.windows import WINDOW_TRIANGLES, optimise_windows
@@ -337,7 +337,7 @@ def triangulate_refined(
     rows: np.ndarray = _refine_if_valid(points, rings, ears, test, cost, decreased)
     if len(rows) > 0:
         return rows
-    corner = np.array(next(find_initial_triangulations(outline)), dtype=np.int32).reshape(-1)
+    corner = find_any_triangulation(outline).astype(np.int32).reshape(-1)
     return refine(points, corner, link_half_edges(corner), test, cost, decreased)
 
 

@@ -118,6 +118,7 @@ class Patchwork:
         self.cost = cost
         self._tree = np.zeros(self.twin.shape, dtype=np.bool_)
         self._visited = np.zeros(len(self.twin), dtype=np.bool_)
+        self._covered = np.zeros(len(self.twin), dtype=np.bool_)  # pieces may overlap freely
         self._position_of = np.full(self.twin.size, -1, dtype=np.int32)
 
     def optimise_piece(
@@ -128,10 +129,9 @@ class Patchwork:
         The tree has at most `max_size` triangles around triangle `root`; depth_first, first_edge:
         see `unfold.grow_tree`.
         """
-        rows, marks = np.empty(max_size, dtype=np.int32), (self._visited, self._visited)
-        size = grow_tree(
-            self.twin, root, max_size, depth_first, first_edge, self._tree, rows, *marks, 0
-        )
+        rows = np.empty(max_size, dtype=np.int32)
+        how = (max_size, depth_first, first_edge)
+        size = grow_tree(self.twin, root, *how, self._tree, rows, self._visited, self._covered, 0)
         rows = rows[:size]
         cycle, local, outline = unfold_tree(self.triangles, self.twin, self._tree, root, size)
         self._tree[rows] = False
