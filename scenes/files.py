@@ -15,16 +15,16 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from scenes.cleaning.projection import (
+from scenes.projection import (
     Projection,
     find_system,
     find_unit,
     is_geographic,
     is_off_globe,
 )
-from scenes.cleaning.repair import Cleaned, clean
 from scenes.readers.guard import check_path
 from scenes.readers.reader import GDAL, RawChunk, Source, choose_reader
+from scenes.repair import Cleaned, clean
 from scenes.scene import Note, Scene, SceneError
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def read(
 
     Each part of a multi-polygon becomes a polygon, and heights are dropped. By default, coordinates
     are projected to metres if the file's reference system is geographic (longitude and latitude):
-    see `scenes.cleaning.projection`. `project=False` leaves degrees; `project=True` also projects
+    see `scenes.projection`. `project=False` leaves degrees; `project=True` also projects
     coordinates without a known reference system, taken as WGS 84. `layer` is a layer's name,
     `where` an SQL condition on attributes. `limit` is the maximum number of polygons. With
     `attributes=False`, GDAL reads no attributes, which is faster.
@@ -92,7 +92,8 @@ def read(
     )
     for chunk in chunks:
         polygons.extend(chunk.cleaned.polygons)
-        tables.append(chunk.attributes)
+        if chunk.attributes is not None and chunk.attributes.shape[1]:
+            tables.append(chunk.attributes)
         dropped += chunk.cleaned.dropped
         repaired += chunk.cleaned.repaired
         notes += chunk.notes
@@ -100,7 +101,16 @@ def read(
         if limit is not None and len(polygons) >= limit:
             break
     if not polygons:
-        raise SceneError(_explain_empty(path, dropped, layer, where))
+        filters = [f"{k}={v}" for k, v in (("layer", layer), ("where", where)) if v is not None]
+        widen = f" for {', '.join(filters)}: widen the filter"
+        raise SceneError(
+            explain_empty(path, dropped, widen if filters else ": give a file with polygons")
+        )
+    table: pd.DataFrame | None = None
+    if tables:
+        import pandas as pd  # importing pandas takes longer than loading most scenes
+
+        table = pd.concat(tables, ignore_index=True)
     parameters = {"layer": layer, "where": where, "limit": limit, "project": project}
     scene = Scene(
         name=Path(path).stem,
@@ -111,7 +121,7 @@ def read(
         parameters={k: v for k, v in parameters.items() if v is not None},
         dropped=dropped,
         repaired=repaired,
-        attributes=_concatenate_tables(tables),
+        attributes=table,
         notes=tuple(notes),
     )
     return scene if limit is None else scene.head(limit)
@@ -183,27 +193,13 @@ def _read_raw_chunks(source: Source, size: int) -> Iterator[RawChunk]:
             )
 
 
-def _explain_empty(path: str, dropped: list[Note], layer: str | None, where: str | None) -> str:
-    """Return the error message for a file without polygons, with the first dropped feature."""
-    if dropped:
-        which, reason = dropped[0]
-        more = f" (and {len(dropped) - 1} more)" if len(dropped) > 1 else ""
-        return f"{path} holds no usable polygon: {which} {reason}{more}"
-    filters = [f"{k}={v}" for k, v in (("layer", layer), ("where", where)) if v is not None]
-    if filters:
-        return f"{path} holds no polygon for {', '.join(filters)}: widen the filter"
-    return f"{path} holds no polygon: give a file with polygons"
-
-
-def _concatenate_tables(tables: list[Any]) -> pd.DataFrame | None:
-    """Return the rows of all attribute tables as one table, or None if no table has columns."""
-    non_empty = [table for table in tables if table is not None and table.shape[1]]
-    if not non_empty:
-        return None
-    import pandas as pd  # importing pandas takes longer than loading most scenes
-
-    table: pd.DataFrame = pd.concat(non_empty, ignore_index=True)
-    return table
+def explain_empty(path: str, dropped: list[Note], remedy: str) -> str:
+    """Return the message for a file without polygons: the first dropped feature, or a remedy."""
+    if not dropped:
+        return f"{path} holds no polygon{remedy}"
+    which, reason = dropped[0]
+    more = f" (and {len(dropped) - 1} more)" if len(dropped) > 1 else ""
+    return f"{path} holds no usable polygon: {which} {reason}{more}"
 
 
 _DEGREES_CRS = "OGC:CRS84"

@@ -15,9 +15,9 @@ import shapely
 from numpy.typing import NDArray
 from shapely import affinity
 
-from scenes.cleaning.fill import fill_contours
-from scenes.cleaning.repair import Cleaned, clean
+from scenes.fill import fill_contours
 from scenes.readers.guard import check_path, format_reason, note_errors
+from scenes.repair import Cleaned, clean
 from scenes.scene import Note, Scene, SceneError
 from scenes.spec import format_install_command, import_optional
 
@@ -91,12 +91,21 @@ def counties(*, seed: int = 0, level: str = "county", states: str = "contiguous"
     """
     if level not in _TABLES:
         raise SceneError(f"counties: unknown level {level!r} (choose from county, state)")
-    rows = [r for r in _read_outline_rows(_TABLES[level]) if _is_state_selected(str(r[0]), states)]
+    database_path = _find_packaged_file(
+        "bokeh_sampledata", _DATABASE, "counties", " (2026.1 or later)"
+    ).resolve()
+    with closing(sqlite3.connect(f"{database_path.as_uri()}?mode=ro", uri=True)) as database:
+        query = f"SELECT state, metadata, geometry FROM {_TABLES[level]} ORDER BY ordinal"
+        rows = database.execute(query).fetchall()
+    if states == "contiguous":
+        rows = [row for row in rows if row[0] not in _NOT_CONTIGUOUS]
+    elif states != "all":
+        rows = [row for row in rows if row[0] in states.upper().split("+")]
     if not rows:
         raise SceneError(f"counties: no outline of states={states!r}: give all, or TX+NM")
     import pandas as pd
 
-    from scenes.cleaning.projection import Projection
+    from scenes.projection import Projection
 
     tables = [json.loads(metadata) for _, metadata, _ in rows]
     outlines = shapely.from_wkb([geometry for _, _, geometry in rows])
@@ -116,23 +125,6 @@ def counties(*, seed: int = 0, level: str = "county", states: str = "contiguous"
         repaired=cleaned.repaired,
         attributes=pd.DataFrame(tables).iloc[cleaned.source].reset_index(drop=True),
     )
-
-
-def _is_state_selected(state: str, states: str) -> bool:
-    """Whether a state's postal abbreviation is in the selection `states` of `counties`."""
-    if states == "contiguous":
-        return state not in _NOT_CONTIGUOUS
-    return states == "all" or state in states.upper().split("+")
-
-
-def _read_outline_rows(table: str) -> list[tuple[str, str, bytes]]:
-    """Return state, metadata and geometry of each row, in the table's order."""
-    path = _find_packaged_file(
-        "bokeh_sampledata", _DATABASE, "counties", " (2026.1 or later)"
-    ).resolve()
-    with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)) as database:
-        query = f"SELECT state, metadata, geometry FROM {table} ORDER BY ordinal"
-        return database.execute(query).fetchall()
 
 
 _LETTERS = [

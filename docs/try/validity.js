@@ -1,6 +1,6 @@
 "use strict";
 /* Rings of vertices [x, y] without a closing vertex, and the validity of polygons, which are lists of rings: the exterior first,
-   then its holes. Rules and phrases are those of scenes/cleaning/repair.py (OGC Simple Features, as GEOS applies them). */
+   then its holes. Rules and phrases are those of scenes/repair.py (OGC Simple Features, as GEOS applies them). */
 
 /* Twice the signed area of the triangle a, b, c, exact for integers up to 2^25: positive if a, b, c turn left. */
 const orientation = ([ax, ay], [bx, by], [cx, cy]) => (bx - ax) * (cy - ay) - (by - ay) * (cx - ax);

@@ -28,10 +28,10 @@ from harness.machine.user_modules import allow_user_module
 from harness.triangulating.isolated import triangulate_many
 from harness.triangulating.result import describe_large_polygon
 from scenes import load
-from scenes.cleaning.repair import Cleaned
 from scenes.files import Chunk, read, read_chunks
 from scenes.readers.reader import is_model
 from scenes.registry import split_parameters
+from scenes.repair import Cleaned
 from scenes.scene import NoteCounter
 from scenes.spec import convert_arguments
 from triangulators import TriangulationError, certify, full_name, parse

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from harness.atomic import Output
 from harness.errors import InputError, UsageError
 from harness.export.writers import ExportMesh, ExportMetadata, to_json_value
-from scenes.cleaning.projection import find_system
+from scenes.projection import find_system
 from scenes.spec import format_install_command
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from harness.atomic import Output
 from harness.models.gltf_file import write_glb
-from scenes.cleaning.projection import Projection
+from scenes.projection import Projection
 from scenes.readers.gltf import BIN, JSON, POLYGONS, RESTART, TRIANGLES
 from triangulators.polygon_arrays import PolygonArray, Triangulations, offsets_of
 

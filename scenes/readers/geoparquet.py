@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,9 +25,15 @@ def read(source: Source, size: int) -> Iterator[RawChunk]:
     """
     with import_parquet(source).ParquetFile(source.path) as file:
         column, crs, notes = find_geometry_column(source, file.schema_arrow)
+        index = file.schema_arrow.names.index(column)
         for start, batch in _read_batches(file, source.rows, size):
-            raw = _parse_batch(batch, column, crs, start, exact=source.rows is not None)
-            yield replace(raw, notes=notes + raw.notes)
+            labels = [f"row {start + i}" for i in range(batch.num_rows)]
+            table, more_notes = to_pandas(batch.remove_column(index), exact=source.rows is not None)
+            geometries, dropped, repaired = parse_wkb(batch.column(index).to_pylist(), labels)
+            raw = RawChunk(
+                geometries, labels, table, crs, "units", dropped, repaired, notes + more_notes
+            )
+            yield raw.without_dropped()
 
 
 def import_parquet(source: Source) -> Any:
@@ -92,19 +97,6 @@ def _format_crs(crs: Any) -> str | None:
     if isinstance(identifier, dict) and {"authority", "code"} <= identifier.keys():
         return f"{identifier['authority']}:{identifier['code']}"
     return json.dumps(crs)
-
-
-def _parse_batch(batch: Any, column: str, crs: str | None, start: int, *, exact: bool) -> RawChunk:
-    """Return a batch of Arrow as a chunk.
-
-    start : index of the batch's first row; exact : see `to_pandas`
-    """
-    labels = [f"row {start + i}" for i in range(batch.num_rows)]
-    index = batch.schema.names.index(column)
-    table, notes = to_pandas(batch.remove_column(index), exact=exact)
-    geometries, dropped, repaired = parse_wkb(batch.column(index).to_pylist(), labels)
-    raw = RawChunk(geometries, labels, table, crs, "units", dropped, repaired, notes)
-    return raw.without_dropped()
 
 
 def to_pandas(batch: Any, *, exact: bool = False) -> tuple[pd.DataFrame, tuple[str, ...]]:

@@ -12,15 +12,13 @@ import re
 import struct
 import zipfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from itertools import accumulate
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from scenes.scene import Note, SceneError
 from scenes.spec import import_optional, path_exists
 
 _LOG = logging.getLogger(__name__)
-
 
 _READER_EXTRAS = {"pyogrio": "gis", "fontTools": "svg"}
 """Packages that readers import at the top of the module, and the extra that installs each."""
@@ -127,21 +125,17 @@ def refuse_special(path: Path) -> None:
         raise SceneError(f"{path} is a pipe, socket or device, not a file: save it as a file first")
 
 
-def refuse_gzip(path: Path) -> None:
-    """Raise SceneError for a file compressed by gzip."""
-    if read_both_ends(path, 2)[0] == b"\x1f\x8b":
-        raise SceneError(f"{path} is compressed by gzip: unpack it first, e.g. by gunzip -k")
-
-
 def check_size(path: Path, in_memory: bool) -> None:
-    """Raise SceneError for a file too large for memory, and for a ZIP bomb."""
-    size = path.stat().st_size
+    """Raise SceneError for gzip, a ZIP bomb, and a file too large for memory."""
+    size, head = path.stat().st_size, read_both_ends(path, 4)[0]
+    if head.startswith(b"\x1f\x8b"):
+        raise SceneError(f"{path} is compressed by gzip: unpack it first, e.g. by gunzip -k")
     if in_memory and size > MAX_FILE_BYTES:
         raise SceneError(
             f"{path} has {size:,} bytes, but files of this format are read into memory and the "
             f"limit is {MAX_FILE_BYTES:,}: give a part of it"
         )
-    if read_both_ends(path, 4)[0] == b"PK\x03\x04" and zipfile.is_zipfile(path):
+    if head == b"PK\x03\x04" and zipfile.is_zipfile(path):
         with zipfile.ZipFile(path) as archive:
             unpacked = sum(entry.file_size for entry in archive.infolist())
         if unpacked > max(MAX_FILE_BYTES, _MAX_UNPACKED_RATIO * size):
@@ -190,8 +184,7 @@ def check_truncation(path: Path) -> None:
     CSV truncation is a syntax error.
     """
     inspect = _INSPECTIONS.get(path.suffix.lower())
-    evidence = inspect(path) if inspect is not None else None
-    if evidence:
+    if inspect is not None and (evidence := inspect(path)):
         raise make_truncation_error(path, evidence)
 
 
@@ -231,12 +224,10 @@ def check_last_line(path: Path, is_valid: Callable[[bytes], object]) -> None:
     before, _, line = last.rpartition(b"\n")
     if not (before.strip() and line.strip()):
         return  # the last line has an end, or is the only line
-    try:
-        is_complete = bool(is_valid(line.strip(b"\x1e \t\r")))
-    except (ValueError, RecursionError):
-        is_complete = False
-    if not is_complete:
-        raise make_truncation_error(path, "the last line is incomplete")
+    with suppress(ValueError, RecursionError):
+        if is_valid(line.strip(b"\x1e \t\r")):
+            return
+    raise make_truncation_error(path, "the last line is incomplete")
 
 
 def _inspect_drawing(path: Path) -> str | None:
@@ -302,75 +293,3 @@ _INSPECTIONS: dict[str, Callable[[Path], str | None]] = {
     ".stl": _inspect_stl,
     ".off": _inspect_off,
 }
-
-
-MAX_DEPTH = 100
-"""Maximum nesting of a geometry that is parsed: more than real files contain, but few enough levels
-for the recursion of GEOS on any stack."""
-
-_POINT, _LINE, _POLYGON, _ARC = 1, 2, 3, 8
-_CONTAINERS = (4, 5, 6, 7, 9, 10, 11, 12)
-"""Geometry types in WKB that contain geometries: multi-points to collections, and curves."""
-
-
-def is_wkt_too_deep(text: str) -> bool:
-    """Whether WKT is nested deeper than `MAX_DEPTH`: GEOS recurses and could overflow the stack.
-
-    >>> is_wkt_too_deep("POLYGON ((0 0, 1 0, 1 1, 0 0))"), is_wkt_too_deep("(" * 101)
-    (False, True)
-    """
-    if text.count("(") <= MAX_DEPTH:
-        return False
-    steps = ((match[0] == "(") - (match[0] == ")") for match in re.finditer(r"[()]", text))
-    return max(accumulate(steps)) > MAX_DEPTH
-
-
-def is_wkb_too_deep(wkb: bytes) -> bool:
-    """Whether (E)WKB is nested deeper than `MAX_DEPTH`; False for bytes that are not WKB.
-
-    >>> level = bytes.fromhex("010700000001000000")
-    >>> point = bytes.fromhex("0101000000") + bytes(16)
-    >>> is_wkb_too_deep(99 * level), is_wkb_too_deep(101 * level + point)
-    (False, True)
-    """
-    if len(wkb) <= 9 * MAX_DEPTH:  # too short: each level of nesting has at least 9 bytes
-        return False
-    try:
-        _find_geometry_end(wkb, 0, "<", 0)
-    except RecursionError:
-        return True
-    except (struct.error, IndexError):  # not WKB, or truncated
-        return False
-    return False
-
-
-def _find_geometry_end(wkb: bytes, offset: int, order: str, level: int) -> tuple[int, str]:
-    """Return the offset after the geometry at `offset`, and its byte order.
-
-    Raises RecursionError above `MAX_DEPTH`; struct.error or IndexError for bytes that are not WKB.
-    """
-    if level > MAX_DEPTH:
-        raise RecursionError
-    order = {0: ">", 1: "<"}.get(wkb[offset], order)
-    number = struct.Struct(order + "I").unpack_from
-    (code,) = number(wkb, offset + 1)
-    offset += 9 if code & 0x20000000 else 5  # byte order, type, and an SRID if flagged
-    flat, kind = divmod(code & 0xFFFF, 1000)
-    heights = bool(code & 0x80000000) or flat in (1, 3)
-    measures = bool(code & 0x40000000) or flat in (2, 3)
-    point = 8 * (2 + heights + measures)
-    if kind == _POINT:
-        return offset + point, order
-    (count,) = number(wkb, offset)
-    offset += 4
-    if kind in _CONTAINERS:
-        for _ in range(count):
-            offset, order = _find_geometry_end(wkb, offset, order, level + 1)
-    elif kind == _POLYGON:
-        for _ in range(count):
-            offset += 4 + point * number(wkb, offset)[0]
-    elif kind in (_LINE, _ARC):
-        offset += point * count
-    else:
-        raise IndexError
-    return offset, order

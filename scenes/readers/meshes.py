@@ -7,7 +7,6 @@ reads glTF.
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +14,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from scenes.cleaning.layout import arrange_in_rows
 from scenes.readers.gltf import GltfFile, read_polygons, read_triangles
 from scenes.readers.guard import MAX_LINE_CHARACTERS, number_lines
 from scenes.readers.reader import RawChunk, Source
+from scenes.repair import arrange_in_rows
 from scenes.scene import Note, SceneError
 from scenes.spec import import_optional
 
@@ -39,29 +38,33 @@ def read(source: Source, size: int) -> Iterator[RawChunk]:  # noqa: ARG001 - a m
     """
     suffix = source.path.suffix.lower()
     model = GltfFile(source.path) if suffix in (".glb", ".gltf") else None
-    rings = read_polygons(model) if model is not None else None
-    if rings is not None:
+    if model is not None and (rings := read_polygons(model)) is not None:
         yield _flatten_polygons(rings)
         return
-    if suffix not in (".obj", ".ply"):
-        vertices, triangles, notes = _read_triangles(source, model)
+    dropped: list[Note] = []
+    notes: tuple[str, ...] = (_FLAT,)
+    if suffix in (".obj", ".ply"):
+        vertices, faces = (parse_obj if suffix == ".obj" else parse_ply)(source.path)
+        usable: dict[str, NDArray[np.int64]] = {}
+        for number, face in enumerate(faces):
+            if len(face) < 3:
+                dropped.append((f"face {number}", "has fewer than 3 vertices"))
+            elif face.min() < 0 or face.max() >= len(vertices):
+                dropped.append((f"face {number}", "has a vertex not in the file"))
+            else:
+                usable[f"face {number}"] = face
+        if not usable or any(len(face) > 3 for face in usable.values()):
+            yield _flatten_faces([(label, [vertices[k]]) for label, k in usable.items()], dropped)
+            return
+        triangles = np.array(list(usable.values()))
+    else:
+        vertices, triangles, more_notes = _read_triangles(source, model)
+        notes += more_notes
         if len(triangles) == 0:
             raise SceneError(f"{source.path} has no faces: give a model with faces")
-        joined = _join_triangles(*_merge_vertices(vertices, triangles))
-        yield replace(joined, notes=joined.notes + notes)
-        return
-    vertices, faces = (parse_obj if suffix == ".obj" else parse_ply)(source.path)
-    dropped: list[Note] = []
-    usable = [
-        (f"face {number}", face)
-        for number, face in enumerate(faces)
-        if _has_valid_vertices(face, len(vertices), f"face {number}", dropped)
-    ]
-    if usable and all(len(face) == 3 for _, face in usable):
-        joined = _join_triangles(*_merge_vertices(vertices, np.array([face for _, face in usable])))
-        yield replace(joined, dropped=dropped + joined.dropped)
-        return
-    yield _flatten_faces([(label, [vertices[face]]) for label, face in usable], dropped)
+    polygons, without_area = join_facets(*_merge_vertices(vertices, triangles))
+    labels = [f"facet {i}" for i in range(len(polygons))]
+    yield RawChunk(arrange_in_rows(polygons), labels, dropped=dropped + without_area, notes=notes)
 
 
 def _flatten_polygons(polygons: list[list[NDArray[np.float64]]]) -> RawChunk:
@@ -98,19 +101,6 @@ def _flatten_faces(
     return RawChunk(
         arrange_in_rows(polygons), labels, dropped=dropped, repaired=repaired, notes=(_FLAT,)
     )
-
-
-def _has_valid_vertices(
-    face: NDArray[np.int64], count: int, label: str, dropped: list[Note]
-) -> bool:
-    """Whether a face has three or more vertices, all below `count`; if not, append a note."""
-    if len(face) < 3:
-        dropped.append((label, "has fewer than 3 vertices"))
-    elif face.min() < 0 or face.max() >= count:
-        dropped.append((label, "has a vertex not in the file"))
-    else:
-        return True
-    return False
 
 
 def _flatten_face(rings: list[NDArray[np.float64]]) -> tuple[shapely.Polygon | None, float]:
@@ -207,13 +197,6 @@ def _merge_vertices(
     return vertices[first], index.reshape(-1)[triangles]
 
 
-def _join_triangles(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> RawChunk:
-    """Return the faces of a model of triangles, in rows, with coplanar neighbours joined."""
-    polygons, dropped = join_facets(vertices, triangles)
-    labels = [f"facet {i}" for i in range(len(polygons))]
-    return RawChunk(arrange_in_rows(polygons), labels, dropped=dropped, notes=(_FLAT,))
-
-
 def join_facets(
     vertices: NDArray[np.float64], triangles: NDArray[np.int64]
 ) -> tuple[list[Any], list[Note]]:
@@ -256,7 +239,10 @@ def parse_obj(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]
                 x, y, z = map(float, fields[1:4])
                 vertices.append([x, y, z])
             elif fields[:1] == ["f"]:
-                faces.append(_parse_face(fields[1:], len(vertices)))
+                # "7/1/3" is the seventh vertex, and "-1" the last vertex before the face.
+                stated = np.array([int(word.partition("/")[0]) for word in fields[1:]], np.int64)
+                from_end = np.where(stated < 0, len(vertices) + stated, -1)
+                faces.append(np.where(stated > 0, stated - 1, from_end))
         except ValueError as error:
             text = line.strip()[:60]
             raise SceneError(f"{path} line {number} is not OBJ: {text!r}") from error
@@ -282,17 +268,6 @@ def _join_continued_lines(path: Path) -> Iterator[tuple[int, str]]:
         parts, length = [], 0
     if parts:
         yield number, " ".join(parts)
-
-
-def _parse_face(fields: list[str], count: int) -> NDArray[np.int64]:
-    """Return the vertex indices (k,), from 0, of a face of OBJ, after `count` vertices.
-
-    In OBJ, "7/1/3" is the seventh vertex, and "-1" the last vertex before the face.
-    """
-    numbers = [int(word.partition("/")[0]) for word in fields]
-    return np.array(
-        [i - 1 if i > 0 else count + i if i < 0 else -1 for i in numbers], dtype=np.int64
-    )
 
 
 _INDICES = ("vertex_indices", "vertex_index")  # names of the list of a face's vertices in PLY

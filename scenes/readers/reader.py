@@ -96,7 +96,6 @@ class Reader:
             raise SceneError(f"{path} is {self.kind}, without layers: leave layer out")
         with guard.raise_scene_errors(path, self.kind):
             if source.path.is_file():
-                guard.refuse_gzip(source.path)
                 guard.check_size(source.path, self.in_memory)
                 guard.check_truncation(source.path)
             # Imported on first use, because some imports take long.

@@ -11,7 +11,7 @@ import pandas as pd
 import shapely
 from fontTools.misc.transform import Identity, Transform  # type: ignore[import-untyped]
 
-from scenes.cleaning.fill import fill_contours
+from scenes.fill import fill_contours
 from scenes.readers.guard import note_errors
 from scenes.readers.reader import RawChunk, Source
 from scenes.readers.svg_shapes import (

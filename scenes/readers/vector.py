@@ -20,8 +20,7 @@ import pyogrio
 import shapely
 from numpy.typing import NDArray
 
-from scenes.readers import geojson
-from scenes.readers.gdal import FailureLog
+from scenes.readers.gdal import FailureLog, find_crs, find_skipped_lines, is_geojson_sequence
 from scenes.readers.geoparquet import to_pandas
 from scenes.readers.guard import (
     check_last_line,
@@ -67,7 +66,7 @@ def read(source: Source, size: int) -> Iterator[RawChunk]:
         raise SceneError(f"{source.path} has a tab or line end in the name: rename it")
     for file in _list_files(source.path):
         refuse_special(file)
-    is_sequence = geojson.is_sequence(source.path)
+    is_sequence = is_geojson_sequence(source.path)
     if is_sequence:
         check_last_line(source.path, lambda line: bool(json.loads(line)))
     if _open_options(source.path) and not (source.rows and source.rows[0]):
@@ -80,10 +79,18 @@ def read(source: Source, size: int) -> Iterator[RawChunk]:
         layer, notes = choose_layer(source)
         # OSM files have no index, so that skipping is slow: they are read at once.
         is_osm = source.path.suffix.lower() in (".pbf", ".osm")
+        options: dict[str, Any] = {
+            "layer": layer,
+            "where": source.where,
+            # A condition may use any column.
+            "columns": None if source.attributes or source.where else [],
+            "return_fids": True,
+            **_open_options(source.path),
+        }
         if find_spec("pyarrow") is not None and not is_osm:
-            raws = _read_arrow(source, layer, size)
+            raws = _read_arrow(source, options, size)
         else:
-            raws = _read_by_skipping(source, layer, None if is_osm else size)
+            raws = _read_by_skipping(source, options, None if is_osm else size)
         while True:
             with failures.listen():
                 raw = next(raws, None)
@@ -97,12 +104,16 @@ def read(source: Source, size: int) -> Iterator[RawChunk]:
                 )
             if raw is None:
                 break
-            raw = _close_lines(source, _note_missing_geometries(source, raw))
-            crs = geojson.find_crs(source.path, raw.crs)
+            if _open_options(source.path):
+                absent = zip(raw.labels, shapely.is_missing(raw.geometries), strict=True)
+                raw.dropped.extend((label, _NO_WKT) for label, is_absent in absent if is_absent)
+                raw = raw.without_dropped()
+            raw = _close_lines(source, raw)
+            crs = find_crs(source.path, raw.crs)
             yield replace(raw, crs=crs, notes=notes + raw.notes)
     if is_sequence:
         is_complete = source.where is None and source.rows is None
-        yield from geojson.find_skipped_lines(
+        yield from find_skipped_lines(
             source.path, count, failures.count, is_complete=is_complete, size=size
         )
     _check_feature_count(source, layer, count)
@@ -151,28 +162,25 @@ def _explain_errors(source: Source) -> Iterator[None]:
         if "not recognized as being in a supported file format" not in str(error):
             raise
         problem = "has an unsupported format: convert it, e.g. to GeoJSON"
+        as_tiles = f"{source.path}:zoom=14"
         if source.path.suffix.lower() in (".mbtiles", ".pmtiles"):
-            problem = (
-                f"is not supported by GDAL: read it as map tiles, by a zoom: {source.path}:zoom=14"
-            )
+            problem = f"is not supported by GDAL: read it as map tiles, by a zoom: {as_tiles}"
         if source.path.suffix.lower() in (".ttf", ".otf", ".ttc"):
             problem = f"is a font: read its letters as glyphs:font={source.path},text=abc"
         if source.path.is_dir():
-            problem = f"is a folder: give a file, or a zoom of map tiles: {source.path}:zoom=14"
+            problem = f"is a folder: give a file, or a zoom of map tiles: {as_tiles}"
         raise SceneError(f"{source.path} {problem}") from error
     except Exception as error:
         is_sql = any(word in str(error) for word in ("SQL", "such column", "syntax", "token"))
         if source.where is None or not is_sql:
             raise
         layer, _ = choose_layer(source)
-        info = pyogrio.read_info(
-            find_gdal_path(source.path), layer=layer, **_open_options(source.path)
-        )
+        path, options = find_gdal_path(source.path), _open_options(source.path)
+        info = pyogrio.read_info(path, layer=layer, **options)
         hint = f"attributes are {', '.join(info['fields']) or 'none'}"
         for name, kind in zip(info["fields"], info["dtypes"], strict=True):
-            if kind == "object" and re.search(
-                rf'\b{re.escape(name)}"?\s*[<>=!]+\s*[-\d]', source.where
-            ):
+            comparison = rf'\b{re.escape(name)}"?\s*[<>=!]+\s*[-\d]'
+            if kind == "object" and re.search(comparison, source.where):
                 hint += f"; {name} is text: CAST({name} AS FLOAT) is a number"
         raise SceneError(f"{source.path}: invalid condition {source.where!r}; {hint}") from error
 
@@ -191,46 +199,39 @@ def find_gdal_path(path: Path) -> Path | str:
         return path
     with zipfile.ZipFile(path) as archive:
         names = [entry.filename for entry in archive.infolist() if not entry.is_dir()]
-    data_sets = [name for name in names if Path(name).suffix.lower() in _DATA_SETS]
-    data_sets = [name for name in data_sets if not Path(name).name.startswith(".")]
-    is_flat = any("/" not in name for name in data_sets or names)
-    if is_flat:  # GDAL finds data sets that are not in folders
-        return path
+    data_sets = [
+        name
+        for name in names
+        if Path(name).suffix.lower() in _DATA_SETS and not Path(name).name.startswith(".")
+    ]
+    if any("/" not in name for name in data_sets or names):
+        return path  # GDAL finds data sets that are not in folders
     if len(data_sets) == 1:
         return f"/vsizip/{path.resolve()}/{data_sets[0]}"
-    content = (
-        f"several data sets in folders ({', '.join(data_sets[:3])})" if data_sets else "no data set"
-    )
+    several = f"several data sets in folders ({', '.join(data_sets[:3])})"
+    content = several if data_sets else "no data set"
     raise SceneError(f"{path} has {content}: unpack it and give a file from it")
 
 
-def _read_arrow(source: Source, layer: str, size: int) -> Iterator[RawChunk]:
+def _read_arrow(source: Source, options: dict[str, Any], size: int) -> Iterator[RawChunk]:
     """Yield chunks of `size` features from one pass over the file or `source.rows`, by pyarrow."""
     first, stop = source.rows or (0, None)
-    stream = pyogrio.raw.open_arrow(
-        find_gdal_path(source.path),
-        layer=layer,
-        where=source.where,
-        columns=_choose_columns(source),
-        skip_features=first,
-        batch_size=size if stop is None else min(size, stop - first),
-        use_pyarrow=True,
-        return_fids=True,
-        **_open_options(source.path),
-    )
-    with stream as (meta, batches):
-        if meta["geometry_type"] is None:
-            raise _make_no_geometry_error(source, layer)
+    batch_size = size if stop is None else min(size, stop - first)
+    path = find_gdal_path(source.path)
+    with pyogrio.raw.open_arrow(
+        path, skip_features=first, batch_size=batch_size, use_pyarrow=True, **options
+    ) as (meta, batches):
+        _check_geometry_column(source, options["layer"], meta["geometry_type"])
         for batch in batches:
             if stop is not None:  # GDAL's Arrow streams cannot stop at a feature
                 batch = batch.slice(0, stop - first)
                 first += batch.num_rows
             # The columns are the feature's number, the attributes, the geometry.
             wkb = batch.column(batch.num_columns - 1).to_numpy(zero_copy_only=False)
-            columns = batch.select(range(1, batch.num_columns - 1))
             table: pd.DataFrame | None = None
             notes: tuple[str, ...] = ()
             if source.attributes:
+                columns = batch.select(range(1, batch.num_columns - 1))
                 table, notes = to_pandas(columns, exact=source.rows is not None)
             raw = _parse_chunk(batch.column(0).to_pylist(), wkb, table, meta["crs"])
             yield replace(raw, notes=notes)
@@ -238,24 +239,19 @@ def _read_arrow(source: Source, layer: str, size: int) -> Iterator[RawChunk]:
                 return
 
 
-def _read_by_skipping(source: Source, layer: str, size: int | None) -> Iterator[RawChunk]:
+def _read_by_skipping(
+    source: Source, options: dict[str, Any], size: int | None
+) -> Iterator[RawChunk]:
     """Yield chunks of `size` features without pyarrow: each request skips the features before."""
     start, stop = source.rows or (0, None)
+    path = find_gdal_path(source.path)
     while True:
         if stop is not None and size is not None:
             size = min(size, stop - start)
         meta, fids, wkb, columns = pyogrio.raw.read(
-            find_gdal_path(source.path),
-            layer=layer,
-            where=source.where,
-            columns=_choose_columns(source),
-            skip_features=start,
-            max_features=size,
-            return_fids=True,
-            **_open_options(source.path),
+            path, skip_features=start, max_features=size, **options
         )
-        if wkb is None:
-            raise _make_no_geometry_error(source, layer)
+        _check_geometry_column(source, options["layer"], wkb)
         table = None
         if source.attributes:
             import pandas as pd
@@ -268,17 +264,13 @@ def _read_by_skipping(source: Source, layer: str, size: int | None) -> Iterator[
             return
 
 
-def _choose_columns(source: Source) -> list[str] | None:
-    """Return the columns for GDAL to read: [] for none, None for all (a condition may use any)."""
-    return None if source.attributes or source.where else []
-
-
-def _make_no_geometry_error(source: Source, layer: str) -> SceneError:
-    """Return the error for a layer without geometries."""
+def _check_geometry_column(source: Source, layer: str, column: Any) -> None:
+    """Raise SceneError if a layer has no geometries, so that `column` is None."""
     remedy = "give a layer with polygons"
-    if source.path.suffix.lower() in (".csv", ".tsv"):
+    if _open_options(source.path):
         remedy = "name the column of WKT geometries WKT or geometry"
-    return SceneError(f"{source.path} has no geometry in layer {layer}: {remedy}")
+    if column is None:
+        raise SceneError(f"{source.path} has no geometry in layer {layer}: {remedy}")
 
 
 def _parse_chunk(
@@ -291,15 +283,6 @@ def _parse_chunk(
     labels = [f"feature {fid}" for fid in fids]
     geometries, dropped, repaired = parse_wkb(wkb, labels)
     return RawChunk(geometries, labels, table, crs, "units", dropped, repaired).without_dropped()
-
-
-def _note_missing_geometries(source: Source, raw: RawChunk) -> RawChunk:
-    """Return a chunk in which rows of CSV without a geometry are replaced by notes."""
-    if not _open_options(source.path):
-        return raw
-    missing = shapely.is_missing(raw.geometries)
-    absent = [(label, _NO_WKT) for label, none in zip(raw.labels, missing, strict=True) if none]
-    return replace(raw, dropped=[*raw.dropped, *absent]).without_dropped()
 
 
 def _close_lines(source: Source, raw: RawChunk) -> RawChunk:
@@ -356,6 +339,6 @@ def choose_layer(source: Source) -> tuple[str, tuple[str, ...]]:
         # Of a folder, GDAL reads Shapefiles only.
         unread = sorted(file.name for file in source.path.iterdir() if file.stem not in names)
         if unread:
-            note = f"{len(unread)} of the folder's files not read, first {unread[0]}: give a file"
-            notes.append(note)
+            count = f"{len(unread)} of the folder's files"
+            notes.append(f"{count} not read, first {unread[0]}: give a file")
     return layer, tuple(notes)

@@ -1,8 +1,9 @@
 """Geometries as WKT, EWKT, WKB and hexadecimal WKB: parsing, and readers of files of these."""
 
 import re
+import struct
 from collections.abc import Iterator, Sequence
-from itertools import islice
+from itertools import accumulate, islice
 from typing import Any
 
 import numpy as np
@@ -10,15 +11,17 @@ import shapely
 from numpy.typing import NDArray
 
 from scenes.readers.gdal import linearize
-from scenes.readers.guard import (
-    MAX_DEPTH,
-    check_last_line,
-    is_wkb_too_deep,
-    is_wkt_too_deep,
-    number_lines,
-)
+from scenes.readers.guard import check_last_line, number_lines
 from scenes.readers.reader import RawChunk, Source
 from scenes.scene import Note
+
+MAX_DEPTH = 100
+"""Maximum nesting of a geometry that is parsed: more than real files contain, but few enough levels
+for the recursion of GEOS on any stack."""
+
+_POINT, _LINE, _POLYGON, _ARC = 1, 2, 3, 8
+_CONTAINERS = (4, 5, 6, 7, 9, 10, 11, 12)
+"""Geometry types in WKB that contain geometries: multi-points to collections, and curves."""
 
 _DEEP = f"is nested more than {MAX_DEPTH} levels deep"
 UNPARSABLE = "geometry cannot be parsed"
@@ -28,6 +31,65 @@ _GEOMETRY_START = re.compile(
     r"\s*\"?\s*(SRID|POLYGON|MULTI|GEOM|[0-9A-F]{10}|\w{1,20}\s*$)", re.IGNORECASE
 )
 """Beginning of a line that is meant as a geometry, even if the line is truncated."""
+
+
+def is_wkt_too_deep(text: str) -> bool:
+    """Whether WKT is nested deeper than `MAX_DEPTH`: GEOS recurses and could overflow the stack.
+
+    >>> is_wkt_too_deep("POLYGON ((0 0, 1 0, 1 1, 0 0))"), is_wkt_too_deep("(" * 101)
+    (False, True)
+    """
+    if text.count("(") <= MAX_DEPTH:
+        return False
+    steps = ((match[0] == "(") - (match[0] == ")") for match in re.finditer(r"[()]", text))
+    return max(accumulate(steps)) > MAX_DEPTH
+
+
+def is_wkb_too_deep(wkb: bytes) -> bool:
+    """Whether (E)WKB is nested deeper than `MAX_DEPTH`; False for bytes that are not WKB.
+
+    >>> level = bytes.fromhex("010700000001000000")
+    >>> point = bytes.fromhex("0101000000") + bytes(16)
+    >>> is_wkb_too_deep(99 * level), is_wkb_too_deep(101 * level + point)
+    (False, True)
+    """
+    if len(wkb) <= 9 * MAX_DEPTH:  # too short: each level of nesting has at least 9 bytes
+        return False
+    order, offset = "<", 0
+    unread = [1]  # number of geometries to read at each level
+    try:
+        while unread:
+            if unread[-1] == 0:
+                unread.pop()
+                continue
+            unread[-1] -= 1
+            order = {0: ">", 1: "<"}.get(wkb[offset], order)
+            number = struct.Struct(order + "I").unpack_from
+            (code,) = number(wkb, offset + 1)
+            offset += 9 if code & 0x20000000 else 5  # byte order, type, and an SRID if flagged
+            flat, kind = divmod(code & 0xFFFF, 1000)
+            has_height = bool(code & 0x80000000) or flat in (1, 3)
+            has_measure = bool(code & 0x40000000) or flat in (2, 3)
+            point = 8 * (2 + has_height + has_measure)
+            if kind == _POINT:
+                offset += point
+                continue
+            (count,) = number(wkb, offset)
+            offset += 4
+            if kind in _CONTAINERS:
+                if count and len(unread) > MAX_DEPTH:
+                    return True
+                unread.append(count)
+            elif kind == _POLYGON:
+                for _ in range(count):
+                    offset += 4 + point * number(wkb, offset)[0]
+            elif kind in (_LINE, _ARC):
+                offset += point * count
+            else:
+                return False
+    except (struct.error, IndexError):  # not WKB, or truncated
+        pass
+    return False
 
 
 def parse_wkb(
@@ -112,9 +174,28 @@ def read_text(source: Source, size: int) -> Iterator[RawChunk]:
     numbered = number_lines(source.path)
     crs, is_first = None, True
     while chunk := list(islice(numbered, size)):
-        raw = _parse_lines(chunk, crs, is_first)
-        crs, is_first = raw.crs, is_first and not len(raw.geometries)
-        yield raw
+        geometries: list[Any] = []
+        labels: list[str] = []
+        dropped: list[Note] = []
+        repaired: list[Note] = []
+        for number, line in chunk:
+            if not line.strip() or line.lstrip().startswith("#"):
+                continue
+            label = f"line {number}"
+            geometry, srid, change = _parse_line(line)
+            if geometry is None:
+                dropped.append((label, change))
+                continue
+            if is_first and crs is None:
+                crs = srid
+            if srid not in (None, crs):
+                dropped.append((label, f"is in {srid}, previous lines in {crs or 'none'}"))
+                continue
+            geometries.append(geometry)
+            labels.append(label)
+            repaired += [(label, change)] if change else []
+        is_first = is_first and not geometries
+        yield RawChunk(geometries, labels, crs=crs, dropped=dropped, repaired=repaired)
 
 
 def _parse_single(source: Source) -> RawChunk | None:
@@ -138,35 +219,6 @@ def _is_complete_line(line: bytes) -> bool:
     """Whether a line is a complete geometry, or not meant as a geometry at all."""
     text = line.decode("utf-8", "replace")
     return _GEOMETRY_START.match(text) is None or _parse_line(text)[0] is not None
-
-
-def _parse_lines(chunk: list[tuple[int, str]], crs: str | None, is_first: bool) -> RawChunk:
-    """Return the geometries of lines, given as (number, text).
-
-    crs : the file's reference system, if known; is_first : True if the first geometry determines
-    `crs`
-    """
-    geometries: list[Any] = []
-    labels: list[str] = []
-    dropped: list[Note] = []
-    repaired: list[Note] = []
-    for number, line in chunk:
-        if not line.strip() or line.lstrip().startswith("#"):
-            continue
-        label = f"line {number}"
-        geometry, srid, change = _parse_line(line)
-        if geometry is None:
-            dropped.append((label, change))
-            continue
-        if is_first and crs is None:
-            crs = srid
-        if srid not in (None, crs):
-            dropped.append((label, f"is in {srid}, previous lines in {crs or 'none'}"))
-            continue
-        geometries.append(geometry)
-        labels.append(label)
-        repaired += [(label, change)] if change else []
-    return RawChunk(geometries, labels, crs=crs, dropped=dropped, repaired=repaired)
 
 
 def _parse_line(text: str) -> tuple[Any | None, str | None, str]:

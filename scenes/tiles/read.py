@@ -14,10 +14,11 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from scenes.cleaning.repair import clean
+from scenes.files import explain_empty
 from scenes.readers import guard
 from scenes.readers.guard import check_path
 from scenes.readers.reader import RawChunk, Source
+from scenes.repair import clean
 from scenes.scene import Note, Scene, SceneError, Tiling
 from scenes.spec import format_suggestion
 from scenes.tiles.archives import Archive, TilePosition, TileRun, open_archive
@@ -298,11 +299,7 @@ def _explain_empty(
     if unknown and layer_names:
         hint = format_suggestion(unknown[0], layer_names, "it has")
         return f"{path} has no layer {unknown[0]!r}; {hint}"
-    if dropped:
-        feature, reason = dropped[0]
-        more = f" (and {len(dropped) - 1} more)" if len(dropped) > 1 else ""
-        return f"{path} holds no usable polygon: {feature} {reason}{more}"
-    return f"{path} holds no polygon in tiles={tiles}: give more tiles, or another zoom"
+    return explain_empty(path, dropped, f" in tiles={tiles}: give more tiles, or another zoom")
 
 
 FILE = Path(__file__).with_name("helsinki.pmtiles")

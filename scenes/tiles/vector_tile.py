@@ -12,7 +12,7 @@ with area, which also holds for tiles of version 1.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import shapely
@@ -30,22 +30,14 @@ MAX_COORDINATE = 2**24
 """Maximum coordinate, for which areas are exact in 64 bits."""
 
 
-class _Messages(NamedTuple):
-    """Protobuf's classes of messages, and the class that lists unknown fields of a message."""
-
-    tile: Any
-    layer: Any
-    feature: Any
-    unknown: Any
-
-
+@cache
 def _import_protobuf(module: str) -> Any:
     return import_optional(f"google.protobuf.{module}", "vector tiles", "tiles")
 
 
 @cache
-def _make_message_classes() -> _Messages:
-    """Return protobuf's classes of the messages of a tile.
+def _make_message_classes() -> dict[str, Any]:
+    """Return protobuf's classes of the messages of a tile: Tile, Layer and Feature.
 
     Nested messages are declared as bytes and decoded separately: so an invalid layer or feature
     does not affect others. A layer's name is bytes, because names may be invalid UTF-8.
@@ -77,26 +69,25 @@ def _make_message_classes() -> _Messages:
     pool = _import_protobuf("descriptor_pool").DescriptorPool()
     pool.Add(file)
     create_class = _import_protobuf("message_factory").GetMessageClass
-    descriptors = (
-        pool.FindMessageTypeByName(f"raster_harness.{m.name}") for m in file.message_type
-    )
-    unknown = _import_protobuf("unknown_fields").UnknownFieldSet
-    tile, layer, feature = map(create_class, descriptors)
-    return _Messages(tile, layer, feature, unknown)
+    return {
+        message.name: create_class(pool.FindMessageTypeByName(f"raster_harness.{message.name}"))
+        for message in file.message_type
+    }
 
 
-def _decode_message(kind: Any, data: bytes) -> Any:
+def _decode_message(kind: str, data: bytes) -> Any:
     """Return the message of class `kind` in `data`; raises ValueError if the data are invalid.
 
     A known field with a wrong wire type is invalid, too: protobuf would silently skip the field,
     which may contain polygons.
     """
+    message_class = _make_message_classes()[kind]
     try:
-        message = kind.FromString(data)
+        message = message_class.FromString(data)
     except Exception as error:  # protobuf's exceptions differ between versions
         raise ValueError("not a vector tile, or truncated") from error
-    fields = kind.DESCRIPTOR.fields_by_number
-    for field in _make_message_classes().unknown(message):
+    fields = message_class.DESCRIPTOR.fields_by_number
+    for field in _import_protobuf("unknown_fields").UnknownFieldSet(message):
         if field.field_number in fields:
             raise ValueError(f"field {field.field_number} has wire type {field.wire_type}")
     return message
@@ -124,11 +115,10 @@ def decode_layers(tile: bytes) -> dict[str, list[Any]]:
     In a valid tile each name has one message. For an invalid layer the dictionary has a ValueError,
     under the name "". Raises ValueError, in one line, if the tile itself violates the format.
     """
-    messages = _make_message_classes()
     layers: dict[str, list[Any]] = {}
-    for data in _decode_message(messages.tile, tile).layers:
+    for data in _decode_message("Tile", tile).layers:
         try:
-            layer = _decode_message(messages.layer, data)
+            layer = _decode_message("Layer", data)
             name = layer.name.decode()
         except ValueError as error:
             layer, name = error, ""
@@ -179,7 +169,7 @@ def _parse_feature(data: bytes, keys: int, values: int) -> tuple[int, list[int]]
 
     Raises ValueError if the feature is invalid.
     """
-    feature = _decode_message(_make_message_classes().feature, data)
+    feature = _decode_message("Feature", data)
     if not feature.HasField("type") or not feature.geometry:
         raise ValueError(f"no {'geometry' if feature.HasField('type') else 'type'}")
     if feature.type > POLYGON:

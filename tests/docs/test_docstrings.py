@@ -16,10 +16,10 @@ from tests.paths import ROOT
 WITH_EXAMPLES = [
     "scenes",
     *(
-        "scenes.cleaning.fill",
-        "scenes.cleaning.layout",
-        "scenes.cleaning.repair",
-        "scenes.cleaning.projection",
+        "scenes.fill",
+        "scenes.repair",
+        "scenes.repair",
+        "scenes.projection",
         "scenes.registry",
         "scenes.scene",
         "scenes.spec",

@@ -8,7 +8,7 @@ import pytest
 import shapely
 from pyarrow import parquet
 
-from scenes.cleaning.projection import find_system
+from scenes.projection import find_system
 from tests.conftest import assert_refused, make_geojson, require_ok, write_geojson
 from tests.harness.test_cli import MOCK
 from tests.models.various import MODELS

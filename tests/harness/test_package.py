@@ -16,7 +16,7 @@ from harness import __version__
 from harness.errors import UsageError
 from harness.history import find_noisy_changes
 from scenes import SceneError
-from scenes.cleaning.projection import find_system
+from scenes.projection import find_system
 from tests.paths import ROOT
 
 PACKAGES = ("harness", "triangulators", "scenes")

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scenes import SceneError, load
-from scenes.generated.stress import FAMILIES
+from scenes.stress import FAMILIES
 from tests.scenes.conftest import assert_valid_polygons
 from tests.triangulators.cases import read_shared
 

@@ -15,9 +15,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from scenes import SceneError, load
-from scenes.cleaning.layout import arrange_in_rows
 from scenes.readers import guard
-from scenes.readers.geojson import is_sequence
+from scenes.readers.gdal import is_geojson_sequence
+from scenes.repair import arrange_in_rows
 from tests.scenes.conftest import SQUARE, feature
 from tests.scenes.samples import load_or_refuse, make_files
 from tests.scenes.test_files import write
@@ -120,8 +120,8 @@ def test_arbitrary_geojson(tmp_path, polygons, kind):
 def test_record_separator_identifies_a_sequence_and_no_polygons_need_no_rows(tmp_path):
     path = tmp_path / "a.json"
     path.write_bytes(b"\x1e{}\n")
-    assert is_sequence(path)
-    assert arrange_in_rows([], gap=0.5, aspect=1.0) == []
+    assert is_geojson_sequence(path)
+    assert arrange_in_rows([], gap=0.5) == []
 
 
 @pytest.mark.parametrize("size", [1e9, 1e-12, 1e-300])

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scenes import SceneError, load
-from scenes.cleaning.projection import Projection, is_geographic, is_off_globe
 from scenes.files import read_chunks
+from scenes.projection import Projection, is_geographic, is_off_globe
 from tests.conftest import make_geojson
 from tests.scenes.conftest import assert_valid_polygons
 

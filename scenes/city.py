@@ -14,7 +14,7 @@ import shapely
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from scenes.generated.footprints import build_footprint
+from scenes.footprints import build_footprint
 from scenes.scene import Scene, SceneError
 
 MAX_BUILDINGS = 100_000

@@ -10,10 +10,9 @@ import shapely
 from numpy.random import Generator
 from shapely import affinity
 
-from scenes.cleaning.layout import arrange_in_rows
-from scenes.cleaning.repair import clean
 from scenes.readers.meshes import join_facets
 from scenes.real import find_font, open_font, read_glyph
+from scenes.repair import arrange_in_rows, clean
 from scenes.scene import Scene, SceneError
 
 Part = Callable[[Generator, int], shapely.Geometry]

@@ -1,15 +1,16 @@
-"""Repair of geometries: valid, oriented polygons, and notes on dropped and changed geometries."""
+"""Valid, oriented polygons of geometries, with notes on changed geometries; layout in rows."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from shapely import affinity
 
-from scenes.cleaning.fill import repair_polygon
+from scenes.fill import repair_polygon
 from scenes.scene import Note
 
 _POLYGON = shapely.GeometryType.POLYGON
@@ -63,7 +64,13 @@ def clean(
     dropped: list[Note] = []
     repaired: list[Note] = []
     names = labels or [f"feature {index}" for index in range(len(inputs))]
-    usable = _find_usable_geometries(inputs, names, dropped)
+    absent = shapely.is_missing(inputs) | shapely.is_empty(inputs)
+    dropped += [(names[i], "empty geometry") for i in np.flatnonzero(absent)]
+    coordinates, owner = shapely.get_coordinates(inputs, return_index=True)
+    infinite = np.zeros(len(inputs), dtype=bool)
+    infinite[owner[~np.isfinite(coordinates).all(axis=1)]] = True
+    dropped += [(names[i], "has a NaN or infinite coordinate") for i in np.flatnonzero(infinite)]
+    usable = np.flatnonzero(~absent & ~infinite)
     parts, source = _split_parts(inputs, usable, names, dropped)
     parts = shapely.force_2d(parts)
     valid = shapely.is_valid(parts)
@@ -81,19 +88,6 @@ def clean(
     positive = shapely.area(polygons) > 0
     dropped += [(names[source[i]], "area is lost in rounding") for i in np.flatnonzero(~positive)]
     return Cleaned(polygons[positive], source[positive], dropped, repaired)
-
-
-def _find_usable_geometries(
-    inputs: NDArray[Any], names: list[str], dropped: list[Note]
-) -> NDArray[np.int64]:
-    """Return the indices of nonempty `inputs` with finite coordinates; note all others."""
-    absent = shapely.is_missing(inputs) | shapely.is_empty(inputs)
-    dropped += [(names[i], "empty geometry") for i in np.flatnonzero(absent)]
-    coordinates, owner = shapely.get_coordinates(inputs, return_index=True)
-    infinite = np.zeros(len(inputs), dtype=bool)
-    infinite[owner[~np.isfinite(coordinates).all(axis=1)]] = True
-    dropped += [(names[i], "has a NaN or infinite coordinate") for i in np.flatnonzero(infinite)]
-    return np.flatnonzero(~absent & ~infinite)
 
 
 def _split_parts(
@@ -182,3 +176,27 @@ def _describe_fault(part: shapely.Polygon, locate: Locate | None) -> str:
     if locate is not None and len(numbers) == 2:
         numbers = np.round(locate(np.array([numbers]))[0], 9).tolist()
     return f"{phrase} at {' '.join(map(str, numbers))}" if numbers else phrase
+
+
+def arrange_in_rows(polygons: Sequence[shapely.Polygon], gap: float = 0.1) -> list[shapely.Polygon]:
+    """Return the polygons, translated into rows: from the top, in order, without touching.
+
+    `gap` is the space between polygons as a share of the mean width.
+
+    >>> rows = arrange_in_rows([shapely.box(9, 9, 11, 10), shapely.box(5, 5, 6, 6)], 0.5)
+    >>> [polygon.bounds for polygon in rows]
+    [(0.0, -1.0, 2.0, 0.0), (0.0, -2.625, 1.0, -1.625)]
+    """
+    if not polygons:
+        return []
+    bounds = shapely.bounds(np.asarray(polygons))
+    sizes = bounds[:, 2:] - bounds[:, :2]
+    space = gap * sizes.mean()
+    width = max(np.sqrt((sizes + space).prod(axis=1).sum()), sizes[:, 0].max())
+    arranged, x, y, row_height = [], 0.0, 0.0, 0.0
+    for polygon, (min_x, _, _, max_y), (w, h) in zip(polygons, bounds, sizes, strict=True):
+        if x > 0 and x + w > width:
+            x, y, row_height = 0.0, y - row_height - space, 0.0
+        arranged.append(affinity.translate(polygon, x - min_x, y - max_y))
+        x, row_height = x + w + space, max(row_height, h)
+    return arranged

@@ -41,9 +41,12 @@ def fill_contours(contours: Sequence[NDArray[Any]], rule: Rule = "nonzero") -> l
     area = _fill_nested_rings(rings, rule) if shapely.is_valid(rings).all() else None
     if area is None:
         faces, winding = compute_winding_numbers(outlines)
-        inside = winding != 0 if rule == "nonzero" else winding % 2 == 1
-        area = shapely.coverage_union_all(faces[inside])
+        area = shapely.coverage_union_all(faces[_is_inside(winding, rule)])
     return [area]
+
+
+def _is_inside(winding: NDArray[np.int64], rule: Rule) -> NDArray[np.bool_]:
+    return np.asarray(winding != 0 if rule == "nonzero" else winding % 2 == 1)
 
 
 def _fill_nested_rings(rings: NDArray[Any], rule: Rule) -> Any | None:
@@ -67,10 +70,7 @@ def _fill_nested_rings(rings: NDArray[Any], rule: Rule) -> Any | None:
         return None
     direction = np.where(shapely.is_ccw(shapely.get_exterior_ring(rings)), 1, -1)
     around = np.bincount(inner, weights=direction[outer], minlength=count).astype(np.int64)
-    within = around + direction
-    inside, outside = (
-        number != 0 if rule == "nonzero" else number % 2 == 1 for number in (within, around)
-    )
+    inside, outside = _is_inside(around + direction, rule), _is_inside(around, rule)
     return _insert_holes(rings, inside & ~outside, outside & ~inside, outer, inner)
 
 
@@ -153,16 +153,6 @@ def compute_winding_numbers(
     return faces[order], numbers
 
 
-def fill_even_odd(rings: NDArray[Any], noded: Any | None = None) -> Any:
-    """Return the area within an odd number of rings, which may cross in any way.
-
-    >>> fill_even_odd(np.array([shapely.LinearRing([(0, 0), (6, 8), (6, 0), (0, 8)])])).area
-    24.0
-    """
-    faces, numbers = compute_winding_numbers(rings, noded)
-    return shapely.coverage_union_all(faces[numbers % 2 == 1])
-
-
 def repair_polygon(polygon: shapely.Polygon) -> Any:
     """Return the area that an invalid polygon covers an odd number of times.
 
@@ -178,7 +168,8 @@ def repair_polygon(polygon: shapely.Polygon) -> Any:
         _check_crossings(rings)
         noded = shapely.unary_union(rings)
         if shapely.get_num_geometries(noded) > _MAX_REPAIR_EDGES:
-            return fill_even_odd(rings, noded)
+            faces, winding = compute_winding_numbers(rings, noded)
+            return shapely.coverage_union_all(faces[winding % 2 == 1])
     return shapely.make_valid(polygon)
 
 

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import minimum_spanning_tree
 
-from scenes.cleaning.layout import arrange_in_rows
-from scenes.cleaning.repair import clean
+from scenes.repair import arrange_in_rows, clean
 from scenes.scene import Scene, SceneError
 
 MAX_VERTICES = 100_000

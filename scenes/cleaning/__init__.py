@@ -1,1 +1,0 @@
-"""Any geometries in, valid polygons out: validity, map projection, layout, fill rules."""

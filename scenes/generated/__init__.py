@@ -1,1 +1,0 @@
-"""Scenes made from a seed: a city, sheet metal parts, shapes that break triangulators."""
