@@ -1,7 +1,7 @@
 """Fill rules: the area inside contours that may cross, by winding numbers.
 
-Fonts and SVG fill by the rule "nonzero": a point is inside if the winding number of the contours
-around the point, counted with their direction, is not 0; by "evenodd", if the number is odd.
+By the rule "nonzero" of fonts and SVG, a point is inside if the winding number of the contours
+around the point is not 0; by "evenodd", if the number is odd.
 """
 
 from collections.abc import Sequence
@@ -24,10 +24,10 @@ _MAX_REPAIR_EDGES = 1000
 
 
 def fill_contours(contours: Sequence[NDArray[Any]], rule: Rule = "nonzero") -> list[Any]:
-    """Return the area that contours fill together, as a list of one geometry, or [] if none.
+    """Return the area that contours (n, 2) fill together, as a list of one geometry, or [] if none.
 
-    `contours` are (n, 2) arrays without a closing point. The area has the vertices of the contours,
-    and vertices at crossings. Raises shapely.GEOSException for more than `MAX_CROSSINGS` crossings.
+    The contours have no closing points. Raises shapely.GEOSException for more than `MAX_CROSSINGS`
+    crossings.
 
     >>> square = np.array([(0, 0), (4, 0), (4, 4), (0, 4)])
     >>> [area.area for area in fill_contours([square, square[::-1] / 2 + 1])]
@@ -77,10 +77,10 @@ def _fill_nested_rings(rings: NDArray[Any], rule: Rule) -> Any | None:
 def _do_pairs_overlap(first: NDArray[Any], second: NDArray[Any]) -> bool:
     """Whether first[i] and second[i] overlap for any i; no polygon contains its partner.
 
-    GEOS looks up edges of a prepared polygon but scans the edges of the second polygon, so the
-    larger polygon is prepared. Preparation does not speed up `overlaps`, which is tested only for
-    pairs that touch. Tree queries by "intersects" and "covers", which also prepare the smaller
-    polygons, took 1.0 s instead of 0.47 s for 2,285 holes in a ring of 50,000 vertices.
+    GEOS looks up edges of a prepared polygon but scans those of the other, so the larger polygon is
+    prepared; `overlaps`, which preparation does not speed up, is tested only for pairs that touch.
+    Tree queries by "intersects" and "covers" took 1.0 s instead of 0.47 s for 2,285 holes in a ring
+    of 50,000 vertices.
     """
     is_smaller = shapely.get_num_coordinates(first) < shapely.get_num_coordinates(second)
     larger, smaller = np.where(is_smaller, second, first), np.where(is_smaller, first, second)
@@ -99,8 +99,7 @@ def _insert_holes(
     """Return the shells as polygons, with each hole in the smallest shell around the hole.
 
     is_shell, is_hole : flags of `rings`. outer, inner : ring outer[k] contains ring inner[k].
-    Returns None if the polygons are invalid, or a hole is in no shell. A shell may lie in a hole of
-    another shell, as in the copyright sign.
+    Returns None if the polygons are invalid, or a hole is in no shell.
     """
     shells, holes = np.flatnonzero(is_shell), np.flatnonzero(is_hole)
     shells = shells[np.argsort(shapely.area(rings[shells]), kind="stable")]
@@ -124,8 +123,7 @@ def compute_winding_numbers(
 ) -> tuple[NDArray[Any], NDArray[np.int64]]:
     """Return the faces into which rings divide the plane, and the winding number of each.
 
-    A ring adds 1 to each face on the left and -1 to each face on the right, except the unbounded
-    face. `noded` is `shapely.unary_union(rings)`, if already computed.
+    `noded` is `shapely.unary_union(rings)`, if already computed.
 
     >>> square = shapely.box(0, 0, 2, 2).exterior
     >>> both = np.array([square, shapely.box(1, 0, 3, 2).exterior])
@@ -156,9 +154,9 @@ def compute_winding_numbers(
 def repair_polygon(polygon: shapely.Polygon) -> Any:
     """Return the area that an invalid polygon covers an odd number of times.
 
-    The result is that of `shapely.make_valid`, which is called unless rings cross themselves often:
-    `make_valid` would compute all crossings again for each nesting level. Raises
-    shapely.GEOSException if GEOS does, and for more than `MAX_CROSSINGS` crossings.
+    The result is that of `shapely.make_valid`, which would compute all crossings again for each
+    nesting level, and so is not called if rings cross often. Raises shapely.GEOSException if GEOS
+    does, and for more than `MAX_CROSSINGS` crossings.
 
     >>> repair_polygon(shapely.Polygon([(0, 0), (6, 8), (6, 0), (0, 8)])).area
     24.0
@@ -174,9 +172,9 @@ def repair_polygon(polygon: shapely.Polygon) -> Any:
 
 
 def _check_crossings(rings: NDArray[Any]) -> None:
-    """Raise shapely.GEOSException if rings have more than `MAX_CROSSINGS` crossings, by estimate.
+    """Raise shapely.GEOSException for more than `MAX_CROSSINGS` crossings, estimated from a sample.
 
-    Edges that coincide count as crossings. The estimate is from a sample of edges.
+    Edges that coincide count as crossings.
     """
     points, ring = shapely.get_coordinates(rings, return_index=True)
     if len(points) ** 2 / 2 <= MAX_CROSSINGS:

@@ -1,7 +1,6 @@
 """Projection of longitude and latitude to metres, on a map that fits the data, by PROJ.
 
-Readers give coordinates with x (east, longitude) first, whatever order the reference system
-defines, as GDAL, GeoParquet, PostGIS and CityJSON do.
+Readers give x (east, longitude) first, whatever order the reference system defines.
 """
 
 from dataclasses import dataclass
@@ -30,9 +29,7 @@ _POLE_LATITUDE = 89.999  # degrees; at a pole, edges of any longitude difference
 
 @cache
 def find_system(crs: str | None) -> "CRS | None":
-    """Return the horizontal part of a reference system given by name, code, WKT or PROJJSON.
-
-    None if PROJ does not know the system.
+    """Return the horizontal part of a system given by name, code, WKT or PROJJSON; None if unknown.
 
     >>> find_system("EPSG:7844").name
     'GDA2020'
@@ -69,8 +66,6 @@ def is_geographic(crs: str | None) -> bool:
 def is_off_globe(coordinates: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return flags (n,) of coordinates (n, 2) beyond 360 degrees of longitude or 90 of latitude.
 
-    Coordinates that are NaN are not flagged.
-
     >>> is_off_globe(np.array([[25.0, 60.0], [25.0, 91.0], [386_000.0, 6_672_000.0]])).tolist()
     [False, True, True]
     """
@@ -94,10 +89,9 @@ class Projection:
     """A projection of a data set to an equal-area map, in metres.
 
     `crs` is the geographic system of the data, whose datum the map uses. `centre` is the longitude
-    and latitude, in degrees from that system's prime meridian, of the centre of Lambert's azimuthal
-    equal-area projection: lengths are exact at the centre and right to 0.1 % within 500 km. If
-    `centre` is None, the map is Lambert's cylindrical equal-area projection of the full globe, on
-    which meridians and parallels are straight, and shapes do not overlap themselves.
+    and latitude of the centre of Lambert's azimuthal equal-area projection, whose lengths are right
+    to 0.1 % within 500 km. If `centre` is None, the map is Lambert's cylindrical equal-area
+    projection of the full globe, on which shapes do not overlap themselves.
     """
 
     crs: str
@@ -131,7 +125,6 @@ class Projection:
 
     @cached_property
     def _to_metres(self) -> "Transformer":
-        """PROJ's transformer from longitude and latitude to metres, without a change of datum."""
         pyproj = import_optional("pyproj", "projections", "gis")
         datum = find_system(self.crs) or pyproj.CRS("OGC:CRS84")
         base = datum.source_crs if datum.is_derived and datum.source_crs is not None else datum
@@ -169,10 +162,7 @@ class Projection:
         return np.column_stack([x + revolutions * self._width, y])
 
     def inverse(self, metres: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return longitude and latitude (n, 2) of coordinates on the map (n, 2), in metres.
-
-        The result is right to about 1e-11 degrees, with longitudes in -180..180.
-        """
+        """Return longitude and latitude (n, 2), right to about 1e-11 degrees, of metres (n, 2)."""
         if self.centre is None:
             metres = metres - np.round(metres[:, :1] / self._width) * [self._width, 0.0]
         x, y = metres.T
@@ -194,7 +184,6 @@ class Projection:
 
     @cached_property
     def _width(self) -> float:
-        """Return the width of the cylindrical map, in metres."""
         east, _ = self._to_metres.transform(np.array([180.0]), np.zeros(1))
         return 2.0 * float(east[0])
 
@@ -207,8 +196,8 @@ class Projection:
     def find_torn_geometries(self, geometries: NDArray[Any]) -> NDArray[np.bool_]:
         """Return flags (k,) of geometries that cross the 180th meridian, where the map ends.
 
-        Only cylindrical maps end there. An edge is taken to cross the meridian if spanning more
-        than 180 degrees of longitude, except an edge of exactly 360, which runs around the globe.
+        An edge is taken to cross the meridian if spanning more than 180 degrees of longitude,
+        except an edge of exactly 360, which runs around the globe. Azimuthal maps do not end there.
         """
         torn = np.zeros(len(geometries), dtype=bool)
         if self.centre is None:
@@ -218,10 +207,7 @@ class Projection:
 
 
 def compute_mean_direction(degrees: NDArray[np.float64]) -> tuple[float, float]:
-    """Return longitude and latitude of the mean of points (n, 2), in degrees.
-
-    The mean is that of the unit vectors to the points on the globe, so the mean of points on both
-    sides of the 180th meridian lies between them.
+    """Return longitude and latitude of the mean of the unit vectors to points (n, 2), in degrees.
 
     >>> compute_mean_direction(np.array([[179.0, 10.0], [-179.0, 10.0]]))[0]
     180.0
@@ -234,7 +220,6 @@ def compute_mean_direction(degrees: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def _compute_cross_products(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the cross products (n,) of vectors (2, n)."""
     product: NDArray[np.float64] = a[0] * b[1] - a[1] * b[0]
     return product
 
@@ -242,10 +227,7 @@ def _compute_cross_products(a: NDArray[np.float64], b: NDArray[np.float64]) -> N
 def _measure_edge_longitudes(
     geometries: Any,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Return the longitude difference, mean latitude and geometry of each edge of all rings.
-
-    Three arrays (e,): degrees, degrees, and the index of the edge's geometry in `geometries`.
-    """
+    """Return longitude difference, mean latitude and geometry index (e,) of the edges of all rings."""
     parts, owner = shapely.get_parts(np.asarray(geometries, dtype=object), return_index=True)
     parts, inner = shapely.get_parts(parts, return_index=True)
     polygonal = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON

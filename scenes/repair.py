@@ -49,9 +49,8 @@ def clean(
 ) -> Cleaned:
     """Return the valid, two-dimensional, oriented polygons of geometries, with notes on others.
 
-    Each part of a multi-polygon becomes a polygon. An invalid polygon is repaired by
-    `repair_polygon`; a polygon without area is dropped. `labels` name geometries in notes, by
-    default "feature 0" and so on; `locate` maps locations in notes to source coordinates.
+    Each part of a multi-polygon becomes a polygon. `labels` name geometries in notes, by default
+    "feature 0" and so on; `locate` maps locations in notes to source coordinates.
 
     >>> bow_tie = shapely.Polygon([(0, 0), (6, 8), (6, 0), (0, 8)])
     >>> cleaned = clean([shapely.box(0, 0, 1, 1), bow_tie, shapely.Point(0, 0)])
@@ -93,10 +92,7 @@ def clean(
 def _split_parts(
     inputs: NDArray[Any], usable: NDArray[np.int64], names: list[str], dropped: list[Note]
 ) -> tuple[NDArray[Any], NDArray[np.int64]]:
-    """Return the polygons in the usable geometries, and the index of each polygon's geometry.
-
-    Appends notes on parts that are not polygons.
-    """
+    """Return the polygons in the usable geometries, and the index of each polygon's geometry."""
     if (shapely.get_type_id(inputs[usable]) == _POLYGON).all():  # usually there is nothing to split
         return inputs[usable], usable
     parts, at = shapely.get_parts(inputs[usable], return_index=True)
@@ -121,10 +117,7 @@ def _repair_invalid(
     dropped: list[Note],
     repaired: list[Note],
 ) -> tuple[NDArray[Any], NDArray[np.int64]]:
-    """Return valid or repaired polygons (q,), and the index (q,) of the geometry of each.
-
-    valid : (p,) flags of the valid parts. Appends notes on repaired and dropped polygons.
-    """
+    """Return valid or repaired polygons (q,), and the index (q,) of the geometry of each."""
     polygons: list[Any] = []
     owners: list[int] = []
     for part, index, is_valid in zip(parts, source, valid, strict=True):
@@ -141,7 +134,6 @@ def _repair_invalid(
 
 
 def _repair_part(part: shapely.Polygon) -> list[shapely.Polygon]:
-    """Return the valid polygons of `repair_polygon` with area, or [] if the repair fails."""
     try:
         pieces = shapely.get_parts(shapely.get_parts(repair_polygon(part)))
     except shapely.GEOSException:
@@ -164,10 +156,7 @@ def _remove_empty_holes(polygons: NDArray[Any]) -> NDArray[Any]:
 
 
 def _describe_fault(part: shapely.Polygon, locate: Locate | None) -> str:
-    """Return why a polygon is invalid, for a note: "self-intersects at 3.0 4.0".
-
-    locate : maps the location to coordinates of the source file
-    """
+    """Return why a polygon is invalid, for a note: "self-intersects at 3.0 4.0"."""
     text = shapely.is_valid_reason(part)
     match = re.fullmatch(r"(.*?)\[(.*)\]", text)
     reason, location = match.groups() if match else (text, "")

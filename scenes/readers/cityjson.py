@@ -153,18 +153,13 @@ def _read_surfaces(
         surfaces = list(chain.from_iterable(surfaces))
     values = _flatten_values(semantics.get("values"), shape["boundaries"], depth)
     for rings, value in zip(surfaces, values, strict=True):
-        points = [vertices[_check_indices(ring, len(vertices))] for ring in rings]
+        numbers = [np.array(ring, dtype=np.int64) for ring in rings]
+        if any(len(n) < 3 or n.min() < 0 or n.max() >= len(vertices) for n in numbers):
+            raise ValueError("a ring has fewer than 3 vertices, or a missing vertex")
+        points = [vertices[ring] for ring in numbers]
         kind = _classify_by_slope(points[0]) if value is None else kinds[value]
         plan = shapely.Polygon(points[0][:, :2], [hole[:, :2] for hole in points[1:]])
         yield kind, plan, float(points[0][:, 2].mean())
-
-
-def _check_indices(ring: Any, count: int) -> NDArray[np.int64]:
-    """Return the vertex indices (k,) of a ring; raises ValueError for indices out of range."""
-    indices = np.array(ring, dtype=np.int64)
-    if len(indices) < 3 or indices.min() < 0 or indices.max() >= count:
-        raise ValueError("a ring has fewer than 3 vertices, or a missing vertex")
-    return indices
 
 
 def _flatten_values(values: Any, boundaries: Any, depth: int) -> list[int | None]:

@@ -125,11 +125,16 @@ class _Drawing:
         return RawChunk(geometries, labels, table, None, "px", self.dropped, notes=notes)
 
     def _is_drawn(self, element: ElementTree.Element) -> bool:
-        """Whether an element is an SVG container, shape, text or image whose conditions are met."""
+        """Whether an element is an SVG container, shape, text or image whose conditions are met.
+
+        The conditions are no required extension, and English among the required languages, if any.
+        """
         namespace = str(element.tag).rpartition("}")[0].lstrip("{")
         is_svg = namespace == _NAMESPACE or (not namespace and "}" not in str(self._root.tag))
         is_known = get_tag(element) in (*_CONTAINERS, *SHAPES, *_OMITTED)
-        return is_svg and is_known and _meets_conditions(element)
+        languages = element.get("systemLanguage", "en").lower().split(",")
+        is_english = any(name.strip().partition("-")[0] == "en" for name in languages)
+        return is_svg and is_known and is_english and not element.get("requiredExtensions")
 
     def _enter_element(
         self, element: ElementTree.Element, parent: _State
@@ -182,12 +187,10 @@ class _Drawing:
                 is_known = not any("%" in text for text in lengths)
                 viewport = tuple(parse_length(t, None) for t in lengths) if is_known else None  # type: ignore[assignment]
             return replace(state, viewport=viewport)
+        fields = (("x", "0"), ("y", "0"), ("width", "100%"), ("height", "100%"))
         x, y, w, h = (
-            parse_length(element.get(key, default), state.viewport, axis)
-            for key, default, axis in (
-                *(("x", "0", 0), ("y", "0", 1)),
-                *(("width", "100%", 0), ("height", "100%", 1)),
-            )
+            parse_length(element.get(key, default), state.viewport, i % 2)
+            for i, (key, default) in enumerate(fields)
         )
         if overflow not in ("visible", "auto"):
             frame = flatten_outline(f"M {x} {y} h {w} v {h} h {-w} Z", FLIP.transform(state.matrix))
@@ -267,14 +270,6 @@ def _fit_viewbox(box: list[float], width: float, height: float, alignment: str) 
     ax, ay = shares.get(fields[0][1:4], 0.5), shares.get(fields[0][5:8], 0.5)
     x, y = ax * (width - scale * box[2]), ay * (height - scale * box[3])
     return Identity.translate(x, y).scale(scale).translate(-box[0], -box[1])
-
-
-def _meets_conditions(element: ElementTree.Element) -> bool:
-    """Whether an element requires no extension and, if it requires a language, English."""
-    languages = element.get("systemLanguage")
-    names = [] if languages is None else [name.strip().lower() for name in languages.split(",")]
-    is_english = languages is None or any(name.partition("-")[0] == "en" for name in names)
-    return is_english and not element.get("requiredExtensions")
 
 
 def _check_fill(state: _State, by_id: dict[str | None, ElementTree.Element]) -> str:

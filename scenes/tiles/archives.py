@@ -13,7 +13,7 @@ import sqlite3
 import time
 import zlib
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, suppress
 from functools import lru_cache
 from pathlib import Path
@@ -83,10 +83,6 @@ class Archive(ABC):
     attribution: str = ""
 
     @abstractmethod
-    def __init__(self, path: Path) -> None:
-        """Open an archive; raises SceneError if the path contains no tiles."""
-
-    @abstractmethod
     def list_tile_runs(
         self, zoom: int | None, first: int = 0, last: int | None = None
     ) -> Iterator[TileRun]:
@@ -142,7 +138,10 @@ class Archive(ABC):
 
 def open_archive(path: Path) -> Archive:
     """Return the archive at a path; raises SceneError if the path contains no tiles."""
-    return KINDS.get("" if path.is_dir() else path.suffix.lower(), Folder)(path)
+    if path.is_dir():
+        return Folder(path)
+    kinds: dict[str, Callable[[Path], Archive]] = {".pmtiles": PMTiles, ".mbtiles": MBTiles}
+    return kinds.get(path.suffix.lower(), Folder)(path)
 
 
 def compute_first_number(zoom: int) -> int:
@@ -167,9 +166,7 @@ def decompress(data: bytes, limit: int | None = None) -> bytes:
             data = gzip.GzipFile(fileobj=io.BytesIO(data)).read(limit)
         except EOFError:
             raise ValueError("truncated compressed data") from None
-    elif (
-        data[:1] == b"\x78" and int.from_bytes(data[:2]) % 31 == 0
-    ):  # zlib; uncompressed tiles begin otherwise
+    elif data[:1] == b"\x78" and int.from_bytes(data[:2]) % 31 == 0:  # zlib, but never a tile
         unpacker = zlib.decompressobj()
         data = unpacker.decompress(data, limit)
         if not unpacker.eof and len(data) < limit:
@@ -252,8 +249,7 @@ class MBTiles(Archive):
         self._path = path
         self._uri = f"{path.resolve().as_uri()}?mode=ro"
         log = Path(f"{path.resolve()}-wal")
-        has_changes = log.is_file() and log.stat().st_size > 0
-        if not has_changes:  # with "immutable" SQLite ignores the log
+        if not (log.is_file() and log.stat().st_size):  # with "immutable" SQLite ignores the log
             self._uri += "&immutable=1"
         metadata = dict(self._query("SELECT name, value FROM metadata"))
         kind = str(metadata.get("format") or "pbf")
@@ -438,7 +434,3 @@ class PMTiles(Archive):
         if entry is None:
             return None
         return self._read_bytes(self.header["tile_data_offset"] + entry.offset, entry.length)
-
-
-KINDS: dict[str, type[Archive]] = {".pmtiles": PMTiles, ".mbtiles": MBTiles}
-"""Classes of archives, by suffix of the file; all other paths are a `Folder`."""

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import shapely
@@ -55,22 +55,8 @@ def note_rounding(extents: Iterable[int], pixels: int) -> list[str]:
     ]
 
 
-class DrawableLayer(NamedTuple):
-    """The polygons of a layer that can be drawn.
-
-    polygons : (p,) valid polygons in px of the tile, y up
-    dropped, repaired : (feature, reason) of dropped and repaired polygons
-    """
-
-    name: str
-    extent: int
-    polygons: NDArray[np.object_]
-    dropped: list[Note]
-    repaired: list[Note]
-
-
-def select_drawable(layer: Layer, pixels: int) -> DrawableLayer:
-    """Return the polygons of a layer that can be drawn, in px of a tile of `pixels` px.
+def select_drawable(layer: Layer, pixels: int) -> Layer:
+    """Return a layer with the valid polygons that can be drawn, in px of the tile, y up.
 
     Coordinates stay exact: an invalid polygon is repaired only if all added vertices are integers,
     and dropped otherwise. A polygon that exceeds the tile by more than a tile's side is dropped.
@@ -90,21 +76,21 @@ def select_drawable(layer: Layer, pixels: int) -> DrawableLayer:
     bounds = shapely.bounds(cleaned.polygons).reshape(-1, 4)
     outside = (bounds < -layer.extent) | (bounds > 2 * layer.extent)
     distant = set(cleaned.source[outside.any(axis=1)].tolist())
-    for feature, reason in cleaned.dropped:
-        dropped.append((feature.partition(" #")[0], reason))
-    for feature, reason in cleaned.repaired:
-        label, _, number = feature.rpartition(" #")
+    for note, reason in cleaned.dropped:
+        dropped.append((note.partition(" #")[0], reason))
+    for note, reason in cleaned.repaired:
+        label, _, number = note.rpartition(" #")
         if int(number) in off_grid:
             dropped.append((label, f"{reason.partition(';')[0]}; dropped"))
         else:
             repaired.append((label, reason))
     for index in sorted(distant - off_grid):
         dropped.append((labels[index], "exceeds the tile by more than a tile's side"))
-    inexact = list(off_grid | distant)
-    exact = cleaned.polygons[~np.isin(cleaned.source, inexact)]
+    is_exact = ~np.isin(cleaned.source, list(off_grid | distant))
     scale = pixels / layer.extent
-    drawn = shapely.transform(exact, lambda xy: xy * scale)
-    return DrawableLayer(layer.name, layer.extent, drawn, dropped, repaired)
+    drawn = shapely.transform(cleaned.polygons[is_exact], lambda xy: xy * scale)
+    feature = layer.feature[cleaned.source[is_exact]]
+    return Layer(layer.name, layer.extent, drawn, feature, dropped, repaired)
 
 
 @dataclass
@@ -118,7 +104,7 @@ class TileContent:
     is_absent : whether the archive does not contain the tile
     """
 
-    layers: list[DrawableLayer] = field(default_factory=list)
+    layers: list[Layer] = field(default_factory=list)
     layer_names: list[str] = field(default_factory=list)
     damage: str = ""
     unreadable_layers: list[Note] = field(default_factory=list)
@@ -205,7 +191,12 @@ def read(
             dropped.append((f"tile {name}", content.damage))
     if not polygons:
         layer_names = dict.fromkeys(name for _, tile in tiles_read for name in tile.layer_names)
-        raise SceneError(_explain_empty(path, dropped, layer_names, layers, tiles))
+        unknown = [name for name in requested_layers or () if name and name not in layer_names]
+        if unknown and layer_names:
+            hint = format_suggestion(unknown[0], layer_names, "it has")
+            raise SceneError(f"{path} has no layer {unknown[0]!r}; {hint}")
+        remedy = f" in tiles={tiles}: give more tiles, or another zoom"
+        raise SceneError(explain_empty(path, dropped, remedy))
     sizes = Counter(tile_of_polygon)
     zoom_text = "" if zoom is None else f" of zoom {zoom}"
     total = sum(run.repeats for run in runs)
@@ -289,17 +280,6 @@ def locate_tile(longitude: float, latitude: float, zoom: int) -> tuple[int, int]
     x = (longitude / 360.0 + 0.5) * side
     y = (0.5 - math.atanh(sine) / (2.0 * math.pi)) * side
     return min(max(int(x), 0), side - 1), min(max(int(y), 0), side - 1)
-
-
-def _explain_empty(
-    path: str, dropped: list[Note], layer_names: Collection[str], layers: str | None, tiles: str
-) -> str:
-    """Return the message of the error that no polygon was read: unknown layer, or first note."""
-    unknown = [name for name in (layers or "").split(",") if name and name not in layer_names]
-    if unknown and layer_names:
-        hint = format_suggestion(unknown[0], layer_names, "it has")
-        return f"{path} has no layer {unknown[0]!r}; {hint}"
-    return explain_empty(path, dropped, f" in tiles={tiles}: give more tiles, or another zoom")
 
 
 FILE = Path(__file__).with_name("helsinki.pmtiles")

@@ -99,7 +99,7 @@ class Layer:
 
     polygons : (p,) shapely polygons, valid or not
     feature : (p,) index of the feature of each polygon
-    dropped : (feature, reason) of features that could not be read
+    dropped, repaired : (feature, reason) of dropped features, and of repaired polygons
     """
 
     name: str
@@ -107,6 +107,7 @@ class Layer:
     polygons: NDArray[np.object_]
     feature: NDArray[np.int64]
     dropped: list[Note]
+    repaired: list[Note]
 
 
 def decode_layers(tile: bytes) -> dict[str, list[Any]]:
@@ -159,7 +160,7 @@ def build_layer(name: str, messages: list[Any]) -> Layer:
             sizes += rings
             owners += [number] * len(rings)
     arrays = np.array(steps, np.int64), np.array(sizes, np.int64), np.array(owners, np.int64)
-    return Layer(name, extent, *_build_polygons(*arrays, dropped), dropped)
+    return Layer(name, extent, *_build_polygons(*arrays, dropped), dropped, [])
 
 
 def _parse_feature(data: bytes, keys: int, values: int) -> tuple[int, list[int]]:
