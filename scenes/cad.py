@@ -22,8 +22,7 @@ def build(*, seed: int = 0, parts: int = 60, segments: int = 32) -> Scene:
     """Return `parts` parts of random sizes, in millimetres, laid out in rows.
 
     `segments` is the number of chords in a full circle. A letter with an inside, such as an O, cut
-    out of a name plate leaves one more polygon, an island. Raises SceneError for `parts` not in
-    1..100,000 or `segments` not in 8..1000.
+    out of a name plate leaves one more polygon, an island.
     """
     if not 1 <= parts <= 100_000 or not 8 <= segments <= 1000:
         raise SceneError(
@@ -48,10 +47,7 @@ def build(*, seed: int = 0, parts: int = 60, segments: int = 32) -> Scene:
 
 
 def _arrange_by_part(polygons: np.ndarray, source: np.ndarray) -> list[shapely.Polygon]:
-    """Return the polygons in rows of parts; the polygons of a part are moved together.
-
-    source : (p,) index of each polygon's part
-    """
+    """Return the polygons in rows of parts; source : (p,) part of each polygon."""
     boxes = [shapely.box(*shapely.total_bounds(polygons[source == i])) for i in np.unique(source)]
     arranged = arrange_in_rows(boxes, gap=0.15)
     polygons_in_rows = []
@@ -64,25 +60,18 @@ def _arrange_by_part(polygons: np.ndarray, source: np.ndarray) -> list[shapely.P
 def _build_arc(
     centre: tuple[float, float], radius: float, start: float, end: float, segments: int
 ) -> np.ndarray:
-    """Return the points (k, 2) of an arc from `start` to `end`, in radians, ends included.
-
-    segments : number of chords of a full circle
-    """
+    """Return the points (k, 2) of an arc in radians; segments : number of chords of a circle."""
     steps = max(2, round(segments * abs(end - start) / (2 * np.pi)) + 1)
     t = np.linspace(start, end, steps)
     return np.column_stack([centre[0] + radius * np.cos(t), centre[1] + radius * np.sin(t)])
 
 
 def _build_circle(x: float, y: float, radius: float, segments: int) -> shapely.Polygon:
-    """Return a circle about (x, y) as a polygon of `segments` vertices."""
     return shapely.Polygon(_build_arc((x, y), radius, 0.0, 2 * np.pi, segments)[:-1])
 
 
 def _build_slot(x: float, y: float, length: float, radius: float, segments: int) -> shapely.Polygon:
-    """Return a slot about (x, y), along x, with round ends.
-
-    length : distance between the centres of both ends
-    """
+    """Return a slot about (x, y), along x, with round ends whose centres are `length` apart."""
     right_arc = _build_arc((x + length / 2, y), radius, -np.pi / 2, np.pi / 2, segments)
     left_arc = _build_arc((x - length / 2, y), radius, np.pi / 2, 3 * np.pi / 2, segments)
     return shapely.Polygon(np.concatenate([right_arc, left_arc]))
@@ -102,7 +91,6 @@ def _build_rounded_rectangle(w: float, h: float, radius: float, segments: int) -
 def _cut_holes(
     outline: np.ndarray | shapely.Polygon, holes: list[shapely.Polygon]
 ) -> shapely.Geometry:
-    """Return the exterior of an outline as a polygon, with the exteriors of `holes` as holes."""
     return shapely.Polygon(shapely.Polygon(outline).exterior, [hole.exterior for hole in holes])
 
 

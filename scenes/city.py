@@ -44,10 +44,7 @@ class _Lots(NamedTuple):
 
 
 def build(*, seed: int = 0, buildings: int = 500) -> Scene:
-    """Return a city of exactly `buildings` footprints, in metres, from the centre outwards.
-
-    The same seed and number give the same city. Raises SceneError unless 1 <= buildings <= 100,000.
-    """
+    """Return a city of exactly `buildings` footprints, in metres, from the centre outwards."""
     if not 1 <= buildings <= MAX_BUILDINGS:
         raise SceneError(f"city: buildings={buildings} is out of range: give 1 to {MAX_BUILDINGS}")
     rng = np.random.default_rng([seed, 0xC17])
@@ -73,10 +70,7 @@ def build(*, seed: int = 0, buildings: int = 500) -> Scene:
 
 
 def _build_districts(rng: Generator, radius: float) -> NDArray[Any]:
-    """Return the districts of a city as polygons: Voronoi cells without boulevards and avenues.
-
-    radius : of the city, in metres
-    """
+    """Return the districts of a city: Voronoi cells without boulevards and avenues."""
     count = max(7, int(np.pi * radius**2 / 55_000))
     # Each point is turned by the golden angle, 2.4 radians, so that points spread evenly.
     angle = np.arange(count) * 2.399963 + rng.normal(0.0, 0.35, count)
@@ -107,10 +101,7 @@ def _build_districts(rng: Generator, radius: float) -> NDArray[Any]:
 
 
 def _build_district(rng: Generator, district: shapely.Polygon, radius: float) -> NDArray[Any]:
-    """Return the footprints of a district.
-
-    radius : of the city, in metres; districts near the centre get smaller blocks
-    """
+    """Return the footprints of a district of a city of this radius."""
     middle = district.centroid
     central = np.hypot(middle.x, middle.y) < 0.45 * radius
     angle = _choose_direction(rng, district)
@@ -135,7 +126,6 @@ def _choose_direction(rng: Generator, district: shapely.Polygon) -> float:
 
 
 def _rotate_geometry(geometry: Any, angle: float) -> Any:
-    """Return geometries rotated about the origin, by an angle in radians."""
     c, s = np.cos(angle), np.sin(angle)
     return shapely.transform(geometry, lambda xy: xy @ np.array([[c, s], [-s, c]]))
 
@@ -150,10 +140,7 @@ def _choose_cuts(
 
 
 def _cut_blocks(rng: Generator, district: shapely.Polygon, central: bool) -> list[shapely.Polygon]:
-    """Return the blocks of a district that is rotated so that streets run along the axes.
-
-    central : True for the smaller blocks of the city centre
-    """
+    """Return the blocks of a district that is rotated so that streets run along the axes."""
     x0, y0, x1, y1 = district.bounds
     rows = _choose_cuts(rng, y0, y1, *((36.0, 58.0) if central else (52.0, 74.0)))
     length = (45.0, 95.0) if central else (80.0, 150.0)
@@ -213,11 +200,9 @@ def _place_buildings(
 ) -> NDArray[np.float64]:
     """Return (n, 4) boxes of buildings, one on each lot of a row.
 
-    Most buildings are as wide as the lot, so that neighbours share walls.
-
-    low_street : whether the street is at the lots' lower y
-    detached : True for houses with space on both sides
-    slabs : True for long buildings across the lot
+    Most buildings are as wide as the lot, so that neighbours share walls; detached houses have
+    space on both sides, slabs are long buildings across the lot. low_street : True if the street is
+    at the lots' lower y.
     """
     n = len(lots)
     x0, y0, x1, y1 = lots.T
@@ -273,7 +258,7 @@ def _correlate_with_size(
 ) -> NDArray[Any]:
     """Return the numbers of `uniform` (n,) in a new order, rank-correlated with `size` (n,).
 
-    Large sizes tend to get large numbers; strength : weight of the size relative to random noise.
+    strength : weight of the size relative to random noise
     """
     n = len(size)
     score = strength * (size - size.mean()) / (size.std() + 1e-9) + rng.normal(0.0, 1.0, n)

@@ -15,13 +15,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from scenes.projection import (
-    Projection,
-    find_system,
-    find_unit,
-    is_geographic,
-    is_off_globe,
-)
+from scenes.projection import Projection, find_system, is_geographic
 from scenes.readers.guard import check_path
 from scenes.readers.reader import GDAL, RawChunk, Source, choose_reader
 from scenes.repair import Cleaned, clean
@@ -38,12 +32,9 @@ CHUNK_FEATURES = 50_000
 class Chunk:
     """The polygons of consecutive features of a file, with attributes and notes.
 
-    cleaned : the valid polygons, and notes on dropped and repaired geometries
-    units : unit of the coordinates
     crs : reference system of the file
     projection : projection of longitude and latitude to metres, or None
-    notes : notes on the complete file, such as the choice of a layer; only in the first chunk to
-        which they apply
+    notes : notes on the complete file, only in the first chunk to which they apply
     credit : attribution that the data require, or ""
     labels : names of the features, by index in `cleaned.source`, or ()
     """
@@ -69,12 +60,11 @@ def read(
 ) -> Scene:
     """Return all polygons of a file as a scene.
 
-    Each part of a multi-polygon becomes a polygon, and heights are dropped. By default, coordinates
-    are projected to metres if the file's reference system is geographic (longitude and latitude):
-    see `scenes.projection`. `project=False` leaves degrees; `project=True` also projects
-    coordinates without a known reference system, taken as WGS 84. `layer` is a layer's name,
-    `where` an SQL condition on attributes. `limit` is the maximum number of polygons. With
-    `attributes=False`, GDAL reads no attributes, which is faster.
+    By default, coordinates are projected to metres if the file's reference system is geographic
+    (longitude and latitude): see `scenes.projection`. `project=False` leaves degrees;
+    `project=True` also projects coordinates without a known reference system, taken as WGS 84.
+    `layer` is a layer's name, `where` an SQL condition on attributes. `limit` is the maximum number
+    of polygons. With `attributes=False`, GDAL reads no attributes, which is faster.
 
     Raises SceneError if the file is missing, cannot be read, or has no polygons.
     """
@@ -140,8 +130,8 @@ def read_chunks(
     """Yield the polygons of a file, about `size` features at a time, in bounded memory.
 
     `rows` is the range of features (first, stop) to read, in files that `scenes.slices` cuts; see
-    `read` for other parameters. The first chunk determines the projection of all chunks. Raises
-    SceneError as `read` does, except for a file without polygons, whose chunks have no polygons.
+    `read` for other parameters. The first chunk determines the projection of all chunks. A file
+    without polygons gives chunks without polygons.
     """
     source = Source(check_path(path), layer, where, rows, attributes)
     raws = _read_raw_chunks(source, size)
@@ -155,7 +145,7 @@ def read_chunks(
         notes = [*raw.notes, *["heights (Z) dropped"] * bool(shapely.has_z(geometries).any())]
         coordinates, owner = shapely.get_coordinates(geometries, return_index=True)
         is_off = np.zeros(len(geometries), dtype=bool)
-        is_off[owner[is_off_globe(coordinates)]] = True
+        is_off[owner[(np.abs(coordinates) > [360.0, 90.0 + 1e-9]).any(axis=1)]] = True
         if not is_decided:
             crs = raw.crs
             if len(coordinates):
@@ -182,7 +172,6 @@ def read_chunks(
 
 
 def _read_raw_chunks(source: Source, size: int) -> Iterator[RawChunk]:
-    """Yield the file's features, `size` at a time, filtered by `where`."""
     reader = choose_reader(source.path)
     for raw in reader(source, size):
         if source.where is None or reader is GDAL:
@@ -231,8 +220,6 @@ def _choose_projection(
     raw : the first chunk with a geometry
     globe : the geometries with all vertices in the range of longitude and latitude; None if so few
         are in that range that coordinates cannot be degrees
-    project : None to project if the file's reference system is geographic; False: never; True: also
-        coordinates without a known system. Raises SceneError for a system that is not geographic.
     """
     datum = find_system(raw.crs)
     geographic = is_geographic(raw.crs) and globe is not None
@@ -250,7 +237,9 @@ def _choose_projection(
         return "m", crs, projection, [note]
     is_planar = datum is not None and datum.is_geographic and not geographic
     file_crs = None if is_planar else raw.crs
-    unit = find_unit(file_crs) or raw.units if raw.units == "units" else raw.units
+    unit = raw.units
+    if unit == "units" and datum is not None and datum.axis_info and not is_planar:
+        unit = {"metre": "m"}.get(datum.axis_info[0].unit_name, datum.axis_info[0].unit_name)
     if datum is not None:
         note = f"coordinates in {datum.name}, {unit}"
         if is_planar:
@@ -270,8 +259,7 @@ def _choose_projection(
 def find_matching_rows(table: pd.DataFrame | None, condition: str, path: str) -> NDArray[np.int64]:
     """Return the indices of the rows that meet an SQL condition, ascending.
 
-    In the condition, a field of a nested column is written with a dot. `path` is the file, for
-    messages. Raises SceneError if the file has no attributes, or for an invalid condition.
+    In the condition, a field of a nested column is written with a dot.
 
     >>> import pandas as pd
     >>> find_matching_rows(pd.DataFrame({"h": [3, 8, 12]}), "h > 5", "town.parquet").tolist()
@@ -325,7 +313,6 @@ def _flatten_fields(table: pd.DataFrame, condition: str) -> tuple[pd.DataFrame, 
 
 
 def _to_sqlite(value: Any) -> Any:
-    """Return an attribute's value as a type that SQLite can store."""
     import pandas as pd
 
     if isinstance(value, np.generic):

@@ -66,27 +66,21 @@ def _fill_nested_rings(rings: NDArray[Any], rule: Rule) -> Any | None:
         return None  # of two equal rings each contains the other
     first, second = tree.query(rings)
     separate = (first < second) & ~np.isin(first * count + second, keys)
-    if _do_pairs_overlap(rings[first[separate]], rings[second[separate]]):
+    # GEOS looks up edges of a prepared polygon but scans those of the other, so the larger polygon
+    # is prepared; `overlaps`, which preparation does not speed up, is tested only for pairs that
+    # touch. Tree queries by "intersects" and "covers" took 1.0 s instead of 0.47 s for 2,285 holes
+    # in a ring of 50,000 vertices.
+    a, b = rings[first[separate]], rings[second[separate]]
+    is_smaller = shapely.get_num_coordinates(a) < shapely.get_num_coordinates(b)
+    larger, smaller = np.where(is_smaller, b, a), np.where(is_smaller, a, b)
+    shapely.prepare(larger)
+    touching = shapely.intersects(larger, smaller)
+    if shapely.overlaps(larger[touching], smaller[touching]).any():
         return None
     direction = np.where(shapely.is_ccw(shapely.get_exterior_ring(rings)), 1, -1)
     around = np.bincount(inner, weights=direction[outer], minlength=count).astype(np.int64)
     inside, outside = _is_inside(around + direction, rule), _is_inside(around, rule)
     return _insert_holes(rings, inside & ~outside, outside & ~inside, outer, inner)
-
-
-def _do_pairs_overlap(first: NDArray[Any], second: NDArray[Any]) -> bool:
-    """Whether first[i] and second[i] overlap for any i; no polygon contains its partner.
-
-    GEOS looks up edges of a prepared polygon but scans those of the other, so the larger polygon is
-    prepared; `overlaps`, which preparation does not speed up, is tested only for pairs that touch.
-    Tree queries by "intersects" and "covers" took 1.0 s instead of 0.47 s for 2,285 holes in a ring
-    of 50,000 vertices.
-    """
-    is_smaller = shapely.get_num_coordinates(first) < shapely.get_num_coordinates(second)
-    larger, smaller = np.where(is_smaller, second, first), np.where(is_smaller, first, second)
-    shapely.prepare(larger)
-    touching = shapely.intersects(larger, smaller)
-    return bool(shapely.overlaps(larger[touching], smaller[touching]).any())
 
 
 def _insert_holes(

@@ -18,8 +18,7 @@ def build_footprint(
 ) -> list[Ring]:
     """Return the rings of a building of about `vertices` vertices, exterior first.
 
-    `u` are at least 8 random numbers in [0, 1) that determine the form. A small building gets a
-    simpler form.
+    `u` are at least 8 random numbers in [0, 1) that determine the form.
     """
     if courtyards and min(width, depth) >= 3 * WING_M:
         rings = _build_courtyards(width, depth, courtyards, u)
@@ -42,10 +41,7 @@ def build_footprint(
 
 
 def _build_wings(w: float, d: float, vertices: int, u: Sequence[float]) -> Ring:
-    """Return a rectangle, or a front building with wings.
-
-    One wing at a side (L), one between the sides (T), two wings (U) or three (E).
-    """
+    """Return a rectangle, or a front building with wings in the form of an L, T, U or E."""
     front = max(WING_M, d * (0.4 + 0.25 * u[1]))
     wing = max(WING_M, w * (0.28 + 0.15 * u[2]))
     if vertices < 6 or d - front < 2.0 or w < 2 * WING_M:
@@ -144,9 +140,8 @@ class _Wall:
 
 
 def _build_corner(before: _Wall, after: _Wall, cut: float, vertices: int) -> Ring:
-    """Return the points of a corner between two walls.
+    """Return a corner between two walls, with 0 (plain), 1 (bevel) or 2 (step) vertices added.
 
-    vertices : number added to the corner: 0 for a plain corner, 1 for a bevel, 2 for a step
     cut : length cut off either wall, in metres
     """
     start, end = before.point(before.length - cut, 0.0), after.point(cut, 0.0)
@@ -160,10 +155,7 @@ def _build_corner(before: _Wall, after: _Wall, cut: float, vertices: int) -> Rin
 
 
 def _build_bays(wall: _Wall, count: int, margin: float, inset: float) -> Ring:
-    """Return the points of `count` rectangular bays, evenly spaced along a wall.
-
-    margin : length without bays at both ends; inset : depth of a bay; both in metres
-    """
+    """Return the points of `count` bays, `inset` deep, evenly spaced between margins of a wall."""
     bays: Ring = []
     if count < 1:
         return bays

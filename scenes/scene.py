@@ -93,7 +93,6 @@ class Scene:
         return digest.hexdigest()
 
     def _update_hash(self, digest: Any) -> None:
-        """Add the polygons' coordinates and offsets to a digest of `hashlib`."""
         if not self.polygons:
             return
         _, coordinates, (rings, polygons) = shapely.to_ragged_array(np.asarray(self.polygons))
@@ -130,11 +129,7 @@ def remove_location(reason: str) -> str:
 
 @dataclass
 class NoteCounter:
-    """Notes on polygons, of the kinds "dropped", "repaired" and "failed".
-
-    counts : number of polygons by kind and reason
-    examples : the first `MAX_EXAMPLES` notes of each kind
-    """
+    """Counts of notes by kind ("dropped", "repaired", "failed") and reason, with examples."""
 
     counts: Counter[tuple[str, str]] = field(default_factory=Counter)
     examples: dict[str, list[Note]] = field(default_factory=dict)

@@ -1,9 +1,8 @@
 """Slices of files and of archives of map tiles; several machines can read slices in parallel.
 
-For GeoParquet, a slice is a range of rows, if possible of full row groups; for a file that GDAL can
-read from the middle, a range of features. All other files are a single slice. For map tiles, a
-slice is a range of tile numbers within a zoom: cutting an archive into slices reads only the
-archive's directory, and reading a slice reads only the slice's tiles.
+A slice of GeoParquet is a range of rows, if possible of full row groups; of a file that GDAL can
+read from the middle, a range of features; of map tiles, a range of tile numbers within a zoom. All
+other files are a single slice. Cutting an archive reads only its directory.
 """
 
 import hashlib
@@ -64,9 +63,9 @@ class Slices:
 def cut_file(path: str, layer: str | None = None, where: str | None = None) -> Slices:
     """Return slices of `MIN_ROWS` to `MAX_ROWS` rows; reads the file's footer or header only.
 
-    If `where` is a conjunction of comparisons of a column with a number, such as
-    `bbox.xmin > 24.5 AND bbox.xmax < 25`, row groups of a GeoParquet file are skipped if the
-    statistics exclude a match. Raises SceneError if the file is missing or cannot be read.
+    If `where` is a conjunction of comparisons of a column with a number, such as `bbox.xmin > 24.5
+    AND bbox.xmax < 25`, row groups of a GeoParquet file are skipped if the statistics exclude a
+    match.
     """
     file = check_path(path)
     reader = choose_reader(file)
@@ -88,7 +87,6 @@ def cut_file(path: str, layer: str | None = None, where: str | None = None) -> S
 
 
 def _cut_parquet(source: Source, where: str | None) -> Slices:
-    """Return the slices of a GeoParquet file, from the footer; see `cut_file`."""
     parquet = import_parquet(source)
     file = source.path
     with file.open("rb") as stream:
@@ -137,9 +135,7 @@ def has_degrees(file: Path) -> bool:
 
 
 def parse_comparisons(where: str | None) -> list[tuple[str, str, float]]:
-    """Return (column, comparison, number) for each comparison of a conjunction.
-
-    Returns [] if the condition has another form.
+    """Return (column, comparison, number) for each comparison of a conjunction; [] for other forms.
 
     >>> parse_comparisons("bbox.xmin > 24.5 AND height = 3 AND name LIKE 'A'")
     []
@@ -203,12 +199,7 @@ _ARCHIVE = re.compile(r"\.(pmtiles|mbtiles)$", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class TileSelection:
-    """Selection of zooms and layers of an archive, and the size of a drawn tile.
-
-    zooms : first and last zoom; None for all
-    layers : names of layers; None for all
-    pixels : side of a tile on the screen, in px
-    """
+    """Zooms (first, last) and layers of an archive, each None for all, and a tile's side in px."""
 
     zooms: tuple[int, int] | None = None
     layers: tuple[str, ...] | None = None
@@ -217,8 +208,6 @@ class TileSelection:
 
 def parse_tile_selection(text: str) -> tuple[str, TileSelection] | None:
     """Return the path or pattern of map tiles, and the selection; None for other files.
-
-    Raises SceneError for an invalid parameter.
 
     >>> parse_tile_selection("berlin.pmtiles:zoom=12-16,layers=water")
     ('berlin.pmtiles', TileSelection(zooms=(12, 16), layers=('water',), pixels=512))
@@ -263,8 +252,7 @@ def _list_folder(name: str) -> list[Path]:
 def cut_tiles(path: str, zooms: tuple[int, int] | None) -> Slices:
     """Return the slices of an archive: `rows` are ranges of tile numbers, `sizes` numbers of runs.
 
-    A run is a series of consecutive equal tiles. zooms : first and last zoom, None for all. Raises
-    SceneError if the archive is missing, cannot be read, or has no tile of these zooms.
+    A run is a series of consecutive equal tiles. zooms : first and last zoom, None for all
     """
     file = check_path(path)
     rows: list[tuple[int, int] | None] = []
@@ -295,11 +283,7 @@ def _cut_tile_runs(runs: Iterable[TileRun]) -> Iterator[tuple[int, int, int]]:
 
 
 class Tile(NamedTuple):
-    """A tile that was read, and the number of equal tiles.
-
-    zoom : zoom of the tile, None if unknown
-    repeats : number of consecutive tiles with the same bytes
-    """
+    """A tile that was read, its zoom or None, and the number of consecutive equal tiles."""
 
     name: str
     zoom: int | None
@@ -317,12 +301,7 @@ class Tile(NamedTuple):
 
 
 def read_tiles(path: str, numbers: tuple[int, int], selection: TileSelection) -> Iterator[Tile]:
-    """Yield the tiles of a slice; unreadable layers are skipped and noted.
-
-    numbers : tile numbers of the slice (first, stop)
-
-    Raises SceneError if the file is missing or cannot be read.
-    """
+    """Yield the tiles with numbers in range(*numbers); unreadable layers are skipped and noted."""
     with guard.raise_scene_errors(path, "map tiles"):
         archive = open_archive(check_path(path))
         for run in archive.list_tile_runs(archive.get_zoom(numbers[0]), *numbers):

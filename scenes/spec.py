@@ -66,10 +66,9 @@ def format_install_command(extra: str) -> str:
 
 
 def import_optional(module: str, user: object, extra: str) -> Any:
-    """Import and return a module of an optional extra of this distribution.
+    """Import and return a module of an optional extra; raises SceneError with the install command.
 
-    `user` is the file or option that needs the module, for the message. Raises SceneError with the
-    command that installs the extra.
+    `user` is the file or option that needs the module, for the message.
     """
     try:
         return import_module(module)
@@ -153,9 +152,7 @@ def join_name(name: str, **parameters: Any) -> str:
 
 
 def format_label(text: str) -> str:
-    """Return a scene's name as results show it: a file without its folder.
-
-    So results of the same file in different folders can be compared.
+    """Return a scene's name as results show it: a file without its folder, for comparisons.
 
     >>> format_label("data/town.gpkg:where=height/2 > 3"), format_label("city:buildings=20")
     ('town.gpkg:where=height/2 > 3', 'city:buildings=20')
@@ -167,11 +164,7 @@ def format_label(text: str) -> str:
 def convert_arguments(
     name: str, function: Callable[..., Any], parameters: dict[str, Any]
 ) -> dict[str, Any]:
-    """Return parameters converted to the types that a scene's builder declares.
-
-    name : the scene's name, for messages; function : the builder
-
-    Raises SceneError for unknown parameters.
+    """Return parameters converted to the types that a builder declares; `name` is for messages.
 
     >>> def build(*, seed: int = 0, size: float = 1.0): ...
     >>> convert_arguments("grid", build, {"size": "2"})

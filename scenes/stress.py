@@ -20,12 +20,7 @@ Shape = Ring | tuple[Ring, list[Ring]]
 
 
 def build(*, seed: int = 0, vertices: int = 200, family: str = "all") -> Scene:
-    """Return one polygon of each family, or of the named one, with about `vertices` vertices.
-
-    Families: comb, sawtooth, spiral, star, koch, near-collinear, sliver, needle-holes,
-    random-star, random-monotone, random-maze. Raises SceneError for another family and for
-    `vertices` not in 12..100,000.
-    """
+    """Return one polygon of each family, or of the named one, with about `vertices` vertices."""
     if not 12 <= vertices <= MAX_VERTICES:
         raise SceneError(f"stress: vertices={vertices} is out of range: give 12 to {MAX_VERTICES}")
     if family != "all" and family not in FAMILIES:

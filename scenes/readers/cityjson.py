@@ -29,10 +29,9 @@ _PLAN = "surfaces seen from above, with the height as an attribute"
 def read(source: Source, size: int) -> Iterator[RawChunk]:  # noqa: ARG001 - a model is one chunk
     """Yield the surfaces of all city objects, as polygons seen from above.
 
-    `source.layer` is RoofSurface or GroundSurface; both are read by default. In a model without
-    semantics a surface that faces up is a roof, and a surface that faces down is ground. If an
-    object has several levels of detail, the most detailed is read. The attributes are the object's
-    identifier and type, and the surface's kind and height.
+    `source.layer` is RoofSurface or GroundSurface; both are read by default. If an object has
+    several levels of detail, the most detailed is read. The attributes are the object's identifier
+    and type, and the surface's kind and height.
     """
     model = _parse_model(str(source.path), source.path.read_bytes)
     surfaces = _Surfaces(source)
@@ -95,7 +94,7 @@ class _Surfaces:
                         self._rows.append({**kinds, "height": height})
 
     def make_raw(self, crs: str | None) -> RawChunk:
-        """Return the collected surfaces as a chunk; crs : reference system."""
+        """Return the collected surfaces as a chunk."""
         table = pd.DataFrame(self._rows, columns=["id", "type", "surface", "height"])
         return RawChunk(
             self._geometries, self._labels, table, crs, "m", self.dropped, notes=(_PLAN,)
@@ -112,7 +111,6 @@ def _parse_model(name: str, content: Callable[[], bytes]) -> dict[str, Any]:
 
 
 def _find_crs(model: dict[str, Any]) -> str | None:
-    """Return the EPSG code of a model's reference system, or None without a code."""
     metadata = model.get("metadata")
     name = metadata.get("referenceSystem") if isinstance(metadata, dict) else None
     code = str(name).replace("::", ":").replace("/", ":").rpartition(":")[2]
@@ -136,8 +134,7 @@ def _read_surfaces(
 ) -> Iterator[tuple[str | None, shapely.Polygon, float]]:
     """Yield kind, polygon seen from above and mean height of each surface of a city object.
 
-    Only the most detailed geometry is read. A surface without semantics is a roof if the normal
-    points up, otherwise ground.
+    A surface without semantics is a roof if the normal points up, otherwise ground.
     """
     shapes = [
         g for g in city_object.get("geometry", []) if "boundaries" in g and g["type"] in _DEPTHS
@@ -176,10 +173,7 @@ def _flatten_values(values: Any, boundaries: Any, depth: int) -> list[int | None
 
 
 def _classify_by_slope(ring: NDArray[np.float64]) -> str:
-    """Return the kind of a surface by its ring (k, 3): roof if the normal points up, or ground.
-
-    The normal is computed by Newell's method.
-    """
+    """Return the kind of a surface by its ring (k, 3) and Newell's method for the normal."""
     following = np.roll(ring, -1, axis=0)
     up = np.sum((ring[:, 0] - following[:, 0]) * (ring[:, 1] + following[:, 1]))
     return "RoofSurface" if up > 0 else "GroundSurface"

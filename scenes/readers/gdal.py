@@ -1,11 +1,8 @@
 """What pyogrio does not report or convert: failures of GDAL, curves, and facts about GeoJSON.
 
-Two functions of pyogrio's GDAL library are called by ctypes: the error handler counts failures, and
-another function converts curves to straight edges. If the library is not found, failures are not
-counted and curves are not converted.
-
-GDAL silently skips invalid lines of a GeoJSON sequence, and takes an unknown reference system for
-longitude and latitude.
+Two functions of pyogrio's GDAL library are called by ctypes; if the library is not found, failures
+are not counted and curves are not converted. GDAL silently skips invalid lines of a GeoJSON
+sequence, and takes an unknown reference system for longitude and latitude.
 """
 
 import ctypes
@@ -162,8 +159,8 @@ def find_crs(path: Path, crs: str | None) -> str | None:
     """Return the reference system of a file, given the system `crs` that GDAL reports.
 
     GeoJSON of 2008 may state a system in its member `crs`, before or after the features; null means
-    no system. For a name that GDAL does not know, GDAL reports longitude and latitude. TopoJSON
-    has no reference system; as in GeoJSON, coordinates are longitude and latitude.
+    no system. For a name that GDAL does not know, GDAL reports longitude and latitude. TopoJSON has
+    no reference system; as in GeoJSON, coordinates are longitude and latitude.
     """
     is_json = path.suffix.lower() in (".geojson", ".json", ".topojson") and path.is_file()
     if not is_json or crs not in (None, _DEGREES_CRS):
@@ -199,14 +196,13 @@ def is_geojson_sequence(path: Path) -> bool:
 def find_skipped_lines(
     path: Path, count: int, failures: int, *, is_complete: bool, size: int
 ) -> Iterator[RawChunk]:
-    """Yield chunks without geometries, with notes on the lines that GDAL skipped.
+    """Yield chunks without geometries, with up to `size` notes on lines that GDAL skipped.
 
     Raises SceneError if GDAL skipped lines that are valid.
 
     count : number of features that were read
     failures : number of failures that GDAL reported; GDAL may have skipped more lines
     is_complete : True if all features were requested; then each line should be a feature
-    size : maximum number of notes in a chunk
     """
     lines = sum(1 for _, line in number_lines(path) if not line.isspace()) if is_complete else 0
     if not failures and count >= lines:
@@ -223,7 +219,6 @@ def find_skipped_lines(
 
 
 def _find_invalid_lines(path: Path) -> Iterator[Note]:
-    """Yield a note on each line that is not JSON, or not a feature or geometry."""
     for number, line in number_lines(path):
         text = line.strip("\x1e\ufeff \t\r\n")
         try:

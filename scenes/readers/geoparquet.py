@@ -59,10 +59,7 @@ def _read_batches(file: Any, rows: tuple[int, int] | None, size: int) -> Iterato
 
 
 def find_geometry_column(source: Source, schema: Any) -> tuple[str, str | None, tuple[str, ...]]:
-    """Return name and reference system of the geometry column to read, and notes on others.
-
-    Raises SceneError if the column is missing or not encoded as WKB.
-    """
+    """Return name and reference system of the geometry column to read, and notes on others."""
     geo = json.loads((schema.metadata or {}).get(b"geo", b"null"))
     if not geo:
         raise SceneError(
@@ -102,11 +99,11 @@ def _format_crs(crs: Any) -> str | None:
 def to_pandas(batch: Any, *, exact: bool = False) -> tuple[pd.DataFrame, tuple[str, ...]]:
     """Return a batch of Arrow as a pandas table, and a note on columns whose text is not UTF-8.
 
-    exact : True to use Arrow's types for the columns, so that all slices of a file have the same
-        types; with pandas' types a missing value would turn a column of integers into floats
+    exact : True for Arrow's types, equal in all slices of a file; in pandas' types, a missing value
+        turns integers into floats
 
-    Old Shapefiles and database exports contain text that is not UTF-8: invalid bytes become U+FFFD.
-    Arrow and pandas would fail only when the text is used.
+    Invalid UTF-8, as in old Shapefiles, becomes U+FFFD: Arrow and pandas would fail when the text
+    is used.
 
     >>> import pyarrow as pa
     >>> latin = pa.array([b"K\\xf6ln", None]).view(pa.string())

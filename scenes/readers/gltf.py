@@ -9,7 +9,6 @@ import base64
 import json
 import re
 import struct
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -95,7 +94,6 @@ class GltfFile:
         return self._chunks[0][1]
 
     def _read_buffer(self, buffer: dict[str, Any]) -> bytearray:
-        """Return the bytes of a buffer: a chunk of the .glb, a data URI or a file."""
         uri = buffer.get("uri")
         if uri is None:
             data = next((content for kind, content in self._chunks if kind == BIN), None)
@@ -139,20 +137,16 @@ class GltfFile:
         return values
 
     def read_values(self, accessor: int) -> tuple[NDArray[Any], bool]:
-        """Return the stored values (n, width) of an accessor, and whether these are normalized.
-
-        A normalized integer stands for its share of the type's maximum.
-        """
+        """Return the stored values (n, width) of an accessor, and whether these are normalized."""
         description = self.json["accessors"][check_index(accessor)]
         return self.read_array(accessor), bool(description.get("normalized"))
 
     def _read_view(
         self, description: dict[str, Any], kind: np.dtype[Any], width: int, count: int
     ) -> NDArray[Any]:
-        """Return `count` elements (count, width) of a buffer view as an array on the buffer.
+        """Return elements (count, width) of a buffer view as an array on the buffer.
 
-        description : an accessor, or part of a sparse accessor. Raises ValueError if the view is
-        too short.
+        description : an accessor, or part of a sparse accessor
         """
         view = self.json["bufferViews"][check_index(description["bufferView"])]
         first = view.get("byteOffset", 0) + description.get("byteOffset", 0)
@@ -182,10 +176,7 @@ class GltfFile:
         return positions, placements
 
     def read_triangles(self, primitive: dict[str, Any], count: int) -> NDArray[np.int64]:
-        """Return the triangles (m, 3) of a primitive of `count` vertices, also of strips.
-
-        Strips and fans are split. Raises ValueError if an index is out of range.
-        """
+        """Return the triangles (m, 3) of a primitive of `count` vertices, also of strips, fans."""
         if "indices" in primitive:
             vertex = self.read_array(primitive["indices"])[:, 0].astype(np.int64)
         else:
@@ -209,11 +200,11 @@ class GltfFile:
         return strip
 
     def read_loops(self, primitive: dict[str, Any], count: int) -> list[list[NDArray[np.int64]]]:
-        """Return the rings of each polygon of a primitive with EXT_mesh_polygon.
+        """Return the rings of each polygon of a primitive by EXT_mesh_polygon, the exterior first.
 
-        Rings are indices of the primitive's `count` vertices, the exterior first. Two versions of
-        the draft are read: the primitive contains the rings (mode LINE_LOOP), or it contains
-        triangles and the extension contains the rings.
+        Rings are indices of the primitive's `count` vertices. Two versions of the draft are read:
+        the primitive contains the rings (mode LINE_LOOP), or it contains triangles and the
+        extension contains the rings.
         """
         extension = primitive["extensions"][POLYGONS]
         if primitive.get("mode", TRIANGLES) == LINE_LOOP:
@@ -256,7 +247,7 @@ class GltfFile:
             node = nodes[check_index(number)]
             matrix = parent @ _read_node_matrix(node)
             if "mesh" in node:
-                placements[check_index(node["mesh"])] += tuple(self._list_instances(node, matrix))
+                placements[check_index(node["mesh"])] += self._list_instances(node, matrix)
             stack += [(child, matrix) for child in node.get("children", [])]
         if stack:
             raise ValueError("the nodes are not a tree: a node is in itself or has two parents")
@@ -264,29 +255,24 @@ class GltfFile:
 
     def _list_instances(
         self, node: dict[str, Any], matrix: NDArray[np.float64]
-    ) -> Iterator[NDArray[np.float64]]:
-        """Yield the matrix of each instance of a node's mesh; without instancing, `matrix`."""
+    ) -> tuple[NDArray[np.float64], ...]:
+        """Return the matrix of each instance of a node's mesh; without instancing, `matrix`."""
         instancing = node.get("extensions", {}).get(_INSTANCING)
         if instancing is None:
-            yield matrix
-            return
+            return (matrix,)
         columns = {}
         for name in ("TRANSLATION", "ROTATION", "SCALE"):
             if name in instancing["attributes"]:
                 stored, normalized = self.read_values(instancing["attributes"][name])
                 scale = FULL_SCALE[stored.dtype.str[1:]] if normalized else 1.0
                 columns[name.lower()] = np.maximum(stored / scale, -1.0 if normalized else -np.inf)
-        for row in range(min(map(len, columns.values()), default=0)):
-            yield matrix @ _read_node_matrix(
-                {name: values[row] for name, values in columns.items()}
-            )
+        rows = zip(*columns.values(), strict=False)
+        nodes = (dict(zip(columns, values, strict=True)) for values in rows)
+        return tuple(matrix @ _read_node_matrix(instance) for instance in nodes)
 
 
 def check_index(number: Any) -> int:
-    """Return a number that is an index; raises ValueError for any other value.
-
-    Python would accept a negative index.
-    """
+    """Return a number that is an index; raises ValueError otherwise, also for negative numbers."""
     if not isinstance(number, int) or isinstance(number, bool) or number < 0:
         raise ValueError(f"{number!r} is not an index")
     return number
@@ -300,7 +286,6 @@ def find_component_type(description: dict[str, Any]) -> np.dtype[Any]:
 
 
 def _read_node_matrix(node: dict[str, Any]) -> NDArray[np.float64]:
-    """Return the matrix (4, 4) of a node: its matrix, or translation, rotation and scale."""
     if "matrix" in node:
         return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
     from scipy.spatial.transform import Rotation  # slow to import, and rarely needed
@@ -313,7 +298,7 @@ def _read_node_matrix(node: dict[str, Any]) -> NDArray[np.float64]:
 
 
 def read_polygons(model: GltfFile) -> list[list[NDArray[np.float64]]] | None:
-    """Return the rings (k, 3) of each polygon as placed by the default scene, z up, or None.
+    """Return the rings (k, 3) of each polygon as placed by the default scene, z up.
 
     None unless all primitives of the model are polygons, in EXT_mesh_polygon.
     """
@@ -333,10 +318,10 @@ def read_polygons(model: GltfFile) -> list[list[NDArray[np.float64]]] | None:
 
 
 def read_triangles(model: GltfFile) -> tuple[NDArray[np.float64], NDArray[np.int64], int]:
-    """Return vertices (n, 3) and triangles (m, 3) of a model as placed by the default scene.
+    """Return vertices (n, 3), triangles (m, 3), and the number of skipped primitives.
 
-    The third value is the number of skipped primitives: points, lines, and triangles
-    without positions.
+    Vertices are placed by the default scene. Points, lines, and triangles without positions are
+    skipped.
     """
     vertices: list[NDArray[np.float64]] = [np.empty((0, 3))]
     triangles: list[NDArray[np.int64]] = [np.empty((0, 3), np.int64)]

@@ -1,8 +1,7 @@
 """Checks before a file is opened, and one-line errors for exceptions of libraries.
 
-A library may raise any exception for unexpected bytes, so a list of expected exceptions is never
-complete. So every exception of a reader is caught in one of two context managers:
-`raise_scene_errors`, which raises a SceneError instead, and `note_errors`, which adds a note and
+A library may raise any exception for unexpected bytes. So every exception of a reader is caught by
+`raise_scene_errors`, which raises a SceneError instead, or by `note_errors`, which adds a note and
 continues.
 """
 
@@ -35,7 +34,7 @@ def raise_scene_errors(name: str, kind: str) -> Iterator[None]:
     ...     raise LookupError("unknown encoding:\\n no-such-code")
     Traceback (most recent call last):
     scenes.scene.SceneError: a.svg cannot be read as SVG: unknown encoding: no-such-code; check \
-its format, or export it again
+    its format, or export it again
     """
     try:
         yield
@@ -146,10 +145,7 @@ def check_size(path: Path, in_memory: bool) -> None:
 
 
 def number_lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield (number, text) of each line of a text file, numbered from 1.
-
-    Raises SceneError for a line of `MAX_LINE_CHARACTERS` or more.
-    """
+    """Yield (number, text) of each line of a text file, numbered from 1."""
     with path.open(encoding="utf-8-sig", errors="replace") as stream:
         number = 0
         while line := stream.readline(MAX_LINE_CHARACTERS):
@@ -180,8 +176,7 @@ def make_truncation_error(path: Path, evidence: str) -> SceneError:
 def check_truncation(path: Path) -> None:
     """Raise SceneError for a truncated file of a format that states a length or an end mark.
 
-    By suffix, for formats whose readers do not notice truncation. In XML, JSON, Parquet, PLY and
-    CSV truncation is a syntax error.
+    In XML, JSON, Parquet, PLY and CSV truncation is a syntax error.
     """
     inspect = _INSPECTIONS.get(path.suffix.lower())
     if inspect is not None and (evidence := inspect(path)):
@@ -189,10 +184,7 @@ def check_truncation(path: Path) -> None:
 
 
 def check_quotes(path: Path) -> None:
-    """Raise SceneError for CSV with text after a closing quote.
-
-    GDAL would continue to the next quote, and skip the rows between without an error.
-    """
+    """Raise SceneError for CSV with text after a closing quote: GDAL would skip rows silently."""
     # Read as latin-1, which accepts all bytes, because only quotes are checked.
     with path.open(encoding="latin-1", newline="") as stream:
         head = stream.readline(MAX_LINE_CHARACTERS)
@@ -214,7 +206,7 @@ def check_quotes(path: Path) -> None:
 
 
 def check_last_line(path: Path, is_valid: Callable[[bytes], object]) -> None:
-    """Raise SceneError if a file is truncated: the last line has no line end and is invalid.
+    """Raise SceneError if the last line has no line end and is invalid.
 
     is_valid : function of the line that returns a false value or raises ValueError if invalid
     """

@@ -2,8 +2,7 @@
 joined to polygons.
 
 The library trimesh reads OFF and text STL, but cuts n-gons into triangles, and supports glTF and
-binary STL only in part. So this module reads OBJ, PLY and binary STL, and `scenes.readers.gltf`
-reads glTF.
+binary STL only in part.
 """
 
 from collections.abc import Iterator
@@ -68,10 +67,7 @@ def read(source: Source, size: int) -> Iterator[RawChunk]:  # noqa: ARG001 - a m
 
 
 def _flatten_polygons(polygons: list[list[NDArray[np.float64]]]) -> RawChunk:
-    """Return the polygons of EXT_mesh_polygon, unmoved if all are in one horizontal plane.
-
-    polygons : rings (k, 3) of each polygon, the exterior first
-    """
+    """Return polygons, each as rings (k, 3), unmoved if all are in one horizontal plane."""
     faces = [(f"polygon {number}", rings) for number, rings in enumerate(polygons)]
     heights = np.concatenate([ring[:, 2] for rings in polygons for ring in rings])
     if np.ptp(heights) != 0.0 or any(len(ring) < 3 for rings in polygons for ring in rings):
@@ -107,8 +103,7 @@ def _flatten_face(rings: list[NDArray[np.float64]]) -> tuple[shapely.Polygon | N
     """Return a face as a polygon in its plane, or None without area, and the face's deviation.
 
     The deviation is the largest distance of a vertex from the plane, relative to the face's size.
-
-    rings : vertices (k, 3) of the exterior, which defines the plane, and of the holes
+    rings : (k, 3) each, the exterior first
     """
     with np.errstate(over="ignore", invalid="ignore"):
         centre = rings[0].mean(axis=0)
@@ -228,7 +223,7 @@ def join_facets(
 def parse_obj(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
     """Return the vertices (n, 3) of an OBJ file, and the vertex indices (k,) of each face, from 0.
 
-    Indices may be out of range. Raises SceneError, with the line's number, for an invalid line.
+    Indices may be out of range.
     """
     vertices: list[list[float]] = []
     faces: list[NDArray[np.int64]] = []
@@ -252,10 +247,7 @@ def parse_obj(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]
 
 
 def _join_continued_lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield (number, line) of a text file, with lines that end in a backslash joined to the next.
-
-    A joined line has the number of its last line.
-    """
+    """Yield (number, line) of a text file; a line that ends in a backslash continues."""
     parts: list[str] = []
     number = length = 0
     for number, line in number_lines(path):
@@ -274,11 +266,7 @@ _INDICES = ("vertex_indices", "vertex_index")  # names of the list of a face's v
 
 
 def parse_ply(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
-    """Return the vertices (n, 3) of a PLY file, and the vertex indices (k,) of each face, from 0.
-
-    Raises SceneError for a file without faces and if plyfile is missing, and plyfile's errors for
-    invalid PLY.
-    """
+    """Return the vertices (n, 3) of a PLY file, and the indices (k,), from 0, of each face."""
     data = import_optional("plyfile", path, "ply").PlyData.read(path, mmap=False)
     if "face" not in data or not len(data["face"].data):
         raise SceneError(f"{path} has no faces: give a model with faces")

@@ -139,10 +139,7 @@ class _Drawing:
     def _enter_element(
         self, element: ElementTree.Element, parent: _State
     ) -> tuple[_State, dict[str, str]]:
-        """Return the state for an element's content, and the CSS properties of its `style`.
-
-        parent : state in which the element is drawn. Raises ValueError for unsupported properties.
-        """
+        """Return the state for an element's content, and the CSS properties of its `style`."""
         items = (item.partition(":") for item in element.get("style", "").split(";"))
         style = {key.strip(): value.removesuffix("!important").strip() for key, _, value in items}
         names = (*_INHERITED, *_LOCAL)
@@ -175,10 +172,7 @@ class _Drawing:
         return state, style
 
     def _enter_viewport(self, element: ElementTree.Element, state: _State, overflow: str) -> _State:
-        """Return the state for the content of an `svg` element, by its viewport and viewBox.
-
-        overflow : the CSS property; unless it is visible, content outside the viewport is clipped
-        """
+        """Return the state for the content of an `svg` element, by its viewport and viewBox."""
         box = [float(x) for x in re.split(r"[\s,]+", element.get("viewBox", "").strip()) if x]
         if element is self._root:
             viewport: Viewport = (box[2], box[3]) if len(box) == 4 else None
@@ -251,7 +245,6 @@ class _Drawing:
 
 
 def _intersect_clip(state: _State, area: Any) -> _State:
-    """Return a state whose clip path is intersected with another area."""
     clip = area if state.clip is None else shapely.intersection(state.clip, area)
     return replace(state, clip=clip)
 

@@ -37,11 +37,9 @@ def get_tag(element: ElementTree.Element) -> str:
 
 
 def parse_length(text: str, viewport: Viewport, axis: int | None = None) -> float:
-    """Return a length in user units.
+    """Return a length in user units; raises ValueError for an unsupported or unknown unit.
 
     axis : the viewport's axis to which a percentage refers, 0 for x, 1 for y, None for the diagonal
-
-    Raises ValueError for unsupported units, and for percentages if the viewport is unknown.
 
     >>> parse_length("1in", None), parse_length("50%", (10, 20), 1)
     (96.0, 10.0)
@@ -59,9 +57,8 @@ def parse_length(text: str, viewport: Viewport, axis: int | None = None) -> floa
 def parse_transform(text: str, *, is_css: bool = False) -> Transform:
     """Return the matrix of a list of transform functions; the last function applies first.
 
-    Numbers may have units, and may follow each other without a separator, as in
-    `matrix(1 0 0 1 5-5)`. is_css : True for a CSS property, which has more functions than the SVG
-    attribute. Raises ValueError for unknown and three-dimensional functions.
+    Numbers may have units, and may follow each other without a separator, as in `matrix(1 0 0 1
+    5-5)`. is_css : True for a CSS property, which has more functions than the SVG attribute.
 
     >>> parse_transform("translate(2px, 0) scale(3)").transformPoint((1, 1))
     (5.0, 3.0)
@@ -100,7 +97,6 @@ _CSS_FUNCTIONS = _FUNCTIONS | {
 
 
 def _parse_matrix(name: str, inner: str, is_css: bool) -> Transform:
-    """Return the matrix of one transform function, given its name and the text of its arguments."""
     arguments = list(_ARGUMENT.finditer(inner))
     values = [float(match[1]) * _DEGREES.get(match[2], 1.0) for match in arguments]
     counts, function = (_CSS_FUNCTIONS if is_css else _FUNCTIONS).get(name, ((), Transform))
@@ -144,10 +140,7 @@ class _Flattener(BasePen):  # type: ignore[misc]
 
 
 def flatten_outline(outline: str, matrix: Transform) -> list[NDArray[np.float64]]:
-    """Return the contours (n, 2) of SVG path data, transformed by `matrix`, without closing points.
-
-    Raises ValueError for a coordinate that is not finite.
-    """
+    """Return the contours (n, 2), without closing points, of SVG path data after `matrix`."""
     pen = _Flattener()
     if outline:
         parse_path(outline, TransformPen(pen, matrix))
@@ -195,10 +188,7 @@ def _read_radii(length: Callable[[str, int | None], float | None]) -> tuple[floa
 
 
 def _make_rectangle(length: Callable[[str, int | None], float | None]) -> str:
-    """Return a rectangle, possibly with rounded corners, as SVG path data; "" if empty.
-
-    length : function of (property, axis) that returns a length or None
-    """
+    """Return a rectangle, possibly with rounded corners, as SVG path data; "" if empty."""
     x, y, w, h = (length(k, i % 2) or 0.0 for i, k in enumerate(("x", "y", "width", "height")))
     if w <= 0 or h <= 0:
         return ""

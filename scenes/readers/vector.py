@@ -58,9 +58,8 @@ _DATA_SETS = (".shp", ".gpkg", ".geojson", ".json", ".fgb", ".gml", ".kml", ".cs
 def read(source: Source, size: int) -> Iterator[RawChunk]:
     """Yield the geometries of a layer, `size` features at a time.
 
-    The default layer is the first that can contain polygons. Features that GDAL reads without
-    geometry become notes. Raises SceneError if GDAL reports more failures than such features,
-    because polygons would then be missing.
+    Features that GDAL reads without geometry become notes. Raises SceneError if GDAL reports more
+    failures than such features, because polygons would then be missing.
     """
     if re.search(r"[\n\r\t]", str(source.path)):  # GDAL would remove these characters
         raise SceneError(f"{source.path} has a tab or line end in the name: rename it")
@@ -121,8 +120,6 @@ def read(source: Source, size: int) -> Iterator[RawChunk]:
 
 def _check_feature_count(source: Source, layer: str, count: int) -> None:
     """Raise SceneError if fewer features were read (`count`) than stated or requested.
-
-    The header of FlatGeobuf states a number, `source.rows` requests a number.
 
     GDAL reads FlatGeobuf files that were truncated between two features without an error.
     """
@@ -186,15 +183,11 @@ def _explain_errors(source: Source) -> Iterator[None]:
 
 
 def _open_options(path: Path) -> dict[str, str]:
-    """Return GDAL's open options for a file."""
     return _CSV_OPTIONS if path.suffix.lower() in (".csv", ".tsv") else {}
 
 
 def find_gdal_path(path: Path) -> Path | str:
-    """Return the path to give to GDAL: the file, or the only data set in a folder of an archive.
-
-    Raises SceneError for an archive without a recognised data set, or with several in folders.
-    """
+    """Return the path to give to GDAL: the file, or the only data set in a folder of an archive."""
     if path.suffix.lower() != ".zip" or not zipfile.is_zipfile(path):
         return path
     with zipfile.ZipFile(path) as archive:
@@ -276,10 +269,7 @@ def _check_geometry_column(source: Source, layer: str, column: Any) -> None:
 def _parse_chunk(
     fids: list[int], wkb: NDArray[Any], table: pd.DataFrame | None, crs: str | None
 ) -> RawChunk:
-    """Return a chunk of parsed geometries; a geometry that cannot be parsed becomes a note.
-
-    fids : numbers of the features; wkb : (E)WKB of each; table : attributes
-    """
+    """Return a chunk of parsed geometries, given number and (E)WKB of each feature."""
     labels = [f"feature {fid}" for fid in fids]
     geometries, dropped, repaired = parse_wkb(wkb, labels)
     return RawChunk(geometries, labels, table, crs, "units", dropped, repaired).without_dropped()
@@ -295,10 +285,7 @@ def _close_lines(source: Source, raw: RawChunk) -> RawChunk:
 
 
 def _close_geometry(geometry: Any) -> Any:
-    """Return a polygon for a closed line, also for lines in collections; others unchanged.
-
-    GDAL reads a block of a drawing as a collection.
-    """
+    """Return a polygon for a closed line, also in the collections that are blocks of a drawing."""
     if geometry is None or geometry.is_empty:
         return geometry
     if geometry.geom_type in ("LineString", "LinearRing"):
@@ -314,7 +301,7 @@ def _close_geometry(geometry: Any) -> Any:
 def choose_layer(source: Source) -> tuple[str, tuple[str, ...]]:
     """Return the name of the layer to read, and notes on layers and files that are not read.
 
-    The default is the first layer whose type allows polygons. Raises SceneError if no layer fits.
+    The default is the first layer whose type allows polygons.
     """
     layers = pyogrio.list_layers(find_gdal_path(source.path))
     names = [str(name) for name, _ in layers]

@@ -121,10 +121,7 @@ def parse_wkb(
 
 
 def parse_wkt(text: str) -> tuple[Any | None, str]:
-    """Return the geometry of WKT and a note on its repair, or "".
-
-    If the text cannot be parsed, return None and the reason.
-    """
+    """Return the geometry of WKT and a note on its repair or "", or None and the reason."""
     if is_wkt_too_deep(text):
         return None, _DEEP
     geometry = _parse_geometry(text)
@@ -132,7 +129,6 @@ def parse_wkt(text: str) -> tuple[Any | None, str]:
 
 
 def _parse_geometry(source: str | bytes | None) -> Any | None:
-    """Return the geometry of WKT or WKB, or None if it is invalid or has curves."""
     parse = shapely.from_wkt if isinstance(source, str) else shapely.from_wkb
     try:
         return parse(source, on_invalid="ignore")
@@ -141,10 +137,7 @@ def _parse_geometry(source: str | bytes | None) -> Any | None:
 
 
 def _repair_geometry(source: Any) -> tuple[Any | None, str]:
-    """Return the geometry of WKT or WKB that GEOS rejects, and a note on its repair.
-
-    If the input cannot be repaired, return None and the reason.
-    """
+    """Return the geometry of WKT or WKB that GEOS rejects, and a note, or None and the reason."""
     parse = shapely.from_wkt if isinstance(source, str) else shapely.from_wkb
     is_curved = False
     try:
@@ -224,8 +217,8 @@ def _is_complete_line(line: bytes) -> bool:
 def _parse_line(text: str) -> tuple[Any | None, str | None, str]:
     """Return geometry, reference system and a note on the repair of WKT, EWKT or hexadecimal WKB.
 
-    The note is "" without a repair. For text that cannot be parsed the geometry is None, and the
-    third value is the reason.
+    The note is "" without a repair. If the text cannot be parsed, the geometry is None, and the
+    note is the reason.
     """
     match = _SRID.match(text)
     crs = f"EPSG:{match[1]}" if match else None
@@ -254,6 +247,5 @@ def read_binary(source: Source, size: int) -> Iterator[RawChunk]:  # noqa: ARG00
 
 
 def _find_embedded_crs(geometry: Any) -> str | None:
-    """Return the reference system of a geometry's SRID, or None without an SRID."""
     srid = shapely.get_srid(geometry)
     return f"EPSG:{srid}" if srid > 0 else None

@@ -1,8 +1,7 @@
 """Archives of map tiles with one interface: folders of files, MBTiles, PMTiles.
 
-The tiles of an archive are numbered consecutively, zoom by zoom. Archives list runs of equal tiles
-instead of tiles, because one entry of a PMTiles directory may stand for a million equal tiles of
-the sea.
+The tiles of an archive are numbered consecutively, zoom by zoom. Archives list runs of equal tiles,
+because one entry of a PMTiles directory may stand for a million equal tiles of the sea.
 """
 
 import gzip
@@ -59,12 +58,7 @@ class TilePosition(NamedTuple):
 
 
 class TileRun(NamedTuple):
-    """Tiles with consecutive numbers and the same bytes in an archive; usually a single tile.
-
-    first : number of the first tile
-    repeats : number of tiles
-    size : stored bytes of a tile
-    """
+    """Consecutive equal tiles: number of the first, count, and stored bytes of one of them."""
 
     first: int
     repeats: int
@@ -86,17 +80,13 @@ class Archive(ABC):
     def list_tile_runs(
         self, zoom: int | None, first: int = 0, last: int | None = None
     ) -> Iterator[TileRun]:
-        """Yield the runs of equal tiles of a zoom, by ascending tile number.
+        """Yield the runs of equal tiles of a zoom, cut to range(first, last), by ascending number.
 
-        A tile's number is its position in the archive's order (see the module). Tiles with close
-        numbers are neighbours on the map.
-
-        zoom : None for a folder without zooms
-        first, last : the runs are cut to the tile numbers in range(first, last)
+        Tiles with close numbers are neighbours on the map. zoom : None for a folder without zooms
         """
 
     def list_tile_keys(self, zoom: int | None) -> list[Any]:
-        """Return the keys of all tiles of a zoom, by ascending tile number; see `get_tile_key`."""
+        """Return the keys of all tiles of a zoom, by ascending tile number."""
         runs = self.list_tile_runs(zoom)
         return [self.get_tile_key(run.first + k) for run in runs for k in range(run.repeats)]
 
@@ -111,8 +101,7 @@ class Archive(ABC):
     def select_zooms(self, path: str, requested: tuple[int, int] | None) -> Sequence[int | None]:
         """Return the zooms in the range (first, last), or (None,) if zooms are unknown.
 
-        requested : the range, or None for all zooms; path : the archive, for messages. Raises
-        SceneError if the archive has no tiles of these zooms.
+        requested : the range, or None for all zooms; path : the archive, for messages
         """
         if not self.zooms:
             if requested is not None:
@@ -186,7 +175,7 @@ def parse_attribution(metadata: bytes) -> str:
 class Folder(Archive):
     """A file of one tile, or a folder of such files, usually named z/x/y.mvt or z-x-y.pbf.
 
-    Files may be compressed. Tiles are numbered zoom by zoom, in the order of paths.
+    Tiles are numbered zoom by zoom, in the order of paths.
     """
 
     def __init__(self, path: Path) -> None:
@@ -328,10 +317,7 @@ class MBTiles(Archive):
 
 
 class PMTiles(Archive):
-    """A PMTiles archive, version 3, decoded by the package pmtiles; numbered along Hilbert's curve.
-
-    header : the header, as `pmtiles.tile.deserialize_header` returns it
-    """
+    """A PMTiles archive, version 3, read by the package pmtiles; numbered along Hilbert's curve."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -380,7 +366,6 @@ class PMTiles(Archive):
         return data
 
     def _read_directory(self, start: int, count: int) -> list[Any]:
-        """Return the entries of the directory at an offset of the file."""
         # Compressed again, because the package reads only directories compressed by gzip.
         packed = gzip.compress(self._read_decompressed(start, count), 0)
         return list(self._format.deserialize_directory(packed))

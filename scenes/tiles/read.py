@@ -43,8 +43,6 @@ def check_pixels(pixels: int) -> None:
 def note_rounding(extents: Iterable[int], pixels: int) -> list[str]:
     """Return a note for each extent of tiles whose units are not multiples of 1/256 px.
 
-    extents : numbers of units along a tile's side; pixels : side of a tile on the screen
-
     >>> note_rounding({4096}, 512), len(note_rounding({4096, 5000}, 512))
     ([], 1)
     """
@@ -118,7 +116,6 @@ def read_tile(
 
     requested : names of the layers to read; None for all. A layer without a name, which is invalid,
         is always noted.
-    pixels : side of the tile on the screen, in px
     """
     content, notes = TileContent(), list[Note]()
     with guard.note_errors(notes, "", "cannot be read"):
@@ -268,9 +265,7 @@ def _choose_tiles(
 
 
 def locate_tile(longitude: float, latitude: float, zoom: int) -> tuple[int, int]:
-    """Return column and row of the tile that contains a position, given in degrees.
-
-    Latitudes beyond the range of web Mercator are clamped.
+    """Return column and row of the tile at a position in degrees, clamped to web Mercator.
 
     >>> locate_tile(24.94, 60.17, 14)
     (9327, 4742)

@@ -4,9 +4,8 @@ Libraries for tiles repair or drop rings, and clip or project polygons. But a me
 integer coordinates, and must count dropped polygons. So protobuf decodes the messages, and this
 module builds the polygons.
 
-Source: the Mapbox Vector Tile Specification 2.1. Holes are identified as in `classifyRings` of
-npm's @mapbox/vector-tile: a ring is outer if it has the orientation of the feature's first ring
-with area, which also holds for tiles of version 1.
+Holes are identified as in `classifyRings` of npm's @mapbox/vector-tile: a ring is outer if it has
+the orientation of the feature's first ring with area, which also holds for tiles of version 1.
 """
 
 from collections.abc import Sequence
@@ -167,8 +166,6 @@ def _parse_feature(data: bytes, keys: int, values: int) -> tuple[int, list[int]]
     """Return the geometry type of a feature, and the integers of its geometry.
 
     keys, values : numbers of keys and values in the layer
-
-    Raises ValueError if the feature is invalid.
     """
     feature = _decode_message("Feature", data)
     if not feature.HasField("type") or not feature.geometry:
@@ -194,10 +191,7 @@ def _check_points_or_lines(geometry: Sequence[int], kind: int) -> None:
 
 
 def _parse_rings(commands: list[int]) -> tuple[list[int], list[int]]:
-    """Return the steps between points of a feature's rings, and the number of points of each ring.
-
-    Steps are x and y, in zigzag encoding. Raises ValueError if the commands are invalid.
-    """
+    """Return the steps, x and y in zigzag encoding, and the size in points of each ring."""
     steps: list[int] = []
     sizes, position = [], 0
     while position < len(commands):
@@ -226,7 +220,7 @@ def _build_polygons(
 
     steps (2 n,): see `_parse_rings`; sizes (r,): number of points of each ring; owners (r,): index
     of each ring's feature. The first step of a feature is from (0, 0); the first step of each
-    further ring is from the last point of the ring before. Appends notes to `dropped`.
+    further ring is from the last point of the ring before.
     """
     if not len(sizes):
         return np.empty(0, object), owners

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from scenes import SceneError, load
 from scenes.files import read_chunks
-from scenes.projection import Projection, is_geographic, is_off_globe
+from scenes.projection import Projection, is_geographic
 from tests.conftest import make_geojson
 from tests.scenes.conftest import assert_valid_polygons
 
@@ -144,11 +144,6 @@ def test_feature_off_the_globe_in_a_later_chunk_is_dropped(tmp_path):
     chunks = list(read_chunks(str(path), size=1))
     assert [len(chunk.cleaned.polygons) for chunk in chunks] == [1, 1, 0]
     assert [name for name, _ in chunks[2].cleaned.dropped] == ["feature 2"]
-
-
-def test_nan_is_not_off_the_globe():
-    points = np.array([[np.nan, 60.0], [25.0, np.nan], [np.inf, 3]])
-    assert is_off_globe(points).tolist() == [False, False, True]
 
 
 @pytest.mark.parametrize("crs", ["EPSG:7844", "EPSG:6318", "urn:ogc:def:crs:OGC:1.3:CRS84"])
