@@ -104,7 +104,10 @@ def _build_district(rng: Generator, district: shapely.Polygon, radius: float) ->
     """Return the footprints of a district of a city of this radius."""
     middle = district.centroid
     central = np.hypot(middle.x, middle.y) < 0.45 * radius
-    angle = _choose_direction(rng, district)
+    # Streets run nearly along the longest side.
+    sides = np.diff(shapely.get_coordinates(district.simplify(5.0).exterior), axis=0)
+    longest = sides[np.argmax(np.hypot(*sides.T))]
+    angle = float(np.arctan2(longest[1], longest[0]) + rng.normal(0.0, 0.03))
     blocks = _cut_blocks(rng, _rotate_geometry(district, -angle), central)
     lots = [_cut_lots(rng, block, central) for block in blocks]
     lots = [lots_of_block for lots_of_block in lots if len(lots_of_block.polygons)]
@@ -115,14 +118,6 @@ def _build_district(rng: Generator, district: shapely.Polygon, radius: float) ->
     rounded = shapely.transform(rotated, lambda xy: np.round(xy, _COORDINATE_DECIMALS) + 0.0)
     usable = rounded[shapely.is_valid(rounded) & (shapely.area(rounded) > 15.0)]
     return np.asarray(shapely.orient_polygons(usable))
-
-
-def _choose_direction(rng: Generator, district: shapely.Polygon) -> float:
-    """Return the direction of a district's streets, in radians: near the longest side."""
-    corners = shapely.get_coordinates(district.simplify(5.0).exterior)
-    sides = np.diff(corners, axis=0)
-    longest = sides[np.argmax(np.hypot(*sides.T))]
-    return float(np.arctan2(longest[1], longest[0]) + rng.normal(0.0, 0.03))
 
 
 def _rotate_geometry(geometry: Any, angle: float) -> Any:
@@ -228,7 +223,11 @@ def _build_footprints(rng: Generator, lots: _Lots) -> NDArray[Any]:
     x0, y0, x1, y1 = lots.boxes.T
     n = len(lots.boxes)
     size = np.log(np.maximum((x1 - x0) * (y1 - y0), 1.0))
-    vertices = _correlate_with_size(rng, size, 0.55, rng.random(n))
+    # Random numbers in an order that is rank-correlated with the size.
+    uniform = np.sort(rng.random(n))
+    score = 0.55 * (size - size.mean()) / (size.std() + 1e-9) + rng.normal(0.0, 1.0, n)
+    vertices = np.empty(n)
+    vertices[np.argsort(score, kind="stable")] = uniform
     vertices = np.rint(np.interp(vertices, *_VERTEX_QUANTILES)).astype(int)
     roomy = np.minimum(x1 - x0, y1 - y0) >= 15.0
     chance = _COURTYARD_SHARE * n / max(1, roomy.sum())
@@ -251,20 +250,6 @@ def _build_footprints(rng: Generator, lots: _Lots) -> NDArray[Any]:
     is_inside = (shapely.area(lots.polygons) > area * (1 - 1e-9)) & (low & high).all(axis=1)
     clipped = shapely.intersection(plans[~is_inside], lots.polygons[~is_inside])
     return np.concatenate([plans[is_inside], _select_largest_parts(clipped)])
-
-
-def _correlate_with_size(
-    rng: Generator, size: NDArray[Any], strength: float, uniform: NDArray[Any]
-) -> NDArray[Any]:
-    """Return the numbers of `uniform` (n,) in a new order, rank-correlated with `size` (n,).
-
-    strength : weight of the size relative to random noise
-    """
-    n = len(size)
-    score = strength * (size - size.mean()) / (size.std() + 1e-9) + rng.normal(0.0, 1.0, n)
-    result = np.empty(n)
-    result[np.argsort(score, kind="stable")] = np.sort(uniform)
-    return result
 
 
 def _build_polygons(rings: list[Any], counts: list[int], lots: _Lots) -> NDArray[Any]:

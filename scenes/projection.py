@@ -86,12 +86,9 @@ class Projection:
         degrees = shapely.get_coordinates(geometries)
         lon, lat = np.radians(degrees[np.isfinite(degrees).all(axis=1)]).T
         # The mean of the unit vectors is right also for points on both sides of 180 degrees.
-        x, y, z = (
-            (np.cos(lat) * np.cos(lon)).mean(),
-            (np.cos(lat) * np.sin(lon)).mean(),
-            np.sin(lat),
-        )
-        lon0, lat0 = np.degrees([np.arctan2(y, x), np.arctan2(z.mean(), np.hypot(x, y))]).tolist()
+        x, y = (np.cos(lat) * np.cos(lon)).mean(), (np.cos(lat) * np.sin(lon)).mean()
+        z = np.sin(lat).mean()
+        lon0, lat0 = np.degrees([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))]).tolist()
         centre = (lon0, lat0)
         lon, lat = np.radians(degrees).T
         lon0, lat0 = np.radians(centre)

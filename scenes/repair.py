@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -121,8 +122,14 @@ def _repair_invalid(
     polygons: list[Any] = []
     owners: list[int] = []
     for part, index, is_valid in zip(parts, source, valid, strict=True):
-        pieces = [part] if is_valid else _repair_part(part)
+        pieces = [part]
         if not is_valid:
+            pieces = []
+            with suppress(shapely.GEOSException):
+                repaired_parts = shapely.get_parts(shapely.get_parts(repair_polygon(part)))
+                usable = shapely.get_type_id(repaired_parts) == _POLYGON
+                usable &= shapely.is_valid(repaired_parts) & (shapely.area(repaired_parts) > 0)
+                pieces = list(repaired_parts[usable])
             fault = _describe_fault(part, locate)
             if pieces:
                 repaired.append((names[index], f"{fault}; repaired into {len(pieces)} polygon(s)"))
@@ -131,15 +138,6 @@ def _repair_invalid(
         polygons.extend(pieces)
         owners.extend([index] * len(pieces))
     return np.array(polygons, dtype=object), np.array(owners, dtype=np.int64)
-
-
-def _repair_part(part: shapely.Polygon) -> list[shapely.Polygon]:
-    try:
-        pieces = shapely.get_parts(shapely.get_parts(repair_polygon(part)))
-    except shapely.GEOSException:
-        return []
-    polygonal = shapely.get_type_id(pieces) == _POLYGON
-    return list(pieces[polygonal & shapely.is_valid(pieces) & (shapely.area(pieces) > 0)])
 
 
 def _remove_empty_holes(polygons: NDArray[Any]) -> NDArray[Any]:

@@ -154,7 +154,12 @@ def _read_surfaces(
         if any(len(n) < 3 or n.min() < 0 or n.max() >= len(vertices) for n in numbers):
             raise ValueError("a ring has fewer than 3 vertices, or a missing vertex")
         points = [vertices[ring] for ring in numbers]
-        kind = _classify_by_slope(points[0]) if value is None else kinds[value]
+        if value is None:  # by the sign of the normal's height, by Newell's method
+            ring, following = points[0], np.roll(points[0], -1, axis=0)
+            up = np.sum((ring[:, 0] - following[:, 0]) * (ring[:, 1] + following[:, 1]))
+            kind = "RoofSurface" if up > 0 else "GroundSurface"
+        else:
+            kind = kinds[value]
         plan = shapely.Polygon(points[0][:, :2], [hole[:, :2] for hole in points[1:]])
         yield kind, plan, float(points[0][:, 2].mean())
 
@@ -170,10 +175,3 @@ def _flatten_values(values: Any, boundaries: Any, depth: int) -> list[int | None
         return padded
     parts = zip(padded, boundaries, strict=True)
     return [value for inner, outer in parts for value in _flatten_values(inner, outer, depth - 1)]
-
-
-def _classify_by_slope(ring: NDArray[np.float64]) -> str:
-    """Return the kind of a surface by its ring (k, 3) and Newell's method for the normal."""
-    following = np.roll(ring, -1, axis=0)
-    up = np.sum((ring[:, 0] - following[:, 0]) * (ring[:, 1] + following[:, 1]))
-    return "RoofSurface" if up > 0 else "GroundSurface"

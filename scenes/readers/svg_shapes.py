@@ -74,16 +74,16 @@ def parse_transform(text: str, *, is_css: bool = False) -> Transform:
     return result
 
 
-def _make_rotation(angle: float, x: float = 0.0, y: float = 0.0) -> Transform:
-    """Return a rotation by an angle in degrees about (x, y)."""
-    return Identity.translate(x, y).rotate(math.radians(angle)).translate(-x, -y)
-
-
 _FUNCTIONS: dict[str, tuple[tuple[int, ...], Callable[..., Transform]]] = {
     "matrix": ((6,), Transform),
     "translate": ((1, 2), Identity.translate),
     "scale": ((1, 2), lambda x, y=None: Identity.scale(x, x if y is None else y)),
-    "rotate": ((1, 3), _make_rotation),
+    "rotate": (
+        (1, 3),
+        lambda angle, x=0.0, y=0.0: (
+            Identity.translate(x, y).rotate(math.radians(angle)).translate(-x, -y)
+        ),
+    ),
     "skewX": ((1,), lambda angle: Identity.skew(math.radians(angle), 0.0)),
     "skewY": ((1,), lambda angle: Identity.skew(0.0, math.radians(angle))),
 }

@@ -107,45 +107,30 @@ def parse_wkb(
     flat = [None if nested else value for value, nested in zip(values, deep, strict=True)]
     try:
         geometries = shapely.from_wkb(np.array([*flat, None], dtype=object), on_invalid="ignore")
-    except NotImplementedError:  # raised if any geometry has curves
-        geometries = np.array([*map(_parse_geometry, flat), None], dtype=object)
+    except NotImplementedError:  # raised if any geometry has curves: parse each below
+        geometries = np.full(len(flat) + 1, None)
     geometries = geometries[:-1]
     dropped: list[Note] = []
     repaired: list[Note] = []
     for i in np.flatnonzero(shapely.is_missing(geometries)).tolist():
         if not values[i]:
             continue
-        geometries[i], change = (None, _DEEP) if deep[i] else _repair_geometry(values[i])
+        geometries[i], change = (None, _DEEP) if deep[i] else _parse_geometry(values[i])
         (dropped if geometries[i] is None else repaired).append((labels[i], change))
     return geometries, dropped, [note for note in repaired if note[1]]
 
 
-def parse_wkt(text: str) -> tuple[Any | None, str]:
-    """Return the geometry of WKT and a note on its repair or "", or None and the reason."""
-    if is_wkt_too_deep(text):
-        return None, _DEEP
-    geometry = _parse_geometry(text)
-    return (geometry, "") if geometry is not None else _repair_geometry(text)
-
-
-def _parse_geometry(source: str | bytes | None) -> Any | None:
-    parse = shapely.from_wkt if isinstance(source, str) else shapely.from_wkb
-    try:
-        return parse(source, on_invalid="ignore")
-    except NotImplementedError:
-        return None
-
-
-def _repair_geometry(source: Any) -> tuple[Any | None, str]:
-    """Return the geometry of WKT or WKB that GEOS rejects, and a note, or None and the reason."""
+def _parse_geometry(source: Any) -> tuple[Any | None, str]:
+    """Return the geometry of WKT or WKB and a note on its repair or "", or None and the reason."""
     parse = shapely.from_wkt if isinstance(source, str) else shapely.from_wkb
     is_curved = False
     try:
-        geometry = parse(source, on_invalid="fix")
+        if (geometry := parse(source, on_invalid="ignore")) is not None:
+            return geometry, ""
+        if (geometry := parse(source, on_invalid="fix")) is not None:
+            return geometry, "has an open ring; closed"
     except NotImplementedError:
-        geometry, is_curved = None, True
-    if geometry is not None:
-        return geometry, "has an open ring; closed"
+        is_curved = True
     straight = linearize(source)
     geometry = None if straight is None else shapely.from_wkb(straight, on_invalid="ignore")
     if geometry is not None:
@@ -227,8 +212,10 @@ def _parse_line(text: str) -> tuple[Any | None, str | None, str]:
     if re.fullmatch(r"(?:[0-9A-Fa-f]{2})+", body):
         (geometry,), dropped, repaired = parse_wkb([bytes.fromhex(body)], [""])
         change = next((note for _, note in (*dropped, *repaired)), "")
+    elif "\0" in body:
+        geometry, change = None, ""
     else:
-        geometry, change = (None, "") if "\0" in body else parse_wkt(body)
+        geometry, change = (None, _DEEP) if is_wkt_too_deep(body) else _parse_geometry(body)
     if geometry is None:
         is_explained = change not in ("", UNPARSABLE)
         return None, None, change if is_explained else "is not WKT or hexadecimal WKB"
