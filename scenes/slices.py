@@ -7,7 +7,8 @@ other files are a single slice. Cutting an archive reads only its directory.
 
 import hashlib
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -25,23 +26,12 @@ from scenes.spec import convert_arguments, parse_name, path_exists
 from scenes.tiles.archives import TilePosition, TileRun, open_archive
 from scenes.tiles.read import PIXELS, TileContent, check_pixels, read_tile
 
-MIN_ROWS, MAX_ROWS = 20_000, 50_000
-"""Minimum and maximum number of rows of a slice, if the file's row groups permit both."""
-
-RANDOM_ACCESS = (".gpkg", ".fgb", ".shp")
-"""Suffixes of files in which GDAL can skip features without reading them."""
+MIN_ROWS, MAX_ROWS = 20_000, 50_000  # of a slice, if the file's row groups permit both
+RANDOM_ACCESS = (".gpkg", ".fgb", ".shp")  # files in which GDAL skips features without reading
 
 _COMPARISON = re.compile(
     r'^\s*("?)([\w.]+)\1\s*(<=|>=|<|>|=)\s*([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*$'
 )
-_RANGE_TESTS: dict[str, Callable[[float, float, float], bool]] = {
-    "<": lambda low, _, value: low < value,
-    "<=": lambda low, _, value: low <= value,
-    ">": lambda _, high, value: high > value,
-    ">=": lambda _, high, value: high >= value,
-    "=": lambda low, high, value: low <= value <= high,
-}
-"""Functions of (low, high, value): whether a number in low..high may be < value, <= value, ..."""
 
 
 @dataclass(frozen=True)
@@ -127,11 +117,9 @@ def has_degrees(file: Path) -> bool:
 
     False for an unreadable file: reading it completely raises the error.
     """
-    try:
-        first = next(read_chunks(str(file), size=1))
-    except SceneError:
-        return False
-    return first.projection is not None
+    with suppress(SceneError):
+        return next(read_chunks(str(file), size=1)).projection is not None
+    return False
 
 
 def parse_comparisons(where: str | None) -> list[tuple[str, str, float]]:
@@ -153,18 +141,22 @@ def parse_comparisons(where: str | None) -> list[tuple[str, str, float]]:
 
 def _may_group_match(group: Any, parsed_comparisons: list[tuple[str, str, float]]) -> bool:
     """Whether a row that meets all comparisons may exist in a row group, by its statistics."""
-    if not parsed_comparisons:
-        return True
     columns = {group.column(i).path_in_schema: i for i in range(group.num_columns)}
     for name, comparison, value in parsed_comparisons:
-        if name not in columns:
-            continue
-        statistics = group.column(columns[name]).statistics
+        statistics = group.column(columns[name]).statistics if name in columns else None
         if statistics is None or not statistics.has_min_max:
             continue
         low, high = statistics.min, statistics.max
-        is_number = isinstance(low, (int, float)) and isinstance(high, (int, float))
-        if is_number and not _RANGE_TESTS[comparison](low, high, value):
+        if not (isinstance(low, (int, float)) and isinstance(high, (int, float))):
+            continue
+        may_match = {
+            "<": low < value,
+            "<=": low <= value,
+            ">": high > value,
+            ">=": high >= value,
+            "=": low <= value <= high,
+        }
+        if not may_match[comparison]:
             return False
     return True
 
