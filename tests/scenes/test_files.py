@@ -1,5 +1,5 @@
+import ctypes
 import json
-import re
 import sqlite3
 import struct
 import zipfile
@@ -14,6 +14,7 @@ import shapely
 from scenes import SceneError, load
 from scenes.files import read_chunks
 from scenes.readers import vector
+from scenes.readers.gdal import load_library
 from tests.scenes.conftest import BOW_TIE, SQUARE, assert_valid_polygons, feature
 
 POLYGONS = [
@@ -198,27 +199,14 @@ PATCHES = "TIN Z (((0 0 0,4 0 0,0 4 0,0 0 0)),((4 0 0,4 4 0,0 4 0,4 0 0)))"
 
 
 def curved_wkb(text: str) -> bytes:
-    """Return the WKB of a curve, which GEOS cannot write."""
-    kinds = {"CIRCULARSTRING": 8, "COMPOUNDCURVE": 9, "CURVEPOLYGON": 10, "MULTISURFACE": 12}
-    kinds |= {"TIN Z": 1016, "TRIANGLE": 1017, "POLYGON": 3, "LINESTRING": 2}
-
-    def numbers(text: str) -> bytes:
-        points = [[float(x) for x in point.split()] for point in text.split(",")]
-        return struct.pack("<I", len(points)) + np.array(points).tobytes()
-
-    def encode(text: str, plain: str) -> bytes:
-        name, _, body = text.strip().partition("(")
-        name, body = name.strip() or plain, body.rstrip()[:-1]
-        head = struct.pack("<BI", 1, kinds[name])
-        if "(" not in body:
-            return head + numbers(body)
-        parts = re.findall(r"\w*\s*\((?:[^()]|\((?:[^()]|\([^()]*\))*\))*\)", body)
-        inner = {"MULTISURFACE": "POLYGON", "TIN Z": "TRIANGLE"}.get(name, "LINESTRING")
-        rings = name in ("POLYGON", "TRIANGLE")
-        encoded = [numbers(part.strip("() ")) if rings else encode(part, inner) for part in parts]
-        return head + struct.pack("<I", len(parts)) + b"".join(encoded)
-
-    return encode(text, "")
+    """Return the WKB of a curve, which GDAL can write but GEOS cannot."""
+    library = load_library()
+    geometry, wkt = ctypes.c_void_p(), ctypes.c_char_p(text.encode())
+    library.OGR_G_CreateFromWkt(ctypes.byref(wkt), None, ctypes.byref(geometry))
+    buffer = ctypes.create_string_buffer(library.OGR_G_WkbSize(geometry))
+    library.OGR_G_ExportToIsoWkb(geometry, 1, buffer)
+    library.OGR_G_DestroyGeometry(geometry)
+    return buffer.raw
 
 
 class TestCurves:
