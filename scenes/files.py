@@ -24,8 +24,7 @@ from scenes.scene import Note, Scene, SceneError
 if TYPE_CHECKING:
     import pandas as pd
 
-CHUNK_FEATURES = 50_000
-"""Default number of features that are read at a time."""
+CHUNK_FEATURES = 50_000  # features that are read at a time by default
 
 
 @dataclass(frozen=True)
@@ -192,9 +191,7 @@ def explain_empty(path: str, dropped: list[Note], remedy: str) -> str:
 
 
 _DEGREES_CRS = "OGC:CRS84"
-MAX_OFF_GLOBE_SHARE = 0.2
-"""Maximum share of features off the globe in a file of longitude and latitude."""
-
+MAX_OFF_GLOBE_SHARE = 0.2  # of features, in a file of longitude and latitude
 _OFF_GLOBE = "has a vertex off the globe, beyond 90 degrees of latitude or 360 of longitude"
 _TORN = "crosses the 180th meridian, where a map of the globe ends: split it"
 

@@ -13,14 +13,9 @@ from numpy.typing import NDArray
 
 Rule = Literal["nonzero", "evenodd"]
 
-MAX_CROSSINGS = 200_000
-"""Maximum number of crossings of contours; each crossing adds about one face to compute."""
-
-_SAMPLE_EDGES = 100
-"""Number of edges whose crossings are counted to estimate the number of all crossings."""
-
-_MAX_REPAIR_EDGES = 1000
-"""Number of edges, after cutting at crossings, up to which `shapely.make_valid` repairs."""
+MAX_CROSSINGS = 200_000  # of contours; each crossing adds about one face to compute
+_SAMPLE_EDGES = 100  # edges whose crossings are counted to estimate the number of all crossings
+_MAX_REPAIR_EDGES = 1000  # edges, after cutting at crossings, that `shapely.make_valid` repairs
 
 
 def fill_contours(contours: Sequence[NDArray[Any]], rule: Rule = "nonzero") -> list[Any]:

@@ -9,8 +9,7 @@ from math import cos, hypot, pi, sin
 
 Ring = list[tuple[float, float]]
 
-WING_M = 5.0
-"""Minimum width of a wing, in metres: bays, at most 1.2 m deep, from both sides do not meet."""
+WING_M = 5.0  # minimum width of a wing, so that bays, up to 1.2 m deep, do not meet
 
 
 def build_footprint(

@@ -16,10 +16,7 @@ from scenes.spec import import_optional
 if TYPE_CHECKING:
     from pyproj import CRS, Transformer
 
-MAX_DISTANCE_DEG = 90.0
-"""Maximum distance from the centre of an azimuthal map, in degrees of arc; larger
-shapes would overlap themselves on the map."""
-
+MAX_DISTANCE_DEG = 90.0  # from the centre of an azimuthal map; larger shapes would overlap there
 MAX_EDGE_DEG = 90.0
 """Maximum longitude difference, in degrees, of edges on an azimuthal map. A longer edge is meant as
 a straight line in longitude and latitude, such as the side of a box from -180 to 180."""

@@ -24,8 +24,7 @@ from scenes.spec import (
     path_exists,
 )
 
-GROUP = "raster_harness.scenes"
-"""Entry-point group by which other packages add scenes."""
+GROUP = "raster_harness.scenes"  # entry-point group of scenes of other packages
 
 
 TILE_OPTIONS = {"zoom", "layers", "tiles", "pixels"}

@@ -114,8 +114,7 @@ class Scene:
         return replace(self, polygons=self.polygons[:limit], attributes=attributes, tiling=tiling)
 
 
-MAX_EXAMPLES = 1000
-"""Maximum number of notes of each kind that are stored; further notes are only counted."""
+MAX_EXAMPLES = 1000  # stored notes of each kind; further notes are only counted
 
 
 def remove_location(reason: str) -> str:

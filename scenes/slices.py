@@ -182,9 +182,7 @@ def compute_identity(file: Path, footer: bytes | None = None) -> str:
     return digest.hexdigest()[:16]
 
 
-MAX_TILES, MAX_BYTES = 4096, 2**21
-"""Maximum number of tiles, and of stored bytes, of a slice of several tiles."""
-
+MAX_TILES, MAX_BYTES = 4096, 2**21  # tiles, and stored bytes, of a slice of several tiles
 _TILE = re.compile(r"\.mvt(\.gz)?$", re.IGNORECASE)
 _ARCHIVE = re.compile(r"\.(pmtiles|mbtiles)$", re.IGNORECASE)
 

@@ -22,12 +22,8 @@ from scenes.readers.reader import RawChunk
 from scenes.scene import Note, SceneError
 
 _HANDLER = ctypes.CFUNCTYPE(None, ctypes.c_int, ctypes.c_int, ctypes.c_char_p)
-_FAILURE = 3
-"""GDAL's CE_Failure; lower numbers are warnings."""
-
-_SRID = 0x20000000
-"""Bit of the geometry type in EWKB, set if an SRID follows the type."""
-
+_FAILURE = 3  # GDAL's CE_Failure; lower numbers are warnings
+_SRID = 0x20000000  # bit of the geometry type in EWKB, set if an SRID follows the type
 _MULTI_POLYGON = 6
 _SURFACES = {15: _MULTI_POLYGON, 16: _MULTI_POLYGON, 17: 3}
 """Geometry types of surfaces (polyhedral surface, TIN, triangle), and the equivalent

@@ -23,9 +23,7 @@ LINE_LOOP, TRIANGLES, STRIP, FAN = 2, 4, 5, 6
 """Modes of a primitive: rings (with EXT_mesh_polygon), and three layouts of triangles."""
 
 POLYGONS = "EXT_mesh_polygon"
-RESTART = 2**32 - 1
-"""Index that separates the rings of a polygon in EXT_mesh_polygon, if indices have 32 bits."""
-
+RESTART = 2**32 - 1  # index that separates the rings of a polygon, if indices have 32 bits
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 """Number of components of an accessor's element, by type."""
@@ -34,9 +32,7 @@ FULL_SCALE = {"i1": 127.0, "u1": 255.0, "i2": 32767.0, "u2": 65535.0}
 """The stored integer that stands for 1.0 if an accessor is normalized, by component type."""
 
 MAGIC, JSON, BIN = b"glTF", b"JSON", b"BIN\0"
-DATA_URI = "base64,"
-"""Text before the content of a data URI."""
-
+DATA_URI = "base64,"  # text before the content of a data URI
 COMPRESSED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
 """Extensions with compressed vertices and triangles."""
 

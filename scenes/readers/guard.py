@@ -88,17 +88,14 @@ def format_reason(error: Exception) -> str:
     return text or type(error).__name__
 
 
-MAX_LINE_CHARACTERS = 64 * 2**20
-"""Maximum number of characters of a line; a coastline of a million vertices has 40 million."""
-
+MAX_LINE_CHARACTERS = 64 * 2**20  # a coastline of a million vertices has 40 million
 MAX_FILE_BYTES = 2**30
 """Maximum size of a file that is read into memory at once.
 
 Formats that are read in chunks have no limit: GDAL's, GeoParquet, WKT, CityJSON sequences.
 """
 
-_MAX_UNPACKED_RATIO = 100
-"""Maximum size of an archive's unpacked content, relative to the archive; a ZIP bomb has 1000."""
+_MAX_UNPACKED_RATIO = 100  # unpacked size relative to the archive; a ZIP bomb has 1000
 
 
 def check_path(path: str) -> Path:

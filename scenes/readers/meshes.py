@@ -23,9 +23,7 @@ from scenes.spec import import_optional
 _FLAT = "each face in a plane, side by side"
 _MAP = "the polygons of EXT_mesh_polygon"
 _NO_AREA = "has no area, or a NaN or infinite coordinate"
-_MAX_DEVIATION = 1e-3
-"""Distance of a vertex from the face's plane above which the face gets a note, relative to the
-face's size."""
+_MAX_DEVIATION = 1e-3  # of a vertex from the plane, relative to the face's size, without a note
 
 
 def read(source: Source, size: int) -> Iterator[RawChunk]:  # noqa: ARG001 - a model is one chunk

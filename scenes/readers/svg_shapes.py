@@ -14,12 +14,8 @@ from fontTools.svgLib.path import parse_path  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
 SHAPES = ("path", "rect", "circle", "ellipse", "polygon", "polyline")
-FLIP = Transform(1, 0, 0, -1, 0, 0)
-"""Transform from SVG's axes, with y down, to the axes of scenes, with y up."""
-
-_CHORDS = 8
-"""Number of chords that replace a cubic curve."""
-
+FLIP = Transform(1, 0, 0, -1, 0, 0)  # from SVG's axes, with y down, to those of scenes
+_CHORDS = 8  # chords that replace a cubic curve
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _FUNCTION = re.compile(r"\s*,?\s*([A-Za-z0-9]+)\s*\(([^()]*)\)")
 _ARGUMENT = re.compile(rf"\s*,?\s*({_NUMBER})(px|deg|rad|grad|turn)?")
@@ -27,8 +23,7 @@ _PIXELS = {"px": 1.0, "in": 96.0, "cm": 96 / 2.54, "mm": 96 / 25.4, "pt": 96 / 7
 _DEGREES = {"rad": 180 / math.pi, "grad": 0.9, "turn": 360.0}
 _KEYWORDS = {"left": "0%", "top": "0%", "center": "50%", "right": "100%", "bottom": "100%"}
 
-Viewport = tuple[float, float] | None
-"""Width and height to which percentages refer, or None if unknown."""
+Viewport = tuple[float, float] | None  # size for percentages; None if unknown
 
 
 def get_tag(element: ElementTree.Element) -> str:

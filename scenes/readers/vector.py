@@ -36,9 +36,7 @@ from scenes.spec import format_suggestion
 if TYPE_CHECKING:
     import pandas as pd
 
-_DRAWINGS = (".dxf", ".dgn")
-"""Suffixes of drawings, in which areas are drawn as closed lines."""
-
+_DRAWINGS = (".dxf", ".dgn")  # files in which areas are drawn as closed lines
 _CLOSED = "closed lines are read as polygons"
 
 _CSV_OPTIONS = {

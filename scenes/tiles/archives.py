@@ -22,15 +22,9 @@ from scenes.readers import guard
 from scenes.scene import SceneError
 from scenes.spec import import_optional
 
-MAX_TILE_BYTES = 64 * 2**20
-"""Maximum size of an uncompressed tile; usual tiles have some hundred kilobytes."""
-
-MAX_DIRECTORY_BYTES = 4 * 2**20
-"""Maximum size of an uncompressed directory of PMTiles; usual directories have 16 KiB."""
-
-QUERY_TIMEOUT_S = 60.0
-"""Maximum wait for the next row of an SQLite database, whose `tiles` may be a view without end."""
-
+MAX_TILE_BYTES = 64 * 2**20  # uncompressed; usual tiles have some hundred kilobytes
+MAX_DIRECTORY_BYTES = 4 * 2**20  # uncompressed; usual directories of PMTiles have 16 KiB
+QUERY_TIMEOUT_S = 60.0  # for the next row of SQLite, because `tiles` may be an endless view
 _CLOCK_INTERVAL = 100_000  # instructions that SQLite executes between two checks of the clock
 _MAX_ZOOM = 30
 _NUMBER = r"(0|[1-9]\d{0,9})"

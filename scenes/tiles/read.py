@@ -24,9 +24,7 @@ from scenes.spec import format_suggestion
 from scenes.tiles.archives import Archive, TilePosition, TileRun, open_archive
 from scenes.tiles.vector_tile import Layer, build_layer, decode_layers
 
-PIXELS = 512
-"""Default side of a tile on the screen, in px; 256 on old maps, 1024 on dense screens."""
-
+PIXELS = 512  # side of a tile on the screen; 256 on old maps, 1024 on dense screens
 _PIXELS_RANGE = (8, 4096)  # permitted sides of a tile on the screen, in px
 _GRID = 256  # coordinates are rounded to multiples of 1/256 px for drawing
 
@@ -131,11 +129,8 @@ def read_tile(
     return content
 
 
-DEFAULT_TILES = 16
-"""Default number of tiles of a scene."""
-
-MAX_TILES = 100_000
-"""Maximum number of tiles of a scene."""
+DEFAULT_TILES = 16  # of a scene
+MAX_TILES = 100_000  # of a scene
 
 
 def read(
@@ -304,8 +299,7 @@ def helsinki(
     )
 
 
-_HALF_WORLD = 20_037_508.342789244
-"""Half the width of the map in web Mercator (EPSG:3857), in metres."""
+_HALF_WORLD = 20_037_508.342789244  # half the width of the map in web Mercator, in metres
 
 
 def read_map(source: Source, size: int) -> Iterator[RawChunk]:  # noqa: ARG001 - a tile is a chunk

@@ -21,12 +21,9 @@ from scenes.readers.guard import note_errors
 from scenes.scene import Note
 from scenes.spec import import_optional
 
-POINT, LINE, POLYGON = 1, 2, 3
-"""Geometry types of features; 0 is unknown."""
-
+POINT, LINE, POLYGON = 1, 2, 3  # types of features; 0 is unknown
 _MOVE, _TO, _CLOSE = 1, 2, 7  # commands MoveTo, LineTo and ClosePath of a geometry
-MAX_COORDINATE = 2**24
-"""Maximum coordinate, for which areas are exact in 64 bits."""
+MAX_COORDINATE = 2**24  # for which areas are exact in 64 bits
 
 
 @cache
