@@ -75,7 +75,7 @@ class _Surfaces:
         self.dropped: list[Note] = []
         self._geometries: list[Any] = []
         self._labels: list[str] = []
-        self._rows: list[dict[str, Any]] = []
+        self._rows: list[tuple[Any, ...]] = []
 
     def add(self, objects: dict[str, Any], vertices: NDArray[np.float64]) -> None:
         """Collect the surfaces of city objects, by identifier, that share vertices (n, 3)."""
@@ -90,8 +90,7 @@ class _Surfaces:
                     if kind in self._kinds:
                         self._geometries.append(polygon)
                         self._labels.append(f"{identifier} surface {number}")
-                        kinds = {"id": identifier, "type": city_object.get("type"), "surface": kind}
-                        self._rows.append({**kinds, "height": height})
+                        self._rows.append((identifier, city_object.get("type"), kind, height))
 
     def make_raw(self, crs: str | None) -> RawChunk:
         """Return the collected surfaces as a chunk."""

@@ -35,12 +35,7 @@ from scenes import SceneError, load
 from scenes.scene import Note
 from scenes.slices import TileSelection, cut_tiles, read_tiles
 from scenes.tiles import archives
-from scenes.tiles.archives import (
-    PMTiles,
-    TilePosition,
-    compute_first_number,
-    decompress,
-)
+from scenes.tiles.archives import PMTiles, TilePosition, compute_first_number, decompress
 from scenes.tiles.read import FILE, locate_tile
 from scenes.tiles.vector_tile import Layer, build_layer, decode_layers
 from tests.paths import ROOT
@@ -365,10 +360,7 @@ def two_tiles(folder: Path, pack: Any, compression: Compression) -> dict[str, st
     )
 
 
-PACKED = {
-    "none": (bytes, Compression.NONE),
-    "gzip": (gzip.compress, Compression.GZIP),
-}
+PACKED = {"none": (bytes, Compression.NONE), "gzip": (gzip.compress, Compression.GZIP)}
 
 
 @pytest.mark.parametrize("compression", list(PACKED))
@@ -497,10 +489,7 @@ def test_formats_and_compressions_of_mbtiles(tmp_path, kind, pack):
         ("FOLDER/png.mbtiles:zoom=0", "holds tiles of format png: give vector tiles"),
         ("FOLDER/no.mbtiles:zoom=0", "cannot be read as map tiles: no such table: metadata"),
         ("FOLDER/b.mvt:zoom=3", "is unknown: leave zoom= out"),
-        (
-            "FOLDER/b.mvt:pixels=512",
-            "usable polygon: tile b.mvt cannot be read: not a vector tile",
-        ),
+        ("FOLDER/b.mvt:pixels=512", "usable polygon: tile b.mvt cannot be read: not a vector tile"),
         ("FOLDER/c.mvt:pixels=512", "cannot be read: truncated compressed data"),
     ],
 )
