@@ -1,7 +1,4 @@
-"""Parts cut from sheet metal: plates, flanges, brackets, gears, name plates.
-
-`build` returns the outlines, `build_faces` the faces of the parts as solids of 20 mm.
-"""
+"""Parts cut from sheet metal: plates, flanges, brackets, gears, name plates."""
 
 from collections.abc import Callable
 
@@ -19,10 +16,10 @@ Part = Callable[[Generator, int], shapely.Geometry]
 
 
 def build(*, seed: int = 0, parts: int = 60, segments: int = 32) -> Scene:
-    """Return `parts` parts of random sizes, in millimetres, laid out in rows.
+    """Return `parts` parts of random sizes, in millimetres, with `segments` chords in a circle.
 
-    `segments` is the number of chords in a full circle. A letter with an inside, such as an O, cut
-    out of a name plate leaves one more polygon, an island.
+    A letter with an inside, such as an O, cut out of a name plate leaves one more polygon, an
+    island.
     """
     if not 1 <= parts <= 100_000 or not 8 <= segments <= 1000:
         raise SceneError(

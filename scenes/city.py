@@ -34,8 +34,8 @@ _COURTYARD_VERTICES = 8  # vertices added to a building with courtyards
 class _Lots(NamedTuple):
     """The lots of a district, in coordinates whose x axis is along the district's streets.
 
-    polygons (n,): the lots; boxes (n, 4): x0, y0, x1, y1 of the building on each lot; facing (n,):
-    True if the street is at y0, False if at y1.
+    boxes : (n, 4) x0, y0, x1, y1 of the building on each lot
+    facing : (n,) True if the street is at y0, False if at y1
     """
 
     polygons: NDArray[Any]
@@ -195,9 +195,9 @@ def _place_buildings(
 ) -> NDArray[np.float64]:
     """Return (n, 4) boxes of buildings, one on each lot of a row.
 
-    Most buildings are as wide as the lot, so that neighbours share walls; detached houses have
-    space on both sides, slabs are long buildings across the lot. low_street : True if the street is
-    at the lots' lower y.
+    Most are as wide as the lot, so that neighbours share walls; detached houses have space on both
+    sides, slabs are long buildings across the lot. low_street : True if the street is at the lower
+    y.
     """
     n = len(lots)
     x0, y0, x1, y1 = lots.T
@@ -253,11 +253,7 @@ def _build_footprints(rng: Generator, lots: _Lots) -> NDArray[Any]:
 
 
 def _build_polygons(rings: list[Any], counts: list[int], lots: _Lots) -> NDArray[Any]:
-    """Return the buildings as polygons in the coordinates of `_Lots`.
-
-    rings : rings of all buildings, each in the coordinates of the lot (see `footprints`)
-    counts : number of rings of each building
-    """
+    """Return the buildings as polygons in the coordinates of `_Lots`; counts : rings of each."""
     coordinates = np.concatenate([[*ring, ring[0]] for ring in rings])
     ends = np.concatenate([[0], np.cumsum([len(ring) + 1 for ring in rings])])
     owners = np.concatenate([[0], np.cumsum(counts)])

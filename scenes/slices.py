@@ -1,8 +1,7 @@
 """Slices of files and of archives of map tiles; several machines can read slices in parallel.
 
 A slice of GeoParquet is a range of rows, if possible of full row groups; of a file that GDAL can
-read from the middle, a range of features; of map tiles, a range of tile numbers within a zoom. All
-other files are a single slice. Cutting an archive reads only its directory.
+read from the middle, a range of features; of map tiles, a range of tile numbers within a zoom.
 """
 
 import hashlib
@@ -53,9 +52,8 @@ class Slices:
 def cut_file(path: str, layer: str | None = None, where: str | None = None) -> Slices:
     """Return slices of `MIN_ROWS` to `MAX_ROWS` rows; reads the file's footer or header only.
 
-    If `where` is a conjunction of comparisons of a column with a number, such as `bbox.xmin > 24.5
-    AND bbox.xmax < 25`, row groups of a GeoParquet file are skipped if the statistics exclude a
-    match.
+    Row groups of a GeoParquet file are skipped if the statistics exclude a match of `where`, such
+    as `bbox.xmin > 24.5 AND bbox.xmax < 25`: see `parse_comparisons`.
     """
     file = check_path(path)
     reader = choose_reader(file)
@@ -113,10 +111,7 @@ def _cut_parquet(source: Source, where: str | None) -> Slices:
 
 
 def has_degrees(file: Path) -> bool:
-    """Whether the coordinates of a file's first features are longitude and latitude.
-
-    False for an unreadable file: reading it completely raises the error.
-    """
+    """Whether a file's first features are in longitude and latitude; False if unreadable."""
     with suppress(SceneError):
         return next(read_chunks(str(file), size=1)).projection is not None
     return False
@@ -240,10 +235,7 @@ def _list_folder(name: str) -> list[Path]:
 
 
 def cut_tiles(path: str, zooms: tuple[int, int] | None) -> Slices:
-    """Return the slices of an archive: `rows` are ranges of tile numbers, `sizes` numbers of runs.
-
-    A run is a series of consecutive equal tiles. zooms : first and last zoom, None for all
-    """
+    """Return the slices of an archive: ranges of tile numbers, and their numbers of runs."""
     file = check_path(path)
     rows: list[tuple[int, int] | None] = []
     sizes: list[int] = []

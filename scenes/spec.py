@@ -36,10 +36,9 @@ _ENCLOSED = re.compile(r"""'[^']*'|"[^"]*"|\([^()'"]*\)""")
 
 
 def format_install_command(extra: str) -> str:
-    """Return the command that installs an optional extra, as the package was installed.
+    """Return the command that installs an optional extra, from where the package was installed.
 
-    From a checkout the command names the checkout: an index may lack the package, or have another
-    package of this name.
+    An index may lack the package, or have another package of this name.
 
     >>> "[tiles]" in format_install_command("tiles")
     True
@@ -66,9 +65,9 @@ def format_install_command(extra: str) -> str:
 
 
 def import_optional(module: str, user: object, extra: str) -> Any:
-    """Import and return a module of an optional extra; raises SceneError with the install command.
+    """Import a module of an optional extra for `user`, the file or option that needs the module.
 
-    `user` is the file or option that needs the module, for the message.
+    Raises SceneError with the command that installs the extra.
     """
     try:
         return import_module(module)

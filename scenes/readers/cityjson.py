@@ -30,8 +30,7 @@ def read(source: Source, size: int) -> Iterator[RawChunk]:  # noqa: ARG001 - a m
     """Yield the surfaces of all city objects, as polygons seen from above.
 
     `source.layer` is RoofSurface or GroundSurface; both are read by default. If an object has
-    several levels of detail, the most detailed is read. The attributes are the object's identifier
-    and type, and the surface's kind and height.
+    several levels of detail, the most detailed is read.
     """
     model = _parse_model(str(source.path), source.path.read_bytes)
     surfaces = _Surfaces(source)
@@ -117,10 +116,7 @@ def _find_crs(model: dict[str, Any]) -> str | None:
 
 
 def _read_vertices(model: dict[str, Any], source: dict[str, Any]) -> NDArray[np.float64]:
-    """Return a model's vertices (n, 3), scaled and translated by the `transform` of `source`.
-
-    source : the model itself, or the first line of the sequence that contains the model
-    """
+    """Return a model's vertices (n, 3), scaled and translated by the `transform` of `source`."""
     vertices = np.array(model["vertices"], dtype=float).reshape(-1, 3)
     if "transform" in source:
         transform = source["transform"]

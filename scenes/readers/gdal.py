@@ -154,9 +154,8 @@ _DEGREES_CRS = "EPSG:4326"
 def find_crs(path: Path, crs: str | None) -> str | None:
     """Return the reference system of a file, given the system `crs` that GDAL reports.
 
-    GeoJSON of 2008 may state a system in its member `crs`, before or after the features; null means
-    no system. For a name that GDAL does not know, GDAL reports longitude and latitude. TopoJSON has
-    no reference system; as in GeoJSON, coordinates are longitude and latitude.
+    GeoJSON of 2008 may state a system in its member `crs`; null means no system. For a name that
+    GDAL does not know, GDAL reports longitude and latitude. TopoJSON is in longitude and latitude.
     """
     is_json = path.suffix.lower() in (".geojson", ".json", ".topojson") and path.is_file()
     if not is_json or crs not in (None, _DEGREES_CRS):

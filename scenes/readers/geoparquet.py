@@ -18,11 +18,7 @@ if TYPE_CHECKING:
 
 
 def read(source: Source, size: int) -> Iterator[RawChunk]:
-    """Yield the geometries of a column of the file, `size` rows at a time.
-
-    `source.layer` is the column, by default the primary geometry column. Only columns encoded as
-    WKB are supported, the encoding of nearly all writers.
-    """
+    """Yield the geometries of a column, by default the primary geometry column, encoded as WKB."""
     with import_parquet(source).ParquetFile(source.path) as file:
         column, crs, notes = find_geometry_column(source, file.schema_arrow)
         index = file.schema_arrow.names.index(column)
@@ -101,9 +97,6 @@ def to_pandas(batch: Any, *, exact: bool = False) -> tuple[pd.DataFrame, tuple[s
 
     exact : True for Arrow's types, equal in all slices of a file; in pandas' types, a missing value
         turns integers into floats
-
-    Invalid UTF-8, as in old Shapefiles, becomes U+FFFD: Arrow and pandas would fail when the text
-    is used.
 
     >>> import pyarrow as pa
     >>> latin = pa.array([b"K\\xf6ln", None]).view(pa.string())

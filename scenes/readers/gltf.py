@@ -47,8 +47,8 @@ HARMLESS = re.compile(
 class GltfFile:
     """A model in memory: JSON, and the bytes of the buffers.
 
-    Raises SceneError for an unsupported extension or a missing file of a buffer. A file that
-    violates the format raises ValueError, KeyError or others: call within `raise_scene_errors`.
+    A file that violates the format raises ValueError, KeyError or others: call within
+    `raise_scene_errors`.
     """
 
     def __init__(self, path: Path) -> None:
@@ -140,10 +140,7 @@ class GltfFile:
     def _read_view(
         self, description: dict[str, Any], kind: np.dtype[Any], width: int, count: int
     ) -> NDArray[Any]:
-        """Return elements (count, width) of a buffer view as an array on the buffer.
-
-        description : an accessor, or part of a sparse accessor
-        """
+        """Return elements (count, width) of the buffer view of an accessor or of a part of one."""
         view = self.json["bufferViews"][check_index(description["bufferView"])]
         first = view.get("byteOffset", 0) + description.get("byteOffset", 0)
         stride = view.get("byteStride", kind.itemsize * width)
@@ -156,10 +153,10 @@ class GltfFile:
     def read_positions(
         self, primitive: dict[str, Any], placements: tuple[NDArray[np.float64], ...]
     ) -> tuple[NDArray[Any], tuple[NDArray[np.float64], ...]]:
-        """Return a primitive's stored positions (n, 3), and the matrices of `placements`.
+        """Return a primitive's stored positions (n, 3), and the matrices (4, 4) of its placements.
 
-        placements : matrices (4, 4), each of which places the mesh in the scene once. Normalized
-        integers are returned as integers, with the scale factor in the returned matrices.
+        Normalized integers are returned as integers, with the scale factor in the returned
+        matrices.
         """
         positions, normalized = self.read_values(primitive["attributes"]["POSITION"])
         if positions.shape[1] != 3:
@@ -198,9 +195,9 @@ class GltfFile:
     def read_loops(self, primitive: dict[str, Any], count: int) -> list[list[NDArray[np.int64]]]:
         """Return the rings of each polygon of a primitive by EXT_mesh_polygon, the exterior first.
 
-        Rings are indices of the primitive's `count` vertices. Two versions of the draft are read:
-        the primitive contains the rings (mode LINE_LOOP), or it contains triangles and the
-        extension contains the rings.
+        Rings are indices of the primitive's vertices. Two versions of the draft are read: the
+        primitive contains the rings (mode LINE_LOOP), or triangles, and the extension contains the
+        rings.
         """
         extension = primitive["extensions"][POLYGONS]
         if primitive.get("mode", TRIANGLES) == LINE_LOOP:
@@ -224,10 +221,7 @@ class GltfFile:
         return polygons
 
     def list_placements(self) -> list[tuple[NDArray[np.float64], ...]]:
-        """Return, for each mesh, the matrices (4, 4) with which the default scene places the mesh.
-
-        If the file has no scenes, each mesh is placed once, unchanged.
-        """
+        """Return, for each mesh, the matrices (4, 4) with which the default scene places it."""
         count = len(self.json.get("meshes", []))
         scenes = self.json.get("scenes")
         if not scenes:
@@ -314,11 +308,7 @@ def read_polygons(model: GltfFile) -> list[list[NDArray[np.float64]]] | None:
 
 
 def read_triangles(model: GltfFile) -> tuple[NDArray[np.float64], NDArray[np.int64], int]:
-    """Return vertices (n, 3), triangles (m, 3), and the number of skipped primitives.
-
-    Vertices are placed by the default scene. Points, lines, and triangles without positions are
-    skipped.
-    """
+    """Return placed vertices (n, 3), triangles (m, 3), and the number of skipped primitives."""
     vertices: list[NDArray[np.float64]] = [np.empty((0, 3))]
     triangles: list[NDArray[np.int64]] = [np.empty((0, 3), np.int64)]
     count = skipped = 0

@@ -25,10 +25,7 @@ _READER_EXTRAS = {"pyogrio": "gis", "fontTools": "svg"}
 
 @contextmanager
 def raise_scene_errors(name: str, kind: str) -> Iterator[None]:
-    """Raise any exception of the block as a SceneError with a message of one line.
-
-    name : the file, as the user gave it
-    kind : the format's name, such as "GeoParquet"
+    """Raise any exception of the block as a SceneError of one line; `kind` is the format's name.
 
     >>> with raise_scene_errors("a.svg", "SVG"):
     ...     raise LookupError("unknown encoding:\\n no-such-code")
@@ -57,9 +54,7 @@ def raise_scene_errors(name: str, kind: str) -> Iterator[None]:
 
 @contextmanager
 def note_errors(notes: list[Note], name: str, problem: str) -> Iterator[None]:
-    """Add a note to `notes` for any exception of the block, which reads one item of a file.
-
-    name : the item's name; problem : beginning of the note's reason
+    """Add a note to `notes` for any exception of the block; `problem` begins the note's reason.
 
     >>> notes = []
     >>> with note_errors(notes, "line 7", "is invalid"):
@@ -205,7 +200,7 @@ def check_quotes(path: Path) -> None:
 def check_last_line(path: Path, is_valid: Callable[[bytes], object]) -> None:
     """Raise SceneError if the last line has no line end and is invalid.
 
-    is_valid : function of the line that returns a false value or raises ValueError if invalid
+    is_valid : returns a false value or raises ValueError for an invalid line
     """
     last = read_both_ends(path)[1]
     if b"\n" not in last:
@@ -239,10 +234,7 @@ def _inspect_shapefile(path: Path) -> str | None:
 
 
 def _inspect_database(path: Path) -> str | None:
-    """Return evidence of truncation by the number of pages that an SQLite database states.
-
-    None if the last writer did not update that number.
-    """
+    """Return evidence of truncation by the number of pages that an SQLite database states."""
     head, _ = read_both_ends(path)
     if len(head) < 100 or not head.startswith(b"SQLite format 3\0"):
         return None

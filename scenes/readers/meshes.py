@@ -29,9 +29,9 @@ _MAX_DEVIATION = 1e-3  # of a vertex from the plane, relative to the face's size
 def read(source: Source, size: int) -> Iterator[RawChunk]:  # noqa: ARG001 - a model is one chunk
     """Yield every face of a model as a polygon in the face's plane, laid out in rows.
 
-    Coordinates are in units of the model. Horizontal faces are as seen from above, and vertical
-    faces are upright. In a model of triangles only, coplanar neighbours are joined. Polygons of
-    EXT_mesh_polygon that all lie in one horizontal plane are not moved.
+    Horizontal faces are as seen from above, and vertical faces are upright. In a model of triangles
+    only, coplanar neighbours are joined. Polygons of EXT_mesh_polygon that all lie in one
+    horizontal plane are not moved.
     """
     suffix = source.path.suffix.lower()
     model = GltfFile(source.path) if suffix in (".glb", ".gltf") else None
@@ -77,11 +77,7 @@ def _flatten_polygons(polygons: list[list[NDArray[np.float64]]]) -> RawChunk:
 def _flatten_faces(
     faces: list[tuple[str, list[NDArray[np.float64]]]], dropped: list[Note]
 ) -> RawChunk:
-    """Return faces as polygons, each in the plane of its first ring, laid out in rows.
-
-    faces : (label, rings (k, 3)) of each face
-    dropped : notes on faces that were skipped before; extended
-    """
+    """Return faces (label, rings (k, 3)) as polygons, laid out in rows; extend `dropped`."""
     polygons, labels, repaired = [], [], []
     for label, rings in faces:
         polygon, deviation = _flatten_face(rings)
@@ -98,10 +94,9 @@ def _flatten_faces(
 
 
 def _flatten_face(rings: list[NDArray[np.float64]]) -> tuple[shapely.Polygon | None, float]:
-    """Return a face as a polygon in its plane, or None without area, and the face's deviation.
+    """Return a face (rings (k, 3)) as a polygon in its plane, or None, and the face's deviation.
 
     The deviation is the largest distance of a vertex from the plane, relative to the face's size.
-    rings : (k, 3) each, the exterior first
     """
     with np.errstate(over="ignore", invalid="ignore"):
         centre = rings[0].mean(axis=0)
@@ -120,10 +115,7 @@ def _flatten_face(rings: list[NDArray[np.float64]]) -> tuple[shapely.Polygon | N
 
 
 def compute_axes(normal: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the axes of a right-handed frame as rows x, y, normal; x is horizontal, y points up.
-
-    normal : unit vector (3,). For a vertical normal, x is (1, 0, 0).
-    """
+    """Return the axes of a right-handed frame as rows x, y, normal (3,); x is horizontal, y up."""
     x = np.cross([0.0, 0.0, 1.0], normal)
     if np.linalg.norm(x) < 1e-9:
         x = np.array([1.0, 0.0, 0.0])
@@ -134,10 +126,7 @@ def compute_axes(normal: NDArray[np.float64]) -> NDArray[np.float64]:
 def _read_triangles(
     source: Source, model: GltfFile | None
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], tuple[str, ...]]:
-    """Return vertices (n, 3), triangles (m, 3) and notes of a model of triangles.
-
-    model : the file as glTF, or None for STL and OFF
-    """
+    """Return vertices (n, 3), triangles (m, 3) and notes of a model in glTF, STL or OFF."""
     suffix = source.path.suffix.lower()
     if model is not None:
         vertices, triangles, skipped = read_triangles(model)
@@ -193,10 +182,7 @@ def _merge_vertices(
 def join_facets(
     vertices: NDArray[np.float64], triangles: NDArray[np.int64]
 ) -> tuple[list[Any], list[Note]]:
-    """Return the facets of a mesh as polygons, and notes on triangles without area.
-
-    A facet is a set of coplanar neighbouring triangles, or a single triangle.
-    """
+    """Return each set of coplanar neighbouring triangles as a polygon, with notes on the others."""
     import trimesh
 
     mesh = trimesh.Trimesh(vertices, triangles, process=False)
@@ -219,10 +205,7 @@ def join_facets(
 
 
 def parse_obj(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
-    """Return the vertices (n, 3) of an OBJ file, and the vertex indices (k,) of each face, from 0.
-
-    Indices may be out of range.
-    """
+    """Return the vertices (n, 3) of an OBJ file, and the indices (k,), unchecked, of each face."""
     vertices: list[list[float]] = []
     faces: list[NDArray[np.int64]] = []
     for number, line in _join_continued_lines(path):

@@ -58,7 +58,6 @@ class _State:
     """State in which the content of an element is drawn.
 
     matrix : transform from the element's user space to the drawing's
-    properties : inherited CSS properties, by name
     viewport : size to which percentages refer, or None if unknown
     clip : area of the clip path, y up, or None without a clip path
     hidden : why the content is not drawn, or ""
@@ -125,10 +124,7 @@ class _Drawing:
         return RawChunk(geometries, labels, table, None, "px", self.dropped, notes=notes)
 
     def _is_drawn(self, element: ElementTree.Element) -> bool:
-        """Whether an element is an SVG container, shape, text or image whose conditions are met.
-
-        The conditions are no required extension, and English among the required languages, if any.
-        """
+        """Whether an element is an SVG container, shape, text or image whose conditions are met."""
         namespace = str(element.tag).rpartition("}")[0].lstrip("{")
         is_svg = namespace == _NAMESPACE or (not namespace and "}" not in str(self._root.tag))
         is_known = get_tag(element) in (*_CONTAINERS, *SHAPES, *_OMITTED)
@@ -200,10 +196,7 @@ class _Drawing:
     def _find_region(
         self, element: ElementTree.Element, state: _State, style: dict[str, str], rule: str
     ) -> Any:
-        """Return the visible region of a shape as a geometry, or None if nothing is visible.
-
-        rule : name of the CSS property with the fill rule: "fill-rule"; in a clip path "clip-rule"
-        """
+        """Return the visible region of a shape, or None; rule : "fill-rule" or "clip-rule"."""
         outline = format_outline(element, style, state.viewport)
         contours = flatten_outline(outline, FLIP.transform(state.matrix))
         name = state.properties[rule]
@@ -250,10 +243,7 @@ def _intersect_clip(state: _State, area: Any) -> _State:
 
 
 def _fit_viewbox(box: list[float], width: float, height: float, alignment: str) -> Transform:
-    """Return the matrix from a viewBox (x, y, width, height) to a viewport at (0, 0).
-
-    alignment : the attribute `preserveAspectRatio`
-    """
+    """Return the matrix from a viewBox (x, y, width, height) to a viewport at (0, 0)."""
     sx, sy = width / box[2], height / box[3]
     fields = alignment.split() or ["xMidYMid"]
     if fields[0] == "none":
@@ -266,7 +256,7 @@ def _fit_viewbox(box: list[float], width: float, height: float, alignment: str) 
 
 
 def _check_fill(state: _State, by_id: dict[str | None, ElementTree.Element]) -> str:
-    """Return why a shape in a state is not filled, or "" if filled; by_id : elements by id."""
+    """Return why a shape in a state is not filled, or ""."""
     properties = state.properties
     if properties["visibility"] in ("hidden", "collapse"):
         return "is not visible"

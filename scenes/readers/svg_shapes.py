@@ -34,7 +34,7 @@ def get_tag(element: ElementTree.Element) -> str:
 def parse_length(text: str, viewport: Viewport, axis: int | None = None) -> float:
     """Return a length in user units; raises ValueError for an unsupported or unknown unit.
 
-    axis : the viewport's axis to which a percentage refers, 0 for x, 1 for y, None for the diagonal
+    axis : 0 for a percentage of the viewport's width, 1 of the height, None of the diagonal
 
     >>> parse_length("1in", None), parse_length("50%", (10, 20), 1)
     (96.0, 10.0)
@@ -50,10 +50,9 @@ def parse_length(text: str, viewport: Viewport, axis: int | None = None) -> floa
 
 
 def parse_transform(text: str, *, is_css: bool = False) -> Transform:
-    """Return the matrix of a list of transform functions; the last function applies first.
+    """Return the matrix of a list of transform functions; CSS has more functions than SVG.
 
-    Numbers may have units, and may follow each other without a separator, as in `matrix(1 0 0 1
-    5-5)`. is_css : True for a CSS property, which has more functions than the SVG attribute.
+    Numbers may have units, and may follow each other without a separator: `matrix(1 0 0 1 5-5)`.
 
     >>> parse_transform("translate(2px, 0) scale(3)").transformPoint((1, 1))
     (5.0, 3.0)
@@ -102,10 +101,7 @@ def _parse_matrix(name: str, inner: str, is_css: bool) -> Transform:
 
 
 def transform_about(matrix: Transform, origin: str, viewport: Viewport) -> Transform:
-    """Return a matrix that applies `matrix` about a point instead of (0, 0).
-
-    origin : the CSS property `transform-origin`, such as "50% 20px" or "center"
-    """
+    """Return a matrix that applies `matrix` about `origin`, such as "50% 20px" or "center"."""
     keywords = [_KEYWORDS.get(word, word) for word in origin.split()[:2]]
     if origin.split()[:1] in (["top"], ["bottom"]):
         keywords = [*keywords[1:], "50%"][:1] + keywords[:1]

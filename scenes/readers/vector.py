@@ -134,10 +134,7 @@ def _check_feature_count(source: Source, layer: str, count: int) -> None:
 
 
 def _list_files(path: Path) -> Iterator[Path]:
-    """Yield the files that GDAL may open for a path.
-
-    These are all files of a folder, files that differ in the suffix only, and the sources of a VRT.
-    """
+    """Yield the files that GDAL may open for a path, such as siblings, and the sources of a VRT."""
     folder = path if path.is_dir() else path.parent
     yield from (file for file in folder.iterdir() if folder == path or file.stem == path.stem)
     if path.suffix.lower() == ".vrt":
@@ -297,10 +294,7 @@ def _close_geometry(geometry: Any) -> Any:
 
 
 def choose_layer(source: Source) -> tuple[str, tuple[str, ...]]:
-    """Return the name of the layer to read, and notes on layers and files that are not read.
-
-    The default is the first layer whose type allows polygons.
-    """
+    """Return the layer to read, by default the first that allows polygons, and notes on others."""
     layers = pyogrio.list_layers(find_gdal_path(source.path))
     names = [str(name) for name, _ in layers]
     if not names:

@@ -97,8 +97,7 @@ def parse_wkb(
 ) -> tuple[NDArray[Any], list[Note], list[Note]]:
     """Return geometries (None if unparsable), notes on unparsable values, and notes on repairs.
 
-    values : (E)WKB or None; labels : names of the values in notes. A repair replaces curves by
-    straight edges, or closes open rings.
+    values : (E)WKB or None. A repair replaces curves by straight edges, or closes open rings.
 
     >>> parse_wkb([None, shapely.Point(1, 2).wkb], ["a", "b"])[0].tolist()
     [None, <POINT (1 2)>]
@@ -141,8 +140,7 @@ def _parse_geometry(source: Any) -> tuple[Any | None, str]:
 def read_text(source: Source, size: int) -> Iterator[RawChunk]:
     """Yield the geometries of a text file: one per line, or a single geometry over several lines.
 
-    Lines that begin with `#` are comments. The SRID of the first geometry is the file's reference
-    system; lines with another SRID are skipped, with a note.
+    The SRID of the first geometry is the file's; lines with another are skipped, with a note.
     """
     single = _parse_single(source)
     if single is not None:
@@ -177,10 +175,7 @@ def read_text(source: Source, size: int) -> Iterator[RawChunk]:
 
 
 def _parse_single(source: Source) -> RawChunk | None:
-    """Return a chunk with the single geometry of a file, or None.
-
-    None if the file is larger than 10 MB, has one line, or as a whole is not one geometry.
-    """
+    """Return the single geometry of a file of several lines and at most 10 MB, or None."""
     if source.path.stat().st_size > 10_000_000:
         return None
     text = source.path.read_text(encoding="utf-8-sig", errors="replace").strip()
@@ -202,8 +197,7 @@ def _is_complete_line(line: bytes) -> bool:
 def _parse_line(text: str) -> tuple[Any | None, str | None, str]:
     """Return geometry, reference system and a note on the repair of WKT, EWKT or hexadecimal WKB.
 
-    The note is "" without a repair. If the text cannot be parsed, the geometry is None, and the
-    note is the reason.
+    If the text cannot be parsed, the geometry is None, and the note is the reason.
     """
     match = _SRID.match(text)
     crs = f"EPSG:{match[1]}" if match else None

@@ -93,10 +93,7 @@ class Archive(ABC):
         """Return the stored bytes of a tile, or None if it does not exist."""
 
     def select_zooms(self, path: str, requested: tuple[int, int] | None) -> Sequence[int | None]:
-        """Return the zooms in the range (first, last), or (None,) if zooms are unknown.
-
-        requested : the range, or None for all zooms; path : the archive, for messages
-        """
+        """Return the zooms in the range (first, last) or all, or (None,) if zooms are unknown."""
         if not self.zooms:
             if requested is not None:
                 raise SceneError(f"the zoom of the tiles in {path} is unknown: leave zoom= out")
@@ -167,10 +164,7 @@ def parse_attribution(metadata: bytes) -> str:
 
 
 class Folder(Archive):
-    """A file of one tile, or a folder of such files, usually named z/x/y.mvt or z-x-y.pbf.
-
-    Tiles are numbered zoom by zoom, in the order of paths.
-    """
+    """A file of one tile, or a folder of such files, named z/x/y.mvt or z-x-y.pbf."""
 
     def __init__(self, path: Path) -> None:
         files: dict[Any, Path] = {}

