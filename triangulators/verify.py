@@ -225,15 +225,23 @@ def insert_dropped_vertices(outline: Boundary, triangles: np.ndarray) -> np.ndar
     inside = find_vertices_on_edges(
         outline, np.array(list(loose), np.int32), find_edge_tolerance(outline.points)
     )
-    result: list[tuple[int, int, int]] = []
-    for corners in triangles.tolist():
+    sites = outline.site[triangles].astype(np.int64)
+    keys = sites * len(outline.points) + np.roll(sites, -1, axis=1)
+    with_vertex = [tail * len(outline.points) + head for tail, head in inside]
+    affected = np.isin(keys, with_vertex).any(axis=1)
+    pieces, copied = [], 0
+    for row in np.flatnonzero(affected).tolist():
+        pieces.append(triangles[copied:row])
+        copied, corners = row + 1, triangles[row].tolist()
         chains = []
         for tail, head in zip(corners, corners[1:] + corners[:1], strict=True):
             on_edge = inside.get((int(outline.site[tail]), int(outline.site[head])), [])
             chains.append([tail, *on_edge, head])
+        result: list[tuple[int, int, int]] = []
         if not any(set(chain[1:-1]) & set(corners) for chain in chains):
             _split_triangle(chains, result)
-    return np.array(result, dtype=np.int32).reshape(-1, 3)
+        pieces.append(np.array(result, dtype=np.int32).reshape(-1, 3))
+    return np.concatenate([*pieces, triangles[copied:]]).astype(np.int32)
 
 
 def _split_triangle(chains: list[list[int]], result: list[tuple[int, int, int]]) -> None:

@@ -33,7 +33,7 @@ from triangulators.geometry.order import is_walk, put_in_walk_order_by_twins
 from triangulators.initial import find_any_triangulation
 from triangulators.libraries import ear_clipping
 from triangulators.methods.cost_flips import flip_by_cost
-from triangulators.optimum.windows import WINDOW_TRIANGLES, optimise_windows
+from triangulators.optimum.windows import MAX_RING_TRIANGLES, optimise_windows
 from triangulators.polygon import Boundary, boundary_area
 from triangulators.polygon_arrays import Batch, rings_at
 from triangulators.verify import check_triangle_indices
@@ -97,7 +97,7 @@ def refine(
     triangulation, reached from the given one by flips with the in-circle test. Diagonals of both
     are flipped, and the cheaper result is returned.
 
-    For other costs, windows (trees of up to 48 triangles) are optimised, then diagonals flipped.
+    For other costs, windows (trees of up to 28 triangles) are optimised, then diagonals flipped.
     If there may be several windows, flips by L1 lengths come first: they shorten long edges that
     cross several windows. A flip evaluates four triangles, so that flips alone, from both initial
     solutions, take as long and leave the expected quads of letters 3.5 % above the optimum, not
@@ -105,7 +105,7 @@ def refine(
     """
     rows = corner.reshape(-1, 3)
     if decreased is not None:
-        if len(rows) > WINDOW_TRIANGLES:
+        if len(rows) > MAX_RING_TRIANGLES:
             _shorten_if_cheaper(points, corner, twin, decreased)
         if not optimise_windows(points, rows, twin.reshape(-1, 3), decreased):
             flip_by_cost(points, points, corner, twin, decreased)

@@ -2,9 +2,9 @@
 
 The recurrence, the visible pairs and the order of the loops are those of `visible_lists`: vertex i
 descends, and each j has a list of the apexes k > i that see j. In contrast to `visible_lists`,
-computing a triangle's cost takes much longer than two additions. So the triangles of a vertex i and
-of several j are collected first, and their costs are computed in one block: the list of one j is so
-short that it would leave SIMD lanes empty. The best apex of each pair is stored, so that no cost is
+computing a triangle's cost takes much longer than two additions. So the triangles of many pairs
+i-j are collected first, and their costs are computed in one block: the list of one j is so short
+that it would leave SIMD lanes empty. The best apex of each pair is stored, so that no cost is
 computed twice.
 
 For expected quads, a ring of 21 vertices (letters) takes 22 microseconds; with one call for each
@@ -64,9 +64,11 @@ def _find_best_apexes(
 ) -> np.ndarray:
     """Return the best apex (p,) of each visible pair, -1 if there is none.
 
-    start, target: see `solve_any_cost`. Costs are computed in blocks of triangles i, k, j of one i
-    and several j; the costs of the pairs i-k and k-j are final when these are compared, j by j. If
-    several apexes have the minimum cost, the one with the highest index is taken.
+    start, target: see `solve_any_cost`. Which triangles i, k, j have three visible sides does not
+    depend on costs: so the triangles of the next pairs, i descending and j ascending, are collected
+    and weighed in a block, then compared pair by pair, by when the costs of i-k and k-j are final:
+    `row` has the costs of i-k, which precede i-j, and `below` those of k-j.
+    If several apexes have the minimum cost, the one with the highest index is taken.
     """
     n, pairs = len(points), start[len(points)]
     first = np.zeros(n + 1, dtype=np.int64)
@@ -74,52 +76,45 @@ def _find_best_apexes(
         first[target[p] + 1] += 1
     for j in range(n):
         first[j + 1] += first[j]
-    end = first[:n].copy()
-    apex, below = np.empty(pairs, dtype=np.int32), np.empty(pairs)
-    chosen, row = np.full(pairs, -1, dtype=np.int32), np.full(n, INFEASIBLE_COST)
+    lists = (first, first[:n].copy(), np.empty(pairs, dtype=np.int32))
+    apex, below = lists[2], np.empty(pairs)
+    chosen, row = np.empty(pairs, dtype=np.int32), np.empty(n)
     sees = np.zeros(n, dtype=np.bool_)
     corners, totals = allocate_block(_BLOCK_TRIANGLES + n)
-    ax, ay = corners[0], corners[1]
-    entries = np.empty(_BLOCK_TRIANGLES + n + 1, dtype=np.int64)
-    ends, lists = np.empty(n, dtype=np.int64), (first, end, apex)
-    for i in range(n - 1, -1, -1):
-        for p in range(start[i], start[i + 1]):
-            sees[target[p]] = True
-        p = start[i]
-        while p < start[i + 1]:
-            last = _collect_triangles(
-                p, start[i + 1], target, lists, points, sees, corners, entries, ends
-            )
-            count = ends[last - p - 1]
-            for k in range(count):
-                ax[k], ay[k] = points[i, 0], points[i, 1]
-            weigh_block(cost, corners, count, totals)
-            at = 0
-            for pair in range(p, last):
-                vertex, best = (
-                    np.int64(target[pair]),
-                    INFEASIBLE_COST if target[pair] > i + 1 else 0.0,
-                )
-                while at < ends[pair - p]:
-                    r = entries[at]
-                    k = apex[r]
-                    total = row[k] + below[r] + totals[at]
-                    if total < best:
-                        best, chosen[pair] = total, k
-                    at += 1
-                row[vertex] = best
-                apex[end[vertex]], below[end[vertex]] = i, best
-                end[vertex] += 1
-            p = last
-        for p in range(start[i], start[i + 1]):
-            row[target[p]], sees[target[p]] = INFEASIBLE_COST, False
+    entries = np.empty(_BLOCK_TRIANGLES + n + 1, dtype=np.uint32)
+    ends = np.empty((2, pairs), dtype=np.int64)
+    i, p = n - 1, start[n - 1]
+    while i >= 0:
+        next_i, next_p, count = _collect_triangles(
+            i, p, start, target, lists, points, sees, corners, entries, ends
+        )
+        weigh_block(cost, corners, count, totals)
+        at = np.uint64(0)
+        while i > next_i or p < next_p:
+            if p == start[i + 1]:
+                i -= 1
+                p = start[i]
+                continue
+            j = np.int64(target[p])
+            best = INFEASIBLE_COST if j > i + 1 else 0.0
+            stop, choice = np.uint64(ends[0, p]), np.int32(-1)
+            for triangle in range(at, stop):
+                r = entries[triangle]
+                k = np.uint32(apex[r])
+                total = row[k] + below[r] + totals[triangle]
+                if total < best:
+                    best, choice = total, k
+            at, chosen[p] = stop, choice
+            row[j] = below[ends[1, p]] = best
+            p += 1
     return chosen
 
 
 @njit(nogil=True)
 def _collect_triangles(
-    pair: int,
-    stop: int,
+    i: int,
+    p: int,
+    start: np.ndarray,
     target: np.ndarray,
     lists: tuple[np.ndarray, np.ndarray, np.ndarray],
     points: np.ndarray,
@@ -127,26 +122,45 @@ def _collect_triangles(
     corners: tuple[np.ndarray, ...],
     entries: np.ndarray,
     ends: np.ndarray,
-) -> int:
-    """Collect triangles of the pairs `pair`, `pair` + 1, ...; return the first pair left out.
+) -> tuple[int, int, int]:
+    """Collect a block of triangles, of the pair p of vertex i and the following pairs.
 
-    The pairs, up to `stop` - 1, have the same vertex i < j. target: vertex j of each pair;
-    lists: start and end of each j's list, and the apexes of all lists; sees (n,): flags of the
-    vertices that i sees. Writes the coordinates of vertices k and j of each triangle to `corners`,
-    the index of k in the lists to `entries`, and the number of triangles up to each pair to `ends`.
+    Returns the vertex and the pair that the next block begins with, and the number of triangles.
+    After the last block, the vertex is -1.
+
+    lists: start and end of each vertex's list, and the apexes of all lists; list j has the vertices
+    that see j, descending, up to the current i. sees (n,): flags of the vertices that i sees.
+    Writes the coordinates of each triangle to `corners`, the index of its apex k in the lists to
+    `entries`, and for each pair the number of triangles up to the pair, and the pair's own index in
+    the lists, to the two rows of `ends`.
     """
     first, end, apex = lists
-    bx, by, cx, cy = corners[2], corners[3], corners[4], corners[5]
-    count, number = 0, 0
-    while pair < stop and count < _BLOCK_TRIANGLES:
-        j = target[pair]
-        x, y = points[j, 0], points[j, 1]
-        for r in range(first[j], end[j]):
-            k = apex[r]
-            entries[count], bx[count], by[count] = r, points[k, 0], points[k, 1]
-            cx[count], cy[count] = x, y
-            count += sees[k]
-        ends[number] = count
-        number += 1
-        pair += 1
-    return pair
+    ax, ay, bx, by, cx, cy = corners
+    count = np.uint64(0)
+    while i >= 0 and count < _BLOCK_TRIANGLES:
+        if p == start[i]:
+            for q in range(p, start[i + 1]):
+                sees[target[q]] = True
+        before = count
+        while p < start[i + 1] and count < _BLOCK_TRIANGLES:
+            j = np.int64(target[p])
+            x, y = points[j, 0], points[j, 1]
+            # Numba does not test unsigned indices for a sign: this takes half as long.
+            for r in range(np.uint64(first[j]), np.uint64(end[j])):
+                k = np.uint32(apex[r])
+                entries[count], bx[count], by[count] = r, points[k, 0], points[k, 1]
+                cx[count], cy[count] = x, y
+                count += np.uint64(sees[k])
+            apex[end[j]] = i
+            ends[0, p], ends[1, p] = count, end[j]
+            end[j] += 1
+            p += 1
+        x, y = points[i, 0], points[i, 1]
+        for k in range(before, count):
+            ax[k], ay[k] = x, y
+        if p == start[i + 1]:
+            for q in range(start[i], p):
+                sees[target[q]] = False
+            i -= 1
+            p = start[max(i, 0)]
+    return i, p, np.int64(count)
