@@ -11,6 +11,8 @@ For expected quads, a ring of 21 vertices (letters) takes 22 microseconds; with 
 triangle it took 46.
 """
 
+from typing import Any
+
 import numpy as np
 
 from triangulators.compute.kernels import njit
@@ -67,8 +69,8 @@ def _find_best_apexes(
     start, target: see `solve_any_cost`. Which triangles i, k, j have three visible sides does not
     depend on costs: so the triangles of the next pairs, i descending and j ascending, are collected
     and weighed in a block, then compared pair by pair, by when the costs of i-k and k-j are final:
-    `row` has the costs of i-k, which precede i-j, and `below` those of k-j.
-    If several apexes have the minimum cost, the one with the highest index is taken.
+    `row` has the costs of i-k, which precede i-j, and `below` those of k-j. If
+    several apexes have the minimum cost, the one with the highest index is taken.
     """
     n, pairs = len(points), start[len(points)]
     first = np.zeros(n + 1, dtype=np.int64)
@@ -89,15 +91,16 @@ def _find_best_apexes(
             i, p, start, target, lists, points, sees, corners, entries, ends
         )
         weigh_block(cost, corners, count, totals)
-        at = np.uint64(0)
+        at: Any = np.uint64(0)
         while i > next_i or p < next_p:
             if p == start[i + 1]:
                 i -= 1
                 p = start[i]
                 continue
-            j = np.int64(target[p])
-            best = INFEASIBLE_COST if j > i + 1 else 0.0
-            stop, choice = np.uint64(ends[0, p]), np.int32(-1)
+            end_vertex: Any = np.int64(target[p])
+            best = INFEASIBLE_COST if end_vertex > i + 1 else 0.0
+            stop: Any = np.uint64(ends[0, p])
+            choice: Any = np.int32(-1)
             for triangle in range(at, stop):
                 r = entries[triangle]
                 k = np.uint32(apex[r])
@@ -105,7 +108,7 @@ def _find_best_apexes(
                 if total < best:
                     best, choice = total, k
             at, chosen[p] = stop, choice
-            row[j] = below[ends[1, p]] = best
+            row[end_vertex] = below[ends[1, p]] = best
             p += 1
     return chosen
 
@@ -136,7 +139,7 @@ def _collect_triangles(
     """
     first, end, apex = lists
     ax, ay, bx, by, cx, cy = corners
-    count = np.uint64(0)
+    count: Any = np.uint64(0)
     while i >= 0 and count < _BLOCK_TRIANGLES:
         if p == start[i]:
             for q in range(p, start[i + 1]):
@@ -156,11 +159,11 @@ def _collect_triangles(
             end[j] += 1
             p += 1
         x, y = points[i, 0], points[i, 1]
-        for k in range(before, count):
-            ax[k], ay[k] = x, y
+        for column in range(before, count):
+            ax[column], ay[column] = x, y
         if p == start[i + 1]:
             for q in range(start[i], p):
                 sees[target[q]] = False
             i -= 1
             p = start[max(i, 0)]
-    return i, p, np.int64(count)
+    return i, p, int(count)
