@@ -16,11 +16,7 @@ Part = Callable[[Generator, int], shapely.Geometry]
 
 
 def build(*, seed: int = 0, parts: int = 60, segments: int = 32) -> Scene:
-    """Return `parts` parts of random sizes, in millimetres, with `segments` chords in a circle.
-
-    A letter with an inside, such as an O, cut out of a name plate leaves one more polygon, an
-    island.
-    """
+    """Return `parts` parts of random sizes, in millimetres, with `segments` chords in a circle."""
     if not 1 <= parts <= 100_000 or not 8 <= segments <= 1000:
         raise SceneError(
             f"cad: parts={parts}, segments={segments} is out of range: "
@@ -132,9 +128,9 @@ def _build_bracket(rng: Generator, segments: int) -> shapely.Geometry:
 
 
 def _build_gear(rng: Generator, segments: int) -> shapely.Geometry:
-    """Return a gear with involute teeth, a bore with a keyway, and holes that save weight.
+    """Return a gear with a bore with a keyway, and holes that save weight.
 
-    The pressure angle is 20 degrees. A tooth's flank is the involute of the base circle, and a
+    A tooth's flank is the involute of the base circle, for a pressure angle of 20 degrees, and a
     straight line between base circle and root circle.
     """
     teeth, module = int(rng.integers(14, 40)), rng.uniform(2.0, 3.5)

@@ -1,9 +1,7 @@
 """A generated city plan: districts, streets, blocks, lots, and a footprint on each lot.
 
 Districts are the Voronoi cells of points that are denser towards the centre, cut by ring boulevards
-and two avenues. Each district has a separate street grid, regular or staggered. Blocks are cut into
-lots; each footprint is inside its lot, so footprints share walls but do not overlap. Numbers of
-vertices and courtyards have the distribution of real footprints (see `_VERTEX_QUANTILES`).
+and two avenues. Each footprint is inside its lot, so footprints share walls but do not overlap.
 """
 
 from itertools import pairwise
@@ -193,11 +191,9 @@ def _cut_lots(rng: Generator, block: shapely.Polygon, central: bool) -> _Lots:
 def _place_buildings(
     rng: Generator, lots: NDArray[np.float64], low_street: bool, detached: bool, slabs: bool
 ) -> NDArray[np.float64]:
-    """Return (n, 4) boxes of buildings, one on each lot of a row.
+    """Return (n, 4) boxes of buildings, one on each lot of a row; most are as wide as the lot.
 
-    Most are as wide as the lot, so that neighbours share walls; detached houses have space on both
-    sides, slabs are long buildings across the lot. low_street : True if the street is at the lower
-    y.
+    Detached houses have space on both sides, slabs are long buildings across the lot.
     """
     n = len(lots)
     x0, y0, x1, y1 = lots.T

@@ -47,8 +47,8 @@ def _is_inside(winding: NDArray[np.int64], rule: Rule) -> NDArray[np.bool_]:
 def _fill_nested_rings(rings: NDArray[Any], rule: Rule) -> Any | None:
     """Return the area that simple rings fill, or None if rings cross.
 
-    The rings that contain a ring determine the winding numbers on both of its sides. The ring
-    bounds the area if exactly one side is inside by the rule.
+    A ring bounds the area if exactly one of its sides is inside by the rule; the rings that contain
+    the ring determine the winding numbers on both sides.
     """
     if len(rings) == 1:
         return shapely.MultiPolygon(list(rings))

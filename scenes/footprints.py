@@ -17,7 +17,7 @@ def build_footprint(
 ) -> list[Ring]:
     """Return the rings of a building of about `vertices` vertices, exterior first.
 
-    `u` are at least 8 random numbers in [0, 1) that determine the form.
+    u : at least 8 random numbers in [0, 1) that determine the form
     """
     if courtyards and min(width, depth) >= 3 * WING_M:
         rings = _build_courtyards(width, depth, courtyards, u)
@@ -139,10 +139,7 @@ class _Wall:
 
 
 def _build_corner(before: _Wall, after: _Wall, cut: float, vertices: int) -> Ring:
-    """Return a corner between two walls, with 0 (plain), 1 (bevel) or 2 (step) vertices added.
-
-    cut : length cut off either wall, in metres
-    """
+    """Return a corner between two walls, `cut` metres cut off each, with 0 to 2 vertices added."""
     start, end = before.point(before.length - cut, 0.0), after.point(cut, 0.0)
     if vertices == 0:
         return [(after.x, after.y)]

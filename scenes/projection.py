@@ -1,7 +1,4 @@
-"""Projection of longitude and latitude to metres, on a map that fits the data, by PROJ.
-
-Readers give x (east, longitude) first, whatever order the reference system defines.
-"""
+"""Projection of longitude (x) and latitude (y) to metres, on a map that fits the data, by PROJ."""
 
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -77,8 +74,8 @@ class Projection:
     def fit(cls, crs: str, geometries: Any) -> "Projection":
         """Return the projection for geometries in longitude and latitude.
 
-        The map is azimuthal unless geometries exceed `MAX_DISTANCE_DEG` from the centre, or have
-        edges longer than `MAX_EDGE_DEG`, such as a box from -180 to 180.
+        The map is azimuthal, except for geometries beyond `MAX_DISTANCE_DEG` or edges beyond
+        `MAX_EDGE_DEG`.
         """
         degrees = shapely.get_coordinates(geometries)
         lon, lat = np.radians(degrees[np.isfinite(degrees).all(axis=1)]).T
@@ -173,11 +170,7 @@ class Projection:
         return projected
 
     def find_torn_geometries(self, geometries: NDArray[Any]) -> NDArray[np.bool_]:
-        """Return flags (k,) of geometries with an edge across the end of a cylindrical map.
-
-        An edge across the 180th meridian spans more than 180 degrees of longitude, but less than
-        360.
-        """
+        """Return flags (k,) of geometries with an edge across the end of a cylindrical map."""
         torn = np.zeros(len(geometries), dtype=bool)
         if self.centre is None:
             step, _, owner = _measure_edge_longitudes(geometries)

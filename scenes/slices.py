@@ -52,8 +52,7 @@ class Slices:
 def cut_file(path: str, layer: str | None = None, where: str | None = None) -> Slices:
     """Return slices of `MIN_ROWS` to `MAX_ROWS` rows; reads the file's footer or header only.
 
-    Row groups of a GeoParquet file are skipped if the statistics exclude a match of `where`, such
-    as `bbox.xmin > 24.5 AND bbox.xmax < 25`: see `parse_comparisons`.
+    Row groups of GeoParquet are skipped if their statistics exclude a match of `where`.
     """
     file = check_path(path)
     reader = choose_reader(file)
@@ -159,8 +158,8 @@ def _may_group_match(group: Any, parsed_comparisons: list[tuple[str, str, float]
 def compute_identity(file: Path, footer: bytes | None = None) -> str:
     """Return a digest of a file's or folder's name, size, modification time and content.
 
-    The content is `footer`; by default the first and last bytes of the file and of its SQLite log,
-    or the name, size and modification time of each file in the folder.
+    The content is `footer`, by default both ends of the file and of its SQLite log, or a folder's
+    list.
     """
     status = file.stat()
     digest = hashlib.sha256(f"{file.name}\0{status.st_size}\0{int(status.st_mtime)}\0".encode())

@@ -65,10 +65,7 @@ def format_install_command(extra: str) -> str:
 
 
 def import_optional(module: str, user: object, extra: str) -> Any:
-    """Import a module of an optional extra for `user`, the file or option that needs the module.
-
-    Raises SceneError with the command that installs the extra.
-    """
+    """Import a module for `user`, a file or option; raises SceneError with the install command."""
     try:
         return import_module(module)
     except ModuleNotFoundError as error:

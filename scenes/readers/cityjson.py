@@ -27,10 +27,9 @@ _PLAN = "surfaces seen from above, with the height as an attribute"
 
 
 def read(source: Source, size: int) -> Iterator[RawChunk]:  # noqa: ARG001 - a model is one chunk
-    """Yield the surfaces of all city objects, as polygons seen from above.
+    """Yield the most detailed surfaces of all city objects, as polygons seen from above.
 
-    `source.layer` is RoofSurface or GroundSurface; both are read by default. If an object has
-    several levels of detail, the most detailed is read.
+    `source.layer` is RoofSurface or GroundSurface; both are read by default.
     """
     model = _parse_model(str(source.path), source.path.read_bytes)
     surfaces = _Surfaces(source)
@@ -39,10 +38,7 @@ def read(source: Source, size: int) -> Iterator[RawChunk]:  # noqa: ARG001 - a m
 
 
 def read_sequence(source: Source, size: int) -> Iterator[RawChunk]:
-    """Yield the surfaces of a text sequence, `size` features at a time: see `read`.
-
-    The first line is a CityJSON object, each other line a CityJSONFeature.
-    """
+    """Yield the surfaces of a text sequence: a CityJSON object, then a CityJSONFeature per line."""
     check_last_line(source.path, json.loads)
     surfaces = _Surfaces(source)
     with source.path.open("rb") as lines:
@@ -127,10 +123,7 @@ def _read_vertices(model: dict[str, Any], source: dict[str, Any]) -> NDArray[np.
 def _read_surfaces(
     city_object: dict[str, Any], vertices: NDArray[np.float64]
 ) -> Iterator[tuple[str | None, shapely.Polygon, float]]:
-    """Yield kind, polygon seen from above and mean height of each surface of a city object.
-
-    A surface without semantics is a roof if the normal points up, otherwise ground.
-    """
+    """Yield kind, polygon seen from above and mean height of each surface of a city object."""
     shapes = [
         g for g in city_object.get("geometry", []) if "boundaries" in g and g["type"] in _DEPTHS
     ]
@@ -162,8 +155,7 @@ def _read_surfaces(
 def _flatten_values(values: Any, boundaries: Any, depth: int) -> list[int | None]:
     """Return, for each surface, the index of its semantics, or None.
 
-    values, boundaries : nested lists of a geometry, `depth` levels deep; null in `values` for a
-    shell or solid applies to all its surfaces.
+    values, boundaries : nested lists, `depth` levels deep; null applies to all surfaces of a shell
     """
     padded = [*(values or []), *[None] * len(boundaries)][: len(boundaries)]
     if depth == 0:

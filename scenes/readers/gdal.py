@@ -1,8 +1,7 @@
 """What pyogrio does not report or convert: failures of GDAL, curves, and facts about GeoJSON.
 
 Two functions of pyogrio's GDAL library are called by ctypes; if the library is not found, failures
-are not counted and curves are not converted. GDAL silently skips invalid lines of a GeoJSON
-sequence, and takes an unknown reference system for longitude and latitude.
+are not counted and curves are not converted.
 """
 
 import ctypes
@@ -154,8 +153,8 @@ _DEGREES_CRS = "EPSG:4326"
 def find_crs(path: Path, crs: str | None) -> str | None:
     """Return the reference system of a file, given the system `crs` that GDAL reports.
 
-    GeoJSON of 2008 may state a system in its member `crs`; null means no system. For a name that
-    GDAL does not know, GDAL reports longitude and latitude. TopoJSON is in longitude and latitude.
+    GDAL reports longitude and latitude for GeoJSON whose member `crs` is null or a name that GDAL
+    does not know, and nothing for TopoJSON, which is in longitude and latitude.
     """
     is_json = path.suffix.lower() in (".geojson", ".json", ".topojson") and path.is_file()
     if not is_json or crs not in (None, _DEGREES_CRS):
@@ -192,8 +191,6 @@ def find_skipped_lines(
     path: Path, count: int, failures: int, *, is_complete: bool, size: int
 ) -> Iterator[RawChunk]:
     """Yield chunks without geometries, with up to `size` notes on lines that GDAL skipped.
-
-    Raises SceneError if GDAL skipped lines that are valid.
 
     count : number of features that were read
     failures : number of failures that GDAL reported; GDAL may have skipped more lines

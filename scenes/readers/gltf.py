@@ -1,8 +1,7 @@
 """Reader of glTF 2.0 files (.glb, .gltf): buffers, accessors, and the triangles of their meshes.
 
 Source: Khronos, "glTF 2.0 Specification", sections 3.6 (buffers, accessors), 3.7.2 (meshes), 4.4
-(GLB); extensions KHR_mesh_quantization, EXT_mesh_gpu_instancing, and the draft EXT_mesh_polygon
-(KhronosGroup/glTF pull request 2570).
+(GLB); the draft EXT_mesh_polygon is KhronosGroup/glTF pull request 2570.
 """
 
 import base64
@@ -47,8 +46,7 @@ HARMLESS = re.compile(
 class GltfFile:
     """A model in memory: JSON, and the bytes of the buffers.
 
-    A file that violates the format raises ValueError, KeyError or others: call within
-    `raise_scene_errors`.
+    A file that violates the format may raise any exception: call within `raise_scene_errors`.
     """
 
     def __init__(self, path: Path) -> None:
@@ -195,9 +193,8 @@ class GltfFile:
     def read_loops(self, primitive: dict[str, Any], count: int) -> list[list[NDArray[np.int64]]]:
         """Return the rings of each polygon of a primitive by EXT_mesh_polygon, the exterior first.
 
-        Rings are indices of the primitive's vertices. Two versions of the draft are read: the
-        primitive contains the rings (mode LINE_LOOP), or triangles, and the extension contains the
-        rings.
+        By version of the draft, the primitive contains the rings (mode LINE_LOOP), or triangles,
+        and the extension contains the rings.
         """
         extension = primitive["extensions"][POLYGONS]
         if primitive.get("mode", TRIANGLES) == LINE_LOOP:
@@ -288,10 +285,7 @@ def _read_node_matrix(node: dict[str, Any]) -> NDArray[np.float64]:
 
 
 def read_polygons(model: GltfFile) -> list[list[NDArray[np.float64]]] | None:
-    """Return the rings (k, 3) of each polygon as placed by the default scene, z up.
-
-    None unless all primitives of the model are polygons, in EXT_mesh_polygon.
-    """
+    """Return the rings (k, 3), z up, of each polygon; None unless all primitives are polygons."""
     primitives = [p for mesh in model.json.get("meshes", []) for p in mesh["primitives"]]
     if not primitives or not all(POLYGONS in p.get("extensions", {}) for p in primitives):
         return None

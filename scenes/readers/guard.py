@@ -1,8 +1,7 @@
 """Checks before a file is opened, and one-line errors for exceptions of libraries.
 
-A library may raise any exception for unexpected bytes. So every exception of a reader is caught by
-`raise_scene_errors`, which raises a SceneError instead, or by `note_errors`, which adds a note and
-continues.
+Libraries raise any exception for unexpected bytes. So all are caught by `raise_scene_errors`, which
+raises a SceneError instead, or by `note_errors`, which adds a note and continues.
 """
 
 import csv
@@ -166,10 +165,7 @@ def make_truncation_error(path: Path, evidence: str) -> SceneError:
 
 
 def check_truncation(path: Path) -> None:
-    """Raise SceneError for a truncated file of a format that states a length or an end mark.
-
-    In XML, JSON, Parquet, PLY and CSV truncation is a syntax error.
-    """
+    """Raise SceneError for a truncated file, unless truncation is a syntax error in its format."""
     inspect = _INSPECTIONS.get(path.suffix.lower())
     if inspect is not None and (evidence := inspect(path)):
         raise make_truncation_error(path, evidence)
@@ -198,10 +194,7 @@ def check_quotes(path: Path) -> None:
 
 
 def check_last_line(path: Path, is_valid: Callable[[bytes], object]) -> None:
-    """Raise SceneError if the last line has no line end and is invalid.
-
-    is_valid : returns a false value or raises ValueError for an invalid line
-    """
+    """Raise SceneError if the last line has no line end, and `is_valid` fails or returns False."""
     last = read_both_ends(path)[1]
     if b"\n" not in last:
         last = read_both_ends(path, MAX_LINE_CHARACTERS)[1]

@@ -1,5 +1,4 @@
-"""Faces of 3D models: n-gons of OBJ and PLY unchanged; in models of triangles, coplanar neighbours
-joined to polygons.
+"""Faces of 3D models: n-gons of OBJ and PLY unchanged; of other models coplanar triangles, joined.
 
 The library trimesh reads OFF and text STL, but cuts n-gons into triangles, and supports glTF and
 binary STL only in part.
@@ -94,10 +93,7 @@ def _flatten_faces(
 
 
 def _flatten_face(rings: list[NDArray[np.float64]]) -> tuple[shapely.Polygon | None, float]:
-    """Return a face (rings (k, 3)) as a polygon in its plane, or None, and the face's deviation.
-
-    The deviation is the largest distance of a vertex from the plane, relative to the face's size.
-    """
+    """Return rings (k, 3) as a polygon in the plane of the first, or None, and its deviation."""
     with np.errstate(over="ignore", invalid="ignore"):
         centre = rings[0].mean(axis=0)
         local = rings[0] - centre
@@ -143,7 +139,7 @@ def _read_triangles(
 
 
 def _read_binary_stl(path: Path) -> NDArray[np.float64] | None:
-    """Return the vertices (m, 3, 3) of the triangles in binary STL, or None if the STL is text.
+    """Return the vertices (m, 3, 3) of binary STL, or None if the STL is text.
 
     The header of binary STL may begin with "solid", like text, and more bytes may follow the
     triangles.
@@ -164,8 +160,8 @@ def _merge_vertices(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the distinct vertices (k, 3), and the triangles (m, 3) as indices of these.
 
-    Coordinates are compared in steps of 2^-30 of the model's size, because the matrices of glTF
-    round equal vertices differently.
+    Coordinates are compared in steps of 2^-30 of the size: matrices of glTF round equal vertices
+    apart.
     """
     finite = vertices[np.isfinite(vertices).all(axis=1)]
     if len(finite):

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 class Source:
     """A file to read, with the selected layer and features.
 
-    `where` is an SQL condition on attributes. `rows` is a range of features (first, stop), counted
-    from 0, if the format can be read from the middle (see `scenes.slices`); attributes then have
-    Arrow's types. If `attributes` is False, GDAL reads no attributes.
+    `where` is an SQL condition. `rows` is a range of features (first, stop), if the format can be
+    read from the middle (see `scenes.slices`); attributes then have Arrow's types. If `attributes`
+    is False, GDAL reads no attributes.
     """
 
     path: Path
@@ -40,10 +40,9 @@ class Source:
 class RawChunk:
     """A chunk of a file, as a reader yields it: geometries before cleaning, attributes and notes.
 
-    `geometries` are shapely geometries or None; `attributes` has one row per geometry; `crs` is a
-    code, WKT or PROJJSON. `dropped` has notes on items without a usable geometry, `repaired` on
-    geometries that the reader changed. `notes` are the reader's choices, such as which of several
-    layers was read.
+    `attributes` has one row per geometry; `crs` is a code, WKT or PROJJSON. `dropped` has notes on
+    items without a usable geometry, `repaired` on geometries that the reader changed. `notes` are
+    the reader's choices, such as which of several layers was read.
     """
 
     geometries: NDArray[Any] | list[Any]

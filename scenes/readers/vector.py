@@ -1,7 +1,4 @@
-"""Reader of vector files by GDAL: GeoJSON, GeoPackage, Shapefile, FlatGeobuf, OSM PBF and more.
-
-GDAL skips features that GDAL cannot read, and reports each failure only to the error handler.
-"""
+"""Reader of vector files by GDAL: GeoJSON, GeoPackage, Shapefile, FlatGeobuf, OSM PBF and more."""
 
 from __future__ import annotations
 

@@ -195,9 +195,9 @@ def _is_complete_line(line: bytes) -> bool:
 
 
 def _parse_line(text: str) -> tuple[Any | None, str | None, str]:
-    """Return geometry, reference system and a note on the repair of WKT, EWKT or hexadecimal WKB.
+    """Return geometry, crs and a note on the repair of a line.
 
-    If the text cannot be parsed, the geometry is None, and the note is the reason.
+    If the line cannot be parsed, the geometry is None, and the note is the reason.
     """
     match = _SRID.match(text)
     crs = f"EPSG:{match[1]}" if match else None

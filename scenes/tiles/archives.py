@@ -62,8 +62,7 @@ class TileRun(NamedTuple):
 class Archive(ABC):
     """An archive of map tiles, which can be listed without being read.
 
-    zooms : zooms of the archive's tiles, ascending; () for a folder whose paths do not contain the
-        positions of tiles
+    zooms : ascending; () for a folder whose paths do not contain the positions of tiles
     attribution : attribution that the data require, or ""
     """
 
@@ -74,10 +73,7 @@ class Archive(ABC):
     def list_tile_runs(
         self, zoom: int | None, first: int = 0, last: int | None = None
     ) -> Iterator[TileRun]:
-        """Yield the runs of equal tiles of a zoom, cut to range(first, last), by ascending number.
-
-        Tiles with close numbers are neighbours on the map. zoom : None for a folder without zooms
-        """
+        """Yield the runs of equal tiles of a zoom, ascending, cut to numbers in range(first, last)."""
 
     def list_tile_keys(self, zoom: int | None) -> list[Any]:
         """Return the keys of all tiles of a zoom, by ascending tile number."""
@@ -134,10 +130,7 @@ def compute_first_number(zoom: int) -> int:
 
 
 def decompress(data: bytes, limit: int | None = None) -> bytes:
-    """Return a tile's uncompressed bytes: `data` itself unless it begins like gzip or zlib.
-
-    Raises ValueError for invalid data, and for `limit` (default `MAX_TILE_BYTES`) or more bytes.
-    """
+    """Return a tile's uncompressed bytes, less than `limit`; raises ValueError for invalid data."""
     limit = limit or MAX_TILE_BYTES
     if data[:4] == _ZSTD:
         raise ValueError("compressed by zstd, which is unsupported: use gzip")
@@ -243,8 +236,8 @@ class MBTiles(Archive):
     def _query(self, query: str, values: tuple[Any, ...] = ()) -> Iterator[Any]:
         """Yield the rows of a query; raises SceneError if a row takes over `QUERY_TIMEOUT_S`.
 
-        SQLite regularly calls a progress handler, which interrupts SQLite after that time, and in
-        which Python raises KeyboardInterrupt for Ctrl-C.
+        In a progress handler, which SQLite calls regularly, Python raises KeyboardInterrupt for
+        Ctrl-C.
         """
         start = time.monotonic()
         with closing(sqlite3.connect(self._uri, uri=True)) as database:

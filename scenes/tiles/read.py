@@ -90,10 +90,9 @@ def select_drawable(layer: Layer, pixels: int) -> Layer:
 class TileContent:
     """The content of a tile, as `read_tile` read it.
 
-    layers : the requested layers that can be read
-    layer_names : names of all layers of the tile
     damage : why the tile cannot be read, or ""
     unreadable_layers : (layer, reason) of each layer that cannot be read
+    is_absent : True if the archive does not contain the tile
     """
 
     layers: list[Layer] = field(default_factory=list)
@@ -274,10 +273,7 @@ def helsinki(
     tiles: str = str(DEFAULT_TILES),
     pixels: int = PIXELS,
 ) -> Scene:
-    """Return map tiles of central Helsinki; parameters as for `read`.
-
-    Zooms 12 to 16, layers area and building; made by `scripts/helsinki_tiles.py`.
-    """
+    """Return map tiles of central Helsinki, zooms 12 to 16, from `scripts/helsinki_tiles.py`."""
     scene = read(str(FILE), zoom=zoom, layers=layers, tiles=tiles, pixels=pixels)
     return replace(
         scene,

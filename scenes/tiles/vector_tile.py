@@ -34,8 +34,8 @@ def _import_protobuf(module: str) -> Any:
 def _make_message_classes() -> dict[str, Any]:
     """Return protobuf's classes of the messages of a tile: Tile, Layer and Feature.
 
-    Nested messages are declared as bytes and decoded separately: so an invalid layer or feature
-    does not affect others. A layer's name is bytes, because names may be invalid UTF-8.
+    Nested messages are declared as bytes and decoded separately, so that an invalid layer or
+    feature does not affect others. A layer's name is bytes, because it may be invalid UTF-8.
     """
     descriptor = _import_protobuf("descriptor_pb2")
     file = descriptor.FileDescriptorProto(name="vector_tile.proto", package="raster_harness")
@@ -73,8 +73,7 @@ def _make_message_classes() -> dict[str, Any]:
 def _decode_message(kind: str, data: bytes) -> Any:
     """Return the message of class `kind` in `data`; raises ValueError if the data are invalid.
 
-    A known field with a wrong wire type is invalid, too: protobuf would silently skip the field,
-    which may contain polygons.
+    A known field with a wrong wire type is invalid, too: protobuf would silently skip its polygons.
     """
     message_class = _make_message_classes()[kind]
     try:
@@ -108,8 +107,7 @@ class Layer:
 def decode_layers(tile: bytes) -> dict[str, list[Any]]:
     """Return the messages of the layers of an uncompressed tile, by layer name.
 
-    In a valid tile each name has one message. For an invalid layer the dictionary has a ValueError,
-    under the name "". Raises ValueError if the tile itself violates the format.
+    In a valid tile each name has one message. An invalid layer is a ValueError, under the name "".
     """
     layers: dict[str, list[Any]] = {}
     for data in _decode_message("Tile", tile).layers:
@@ -123,10 +121,7 @@ def decode_layers(tile: bytes) -> dict[str, list[Any]]:
 
 
 def build_layer(name: str, messages: list[Any]) -> Layer:
-    """Return a layer, given the messages that `decode_layers` returned for its name.
-
-    Raises ValueError for an invalid layer. Invalid features are noted and skipped.
-    """
+    """Return a layer, given the messages that `decode_layers` returned for its name."""
     if isinstance(messages[0], ValueError):
         raise messages[0]
     if not name:
@@ -211,9 +206,8 @@ def _build_polygons(
 ) -> tuple[NDArray[np.object_], NDArray[np.int64]]:
     """Return the polygons (p,) of a layer, and the index (p,) of the feature of each polygon.
 
-    steps (2 n,): see `_parse_rings`; sizes (r,): number of points of each ring; owners (r,): index
-    of each ring's feature. The first step of a feature is from (0, 0); the first step of each
-    further ring is from the last point of the ring before.
+    sizes (r,): number of points of each ring; owners (r,): index of each ring's feature. The first
+    step of a feature is from (0, 0), of each further ring from the last point of the ring before.
     """
     if not len(sizes):
         return np.empty(0, object), owners
