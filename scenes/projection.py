@@ -14,10 +14,7 @@ if TYPE_CHECKING:
     from pyproj import CRS, Transformer
 
 MAX_DISTANCE_DEG = 90.0  # from the centre of an azimuthal map; larger shapes would overlap there
-MAX_EDGE_DEG = 90.0
-"""Maximum longitude difference, in degrees, of edges on an azimuthal map. A longer edge is meant as
-a straight line in longitude and latitude, such as the side of a box from -180 to 180."""
-
+MAX_EDGE_DEG = 90.0  # of longitude; longer edges are meant as lines in longitude and latitude
 _POLE_LATITUDE = 89.999  # degrees; at a pole, edges of any longitude difference are allowed
 
 

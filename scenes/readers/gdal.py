@@ -25,8 +25,7 @@ _FAILURE = 3  # GDAL's CE_Failure; lower numbers are warnings
 _SRID = 0x20000000  # bit of the geometry type in EWKB, set if an SRID follows the type
 _MULTI_POLYGON = 6
 _SURFACES = {15: _MULTI_POLYGON, 16: _MULTI_POLYGON, 17: 3}
-"""Geometry types of surfaces (polyhedral surface, TIN, triangle), and the equivalent
-types of polygons."""
+"""Types of polygons that replace surfaces (polyhedral surface, TIN, triangle)."""
 
 
 _HANDLE, _NUMBER, _POINTER = ctypes.c_void_p, ctypes.c_int, ctypes.POINTER

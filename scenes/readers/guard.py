@@ -83,12 +83,7 @@ def format_reason(error: Exception) -> str:
 
 
 MAX_LINE_CHARACTERS = 64 * 2**20  # a coastline of a million vertices has 40 million
-MAX_FILE_BYTES = 2**30
-"""Maximum size of a file that is read into memory at once.
-
-Formats that are read in chunks have no limit: GDAL's, GeoParquet, WKT, CityJSON sequences.
-"""
-
+MAX_FILE_BYTES = 2**30  # of a file that is read into memory at once, not in chunks
 _MAX_UNPACKED_RATIO = 100  # unpacked size relative to the archive; a ZIP bomb has 1000
 
 

@@ -15,9 +15,7 @@ from scenes.readers.guard import check_last_line, number_lines
 from scenes.readers.reader import RawChunk, Source
 from scenes.scene import Note
 
-MAX_DEPTH = 100
-"""Maximum nesting of a geometry that is parsed: more than real files contain, but few enough levels
-for the recursion of GEOS on any stack."""
+MAX_DEPTH = 100  # nesting of a geometry that is parsed, because GEOS recurses
 
 _POINT, _LINE, _POLYGON, _ARC = 1, 2, 3, 8
 _CONTAINERS = (4, 5, 6, 7, 9, 10, 11, 12)
