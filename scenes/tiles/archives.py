@@ -73,7 +73,7 @@ class Archive(ABC):
     def list_tile_runs(
         self, zoom: int | None, first: int = 0, last: int | None = None
     ) -> Iterator[TileRun]:
-        """Yield the ascending runs of equal tiles of a zoom, cut to numbers in range(first, last)."""
+        """Yield the runs of equal tiles of a zoom, ascending, cut to range(first, last)."""
 
     def list_tile_keys(self, zoom: int | None) -> list[Any]:
         """Return the keys of all tiles of a zoom, by ascending tile number."""
