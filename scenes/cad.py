@@ -53,7 +53,7 @@ def _arrange_by_part(polygons: np.ndarray, source: np.ndarray) -> list[shapely.P
 def _build_arc(
     centre: tuple[float, float], radius: float, start: float, end: float, segments: int
 ) -> np.ndarray:
-    """Return the points (k, 2) of an arc in radians; segments : number of chords of a circle."""
+    """Return the points (k, 2) of an arc between two angles in radians; segments : per circle."""
     steps = max(2, round(segments * abs(end - start) / (2 * np.pi)) + 1)
     t = np.linspace(start, end, steps)
     return np.column_stack([centre[0] + radius * np.cos(t), centre[1] + radius * np.sin(t)])
@@ -128,10 +128,9 @@ def _build_bracket(rng: Generator, segments: int) -> shapely.Geometry:
 
 
 def _build_gear(rng: Generator, segments: int) -> shapely.Geometry:
-    """Return a gear with a bore with a keyway, and holes that save weight.
+    """Return a gear with involute teeth, a bore with a keyway, and holes that save weight.
 
-    A tooth's flank is the involute of the base circle, for a pressure angle of 20 degrees, and a
-    straight line between base circle and root circle.
+    The pressure angle is 20 degrees. Below the base circle, a tooth's flank is a straight line.
     """
     teeth, module = int(rng.integers(14, 40)), rng.uniform(2.0, 3.5)
     pitch = teeth * module / 2

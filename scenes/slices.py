@@ -158,8 +158,8 @@ def _may_group_match(group: Any, parsed_comparisons: list[tuple[str, str, float]
 def compute_identity(file: Path, footer: bytes | None = None) -> str:
     """Return a digest of a file's or folder's name, size, modification time and content.
 
-    The content is `footer`, by default both ends of the file and of its SQLite log, or a folder's
-    list.
+    The content is `footer`, by default both ends of a file and of its SQLite log, or a list of
+    files.
     """
     status = file.stat()
     digest = hashlib.sha256(f"{file.name}\0{status.st_size}\0{int(status.st_mtime)}\0".encode())

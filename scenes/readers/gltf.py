@@ -167,7 +167,7 @@ class GltfFile:
         return positions, placements
 
     def read_triangles(self, primitive: dict[str, Any], count: int) -> NDArray[np.int64]:
-        """Return the triangles (m, 3) of a primitive of `count` vertices, also of strips, fans."""
+        """Return a primitive's triangles (m, 3), given the number of its vertices."""
         if "indices" in primitive:
             vertex = self.read_array(primitive["indices"])[:, 0].astype(np.int64)
         else:

@@ -189,7 +189,7 @@ def check_quotes(path: Path) -> None:
 
 
 def check_last_line(path: Path, is_valid: Callable[[bytes], object]) -> None:
-    """Raise SceneError if the last line has no line end, and `is_valid` fails or returns False."""
+    """Raise SceneError if the last line has no end, and `is_valid` is false or raises an error."""
     last = read_both_ends(path)[1]
     if b"\n" not in last:
         last = read_both_ends(path, MAX_LINE_CHARACTERS)[1]

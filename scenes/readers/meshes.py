@@ -160,8 +160,8 @@ def _merge_vertices(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the distinct vertices (k, 3), and the triangles (m, 3) as indices of these.
 
-    Coordinates are compared in steps of 2^-30 of the size: matrices of glTF round equal vertices
-    apart.
+    Coordinates are compared in steps of 2^-30 of the model's size, because the matrices of glTF
+    round equal vertices differently.
     """
     finite = vertices[np.isfinite(vertices).all(axis=1)]
     if len(finite):
@@ -178,7 +178,7 @@ def _merge_vertices(
 def join_facets(
     vertices: NDArray[np.float64], triangles: NDArray[np.int64]
 ) -> tuple[list[Any], list[Note]]:
-    """Return each set of coplanar neighbouring triangles as a polygon, with notes on the others."""
+    """Return coplanar neighbouring triangles as polygons, and notes on triangles without area."""
     import trimesh
 
     mesh = trimesh.Trimesh(vertices, triangles, process=False)

@@ -89,8 +89,9 @@ def _decode_message(kind: str, data: bytes) -> Any:
 
 @dataclass(frozen=True)
 class Layer:
-    """A layer's polygons in integer units, y down, the tile from 0 to `extent`.
+    """A layer's polygons in integer units, y down; in px, y up, after `read.select_drawable`.
 
+    extent : number of units along the tile's side
     polygons : (p,) shapely polygons, valid or not
     feature : (p,) index of the feature of each polygon
     dropped, repaired : (feature, reason) of dropped features, and of repaired polygons
