@@ -124,6 +124,7 @@ def counties(*, seed: int = 0, level: str = "county", states: str = "contiguous"
     )
 
 
+# Printable characters of the Latin, Greek and Cyrillic alphabets.
 _LETTERS = [
     *range(0x21, 0x7F),
     *range(0xA1, 0x100),
@@ -131,8 +132,6 @@ _LETTERS = [
     *range(0x3A3, 0x3CA),
     *range(0x410, 0x450),
 ]
-"""Printable characters of the Latin, Greek and Cyrillic alphabets."""
-
 _COLUMNS = 24
 _MOVE, _LINE, _QUADRATIC, _CUBIC = 1, 2, 3, 4  # matplotlib's path codes
 

@@ -15,13 +15,12 @@ from scenes.readers.reader import RawChunk, Source
 from scenes.scene import Note, SceneError
 
 _KINDS = ("RoofSurface", "GroundSurface")
+# Nesting depth of the surfaces in the `boundaries` of each type of geometry.
 _DEPTHS = {
     **dict.fromkeys(("MultiSurface", "CompositeSurface"), 0),
     "Solid": 1,
     **dict.fromkeys(("MultiSolid", "CompositeSolid"), 2),
 }
-"""Nesting depth of the surfaces in the `boundaries` of each type of geometry."""
-
 _INSTANCE = "has an instance of a template, which is unsupported: replace it by the geometry"
 _PLAN = "surfaces seen from above, with the height as an attribute"
 

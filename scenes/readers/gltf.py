@@ -18,23 +18,20 @@ from numpy.typing import NDArray
 from scenes.readers.guard import refuse_special
 from scenes.scene import SceneError
 
+# Modes of a primitive: rings (with EXT_mesh_polygon), and three layouts of triangles.
 LINE_LOOP, TRIANGLES, STRIP, FAN = 2, 4, 5, 6
-"""Modes of a primitive: rings (with EXT_mesh_polygon), and three layouts of triangles."""
-
 POLYGONS = "EXT_mesh_polygon"
 RESTART = 2**32 - 1  # index that separates the rings of a polygon, if indices have 32 bits
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 """Number of components of an accessor's element, by type."""
 
+# The stored integer that stands for 1.0 if an accessor is normalized, by component type.
 FULL_SCALE = {"i1": 127.0, "u1": 255.0, "i2": 32767.0, "u2": 65535.0}
-"""The stored integer that stands for 1.0 if an accessor is normalized, by component type."""
-
 MAGIC, JSON, BIN = b"glTF", b"JSON", b"BIN\0"
 DATA_URI = "base64,"  # text before the content of a data URI
+# Extensions with compressed vertices and triangles.
 COMPRESSED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
-"""Extensions with compressed vertices and triangles."""
-
 _INSTANCING = "EXT_mesh_gpu_instancing"
 
 HARMLESS = re.compile(

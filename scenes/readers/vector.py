@@ -43,9 +43,8 @@ _CSV_OPTIONS = {
     "AUTODETECT_SIZE_LIMIT": "0",
 }
 
+# Reason of the note on a row of CSV that GDAL reads without geometry.
 _NO_WKT = "has no WKT (in a column named geometry also hexadecimal WKB), or it begins with SRID"
-"""Reason of the note on a row of CSV that GDAL reads without geometry."""
-
 _DATA_SETS = (".shp", ".gpkg", ".geojson", ".json", ".fgb", ".gml", ".kml", ".csv", ".gdb", ".dxf")
 """Suffixes by which a data set is recognised in an archive."""
 

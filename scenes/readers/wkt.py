@@ -18,9 +18,8 @@ from scenes.scene import Note
 MAX_DEPTH = 100  # nesting of a geometry that is parsed, because GEOS recurses
 
 _POINT, _LINE, _POLYGON, _ARC = 1, 2, 3, 8
+# Geometry types in WKB that contain geometries: multi-points to collections, and curves.
 _CONTAINERS = (4, 5, 6, 7, 9, 10, 11, 12)
-"""Geometry types in WKB that contain geometries: multi-points to collections, and curves."""
-
 _DEEP = f"is nested more than {MAX_DEPTH} levels deep"
 UNPARSABLE = "geometry cannot be parsed"
 CURVED = "has curves; replaced by chords of 4 degrees"

@@ -28,13 +28,12 @@ QUERY_TIMEOUT_S = 60.0  # for the next row of SQLite, because `tiles` may be an 
 _CLOCK_INTERVAL = 100_000  # instructions that SQLite executes between two checks of the clock
 _MAX_ZOOM = 30
 _NUMBER = r"(0|[1-9]\d{0,9})"
+# Path of a tile's file. Groups: zoom, column and row, absent unless the path is like z/x/y.mvt;
+# numbers with leading zeros, as in the date 2024/01/02, are not a position.
 _FILE = re.compile(
     rf"(?:(?:^|/)([12]?\d|30)[/_-]{_NUMBER}[/_-]{_NUMBER}(?!\d))?[^/]*\.(mvt|pbf)(\.gz)?$",
     re.IGNORECASE,
 )
-"""Path of a tile's file. Groups: zoom, column and row, absent unless the path is like z/x/y.mvt;
-numbers with leading zeros, as in the date 2024/01/02, are not a position."""
-
 _ZSTD = b"\x28\xb5\x2f\xfd"
 _VECTOR_FORMATS = ("pbf", "mvt", "application/x-protobuf", "application/vnd.mapbox-vector-tile")
 """Names of the vector tile format in the metadata of MBTiles."""
