@@ -191,10 +191,7 @@ def _cut_lots(rng: Generator, block: shapely.Polygon, central: bool) -> _Lots:
 def _place_buildings(
     rng: Generator, lots: NDArray[np.float64], low_street: bool, detached: bool, slabs: bool
 ) -> NDArray[np.float64]:
-    """Return (n, 4) boxes of buildings, one on each lot of a row; most are as wide as the lot.
-
-    Detached houses have space on both sides, slabs are long buildings across the lot.
-    """
+    """Return (n, 4) boxes of buildings, one on each lot of a row; most are as wide as the lot."""
     n = len(lots)
     x0, y0, x1, y1 = lots.T
     depth = y1 - y0

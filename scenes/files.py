@@ -246,8 +246,6 @@ def _choose_projection(
 def find_matching_rows(table: pd.DataFrame | None, condition: str, path: str) -> NDArray[np.int64]:
     """Return the indices of the rows that meet an SQL condition, ascending.
 
-    In the condition, a field of a nested column is written with a dot.
-
     >>> import pandas as pd
     >>> find_matching_rows(pd.DataFrame({"h": [3, 8, 12]}), "h > 5", "town.parquet").tolist()
     [1, 2]

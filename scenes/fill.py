@@ -21,9 +21,6 @@ _MAX_REPAIR_EDGES = 1000  # edges, after cutting at crossings, that `shapely.mak
 def fill_contours(contours: Sequence[NDArray[Any]], rule: Rule = "nonzero") -> list[Any]:
     """Return the area that contours (n, 2) fill together, as a list of one geometry, or [] if none.
 
-    The contours have no closing points. Raises shapely.GEOSException for more than `MAX_CROSSINGS`
-    crossings.
-
     >>> square = np.array([(0, 0), (4, 0), (4, 4), (0, 4)])
     >>> [area.area for area in fill_contours([square, square[::-1] / 2 + 1])]
     [12.0]

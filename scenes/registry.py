@@ -149,8 +149,6 @@ def names() -> list[str]:
 def find_entry(name: str) -> Entry:
     """Return the entry of a registered scene, or of a user's function "module:function".
 
-    Raises UnknownSceneError for other names; the message suggests the nearest name.
-
     >>> find_entry("paper").description
     "test polygon of the paper's Table 1"
     """
@@ -243,9 +241,7 @@ def _is_file(name: str) -> bool:
 
 
 def split_parameters(text: str) -> tuple[str, dict[str, Any], bool]:
-    """Split "name:key=value" into name, parameters of `load`, and whether the name is a file.
-
-    Parameters of a file are converted to their types; raises SceneError for an invalid value.
+    """Split "name:key=value" into name, converted parameters, and whether the name is a file.
 
     >>> split_parameters("town.gpkg:layer=parks,limit=9")
     ('town.gpkg', {'layer': 'parks', 'limit': 9}, True)

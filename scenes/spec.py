@@ -129,9 +129,7 @@ def path_exists(name: str) -> bool:
 
 
 def join_name(name: str, **parameters: Any) -> str:
-    """Return a scene's name with parameters added, as for `load`; None values are ignored.
-
-    Raises SceneError for a value that would be parsed as several parameters.
+    """Return a scene's name with parameters added; raises SceneError if it would be ambiguous.
 
     >>> join_name("town.gpkg:layer=parks", where="kind IN ('a', b=1)", limit=None)
     "town.gpkg:layer=parks,where=kind IN ('a', b=1)"

@@ -103,7 +103,6 @@ def linearize(geometry: bytes | str) -> bytes | None:
     """Return a curve or surface, given as WKT or WKB, with straight edges, as WKB, or None.
 
     Arcs become chords of 4 degrees; patches of a surface become the parts of a multi-polygon.
-    Returns None if GDAL cannot parse the geometry, or is not found.
 
     >>> linearize("TRIANGLE ((0 0,1 0,1 1,0 0))")[:5].hex()
     '0103000000'

@@ -190,8 +190,7 @@ class GltfFile:
     def read_loops(self, primitive: dict[str, Any], count: int) -> list[list[NDArray[np.int64]]]:
         """Return the rings of each polygon of a primitive by EXT_mesh_polygon, the exterior first.
 
-        By version of the draft, the primitive contains the rings (mode LINE_LOOP), or triangles,
-        and the extension contains the rings.
+        By version of the draft, rings are in the primitive (mode LINE_LOOP), or in the extension.
         """
         extension = primitive["extensions"][POLYGONS]
         if primitive.get("mode", TRIANGLES) == LINE_LOOP:

@@ -139,11 +139,7 @@ def _read_triangles(
 
 
 def _read_binary_stl(path: Path) -> NDArray[np.float64] | None:
-    """Return the vertices (m, 3, 3) of binary STL, or None if the STL is text.
-
-    The header of binary STL may begin with "solid", like text, and more bytes may follow the
-    triangles.
-    """
+    """Return the vertices (m, 3, 3) of binary STL, or None for text STL."""
     data = path.read_bytes()
     stated = int.from_bytes(data[80:84], "little")
     is_text = data[:100].lstrip().lower().startswith(b"solid") and b"facet" in data.lower()

@@ -50,9 +50,7 @@ def parse_length(text: str, viewport: Viewport, axis: int | None = None) -> floa
 
 
 def parse_transform(text: str, *, is_css: bool = False) -> Transform:
-    """Return the matrix of a list of transform functions; CSS has more functions than SVG.
-
-    Numbers may have units, and may follow each other without a separator: `matrix(1 0 0 1 5-5)`.
+    """Return the matrix of a list of transform functions, as of the SVG attribute or of CSS.
 
     >>> parse_transform("translate(2px, 0) scale(3)").transformPoint((1, 1))
     (5.0, 3.0)

@@ -113,10 +113,7 @@ def read(source: Source, size: int) -> Iterator[RawChunk]:
 
 
 def _check_feature_count(source: Source, layer: str, count: int) -> None:
-    """Raise SceneError if fewer features were read (`count`) than stated or requested.
-
-    GDAL reads FlatGeobuf files that were truncated between two features without an error.
-    """
+    """Raise SceneError if fewer features were read than stated: GDAL reads truncated FlatGeobuf."""
     stated = 0
     if source.rows is not None:
         stated = source.rows[1] - source.rows[0]

@@ -235,8 +235,7 @@ class MBTiles(Archive):
     def _query(self, query: str, values: tuple[Any, ...] = ()) -> Iterator[Any]:
         """Yield the rows of a query; raises SceneError if a row takes over `QUERY_TIMEOUT_S`.
 
-        In a progress handler, which SQLite calls regularly, Python raises KeyboardInterrupt for
-        Ctrl-C.
+        SQLite calls a progress handler, so that Python can raise KeyboardInterrupt for Ctrl-C.
         """
         start = time.monotonic()
         with closing(sqlite3.connect(self._uri, uri=True)) as database:
