@@ -15,7 +15,7 @@ WING_M = 5.0  # minimum width of a wing, so that bays, up to 1.2 m deep, do not 
 def build_footprint(
     width: float, depth: float, vertices: int, courtyards: int, u: Sequence[float]
 ) -> list[Ring]:
-    """Return the rings of a building, exterior first; u : random numbers that determine the form."""
+    """Return the rings of a building, exterior first; u : eight or more random numbers."""
     if courtyards and min(width, depth) >= 3 * WING_M:
         rings = _build_courtyards(width, depth, courtyards, u)
     elif 12 <= vertices <= 40 and u[0] < 0.035:
