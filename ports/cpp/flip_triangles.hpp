@@ -4,8 +4,7 @@
 //     std::vector<uint32_t> triangles = mapbox::earcut<uint32_t>(polygon);
 //     flip_triangles::flip(triangles, polygon);
 //
-// ORDER.md specifies the tests, the order of flips and the walk, so that this file, flip-triangles.js and
-// Python's triangulators.flip return the same triangles.
+// ORDER.md specifies the order of flips and the walk; JavaScript and Python return the same triangles.
 
 #pragma once
 
@@ -13,7 +12,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <initializer_list>
 #include <limits>
 #include <stdexcept>
 #include <tuple>
@@ -28,33 +26,27 @@
 #define FLIP_TRIANGLES_AS_WRITTEN __pragma(fp_contract(off))
 #else
 #define FLIP_TRIANGLES_AS_WRITTEN
-#endif
-#if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC push_options
+#pragma GCC push_options  // ignored by other compilers
 #pragma GCC optimize("fp-contract=off")
 #endif
 
 namespace flip_triangles {
 
-/** The test of a flip: l1 and euclidean require a shorter diagonal, by |dx| + |dy| or Euclidean
- *  length; delaunay a vertex inside the circumcircle of the other triangle; quads fewer expected
- *  2x2 pixel quads, for which the scale is the number of pixels per unit. */
+/** The test of a flip: l1 and euclidean require a shorter diagonal, by |dx| + |dy| or Euclidean length; delaunay a
+ *  vertex inside the other triangle's circumcircle; quads fewer expected 2x2 pixel quads (scale: pixels per unit). */
 enum class By { l1, euclidean, delaunay, quads };
 
-/** The order of the result: a walk from neighbour to neighbour, in which a GPU transforms few vertices
- *  twice, or native: a flip's two triangles are at the positions of the old two. */
+/** walk: from neighbour to neighbour, so that a GPU transforms few vertices twice; native: at the old positions. */
 enum class Order { walk, native };
 
 /** Flips diagonals and reuses memory between calls. Not thread-safe. */
 class Flipper {
 public:
-    /** Flip diagonals in place until no flip is an improvement; then put the triangles in an order.
-     *  Return the number of flips.
+    /** Flip diagonals in place until no flip is an improvement, order the triangles, and return the number of flips.
      *  triangles: `length` indices, three per triangle, in the same orientation, as from earcut.
      *  coordinates: x and y of `count` points, beginning every `stride` numbers. Integers of
-     *  2^53 or more in magnitude are treated as NaN: no diagonal at such a point is flipped.
-     *  Throws std::out_of_range if an index is out of range, and std::invalid_argument if By::quads
-     *  has no positive scale; the triangles are then unchanged. */
+     *  2^53 or more in magnitude are treated as NaN: no diagonal at such a point is flipped. Throws, before any
+     *  change, std::out_of_range (an index) or std::invalid_argument (By::quads without a positive scale). */
     template <class Index, class Number>
     std::size_t operator()(Index* triangles, std::size_t length, const Number* coordinates, std::size_t count,
                            By by = By::l1, std::size_t stride = 2, Order order = Order::walk, double scale = 0.0) {
@@ -65,8 +57,7 @@ public:
         return flip(triangles, length, by, order, scale);
     }
 
-    /** The same for a container of indices and the rings passed to earcut.hpp: containers of points
-     *  that std::get accepts (std::array, std::pair, std::tuple). */
+    /** The same for a container of indices and the rings passed to earcut.hpp, of points that std::get accepts. */
     template <class Triangles, class Rings>
     std::size_t operator()(Triangles& triangles, const Rings& polygon, By by = By::l1, Order order = Order::walk,
                            double scale = 0.0) {
@@ -77,25 +68,19 @@ public:
         return flip(triangles.data(), triangles.size(), by, order, scale);
     }
 
-    /** Put triangles in a walk from neighbour to neighbour, in place and in linear time. Triangles are
-     *  rotated, not mirrored. Throws std::out_of_range if an index is not below `count`. */
+    /** Put triangles in a walk from neighbour to neighbour. Throws std::out_of_range if an index is not below `count`. */
     template <class Index>
     void reorder(Index* triangles, std::size_t length, std::size_t count) {
         read(triangles, length, count);
-        link();
         walk(triangles);
     }
 
 private:
     using Id = std::uint32_t;  // of a point, a half-edge or a triangle
     static constexpr Id NONE = 1u << 31, FREE = NONE, ROOT = NONE + 1;
-
+    static constexpr double UNDERFLOW_BOUND = 1e-300;  // exceeds the underflow error of a product
     struct Point {
         double x, y;
-    };
-    struct Change {  // a flip of e and the expected quads of the new triangles of its twin and of e
-        Id e;
-        double lower, upper;
     };
 
     std::vector<Point> points;
@@ -109,7 +94,6 @@ private:
     std::vector<Id> entry;              // half-edge over which the walk enters a triangle, FREE or ROOT
     std::vector<Id> size;               // triangles in the branch of a triangle
     std::vector<Id> queue;              // triangles of a component, breadth first
-    std::vector<Id> walked;             // triangles in walk order
     std::vector<unsigned char> met;     // whether a vertex belongs to an earlier triangle of the walk
 
     static Id next(Id e) { return e % 3 == 2 ? e - 2 : e + 1; }
@@ -119,11 +103,10 @@ private:
     template <class Number>
     static double as_double(Number value) {
         const double number = static_cast<double>(value);
-        if (!std::is_integral_v<Number> || std::abs(number) < 9007199254740992.0) return number;  // 2^53
-        return std::numeric_limits<double>::quiet_NaN();
+        return !std::is_integral_v<Number> || std::abs(number) < 9007199254740992.0 ? number : NAN;  // 2^53
     }
 
-    // Copy the indices to `origin`.
+    // Copy the indices to `origin` and link the half-edges.
     template <class Index>
     void read(const Index* triangles, std::size_t length, std::size_t count) {
         if (length >= NONE || count > std::size_t(std::numeric_limits<Id>::max()))
@@ -135,6 +118,7 @@ private:
                 throw std::out_of_range("flip_triangles: index out of range");
             origin[e] = static_cast<Id>(triangles[e]);
         }
+        link();
     }
 
     template <class Index>
@@ -143,8 +127,6 @@ private:
             throw std::invalid_argument("flip_triangles: By::quads needs scale, pixels per unit "
                                         "(map tile: px / extent; font: px / units per em)");
         read(triangles, length, points.size());
-        if (origin.size() <= 3) return 0;
-        link();
         const std::size_t flips = run(by, scale);
         if (order == Order::walk)
             walk(triangles);
@@ -160,20 +142,30 @@ private:
         entry.assign(m, FREE);
         size.assign(m, 1);
         queue.resize(m);
-        walked.clear();
+        met.assign(m ? *std::max_element(origin.begin(), origin.end()) + std::size_t(1) : 0, 0);
         for (Id first = 0; first < m; first++) {
             if (entry[first] != FREE) continue;
             Id root = first;
             for (Id count = search(first, &root); count > 0;) entry[queue[--count]] = FREE;
-            list_component(root, search(root, nullptr));
-        }
-        met.assign(m ? *std::max_element(origin.begin(), origin.end()) + std::size_t(1) : 0, 0);
-        for (std::size_t t = 0; t < m; t++) {
-            const Id* vertex = &origin[3 * walked[t]];
-            // The new vertex comes last.
-            const std::size_t shift = !met[vertex[2]] ? 0 : !met[vertex[1]] ? 2 : !met[vertex[0]] ? 1 : 0;
-            for (std::size_t k = 0; k < 3; k++) triangles[3 * t + k] = static_cast<Index>(vertex[(k + shift) % 3]);
-            met[vertex[0]] = met[vertex[1]] = met[vertex[2]] = 1;
+            for (Id count = search(root, nullptr); --count > 0;)  // descendants come later
+                size[twin[entry[queue[count]]] / 3] += size[queue[count]];
+            stack[0] = root;
+            height = 1;
+            while (height > 0) {
+                const Id triangle = stack[--height], *vertex = &origin[3 * triangle];
+                // The new vertex comes last.
+                const std::size_t shift = !met[vertex[2]] ? 0 : !met[vertex[1]] ? 2 : !met[vertex[0]] ? 1 : 0;
+                for (std::size_t k = 0; k < 3; k++) *triangles++ = static_cast<Index>(vertex[(k + shift) % 3]);
+                met[vertex[0]] = met[vertex[1]] = met[vertex[2]] = 1;
+                const std::size_t begin = height;
+                for (Id k = 0; k < 3; k++) {
+                    const Id f = twin_of(triangle, k);
+                    if (f >= NONE || entry[f / 3] != f) continue;
+                    std::size_t at = height++;  // at most three branches: insertion sort, the smallest on top
+                    for (; at > begin && size[stack[at - 1]] < size[f / 3]; at--) stack[at] = stack[at - 1];
+                    stack[at] = f / 3;
+                }
+            }
         }
     }
 
@@ -205,30 +197,11 @@ private:
         return count;
     }
 
-    // Append a component, `count` triangles in `queue`, to `walked`.
-    void list_component(Id root, Id count) {
-        while (--count > 0) size[twin[entry[queue[count]]] / 3] += size[queue[count]];  // descendants come later
-        stack[0] = root;
-        height = 1;
-        while (height > 0) {
-            const Id triangle = stack[--height];
-            const std::size_t begin = height;
-            walked.push_back(triangle);
-            for (Id k = 0; k < 3; k++) {
-                const Id f = twin_of(triangle, k);
-                if (f >= NONE || entry[f / 3] != f) continue;
-                std::size_t at = height++;  // at most three branches: insertion sort, the smallest on top
-                for (; at > begin && size[stack[at - 1]] < size[f / 3]; at--) stack[at] = stack[at - 1];
-                stack[at] = f / 3;
-            }
-        }
-    }
-
-    // Replace the diagonal of a half-edge, push the sides of its quadrilateral, and return 1.
-    std::size_t flip_edge(const Change& change) {
-        const Id e = change.e, f = twin[e], e2 = previous(e), f2 = previous(f), below = twin[f2], above = twin[e2];
-        quads[f / 3] = change.lower;
-        quads[e / 3] = change.upper;
+    // Replace the diagonal of e, push the sides of its quadrilateral, and return 1; `lower`: quads of the twin's triangle.
+    std::size_t flip_edge(Id e, double lower, double upper) {
+        const Id f = twin[e], e2 = previous(e), f2 = previous(f), below = twin[f2], above = twin[e2];
+        quads[f / 3] = lower;
+        quads[e / 3] = upper;
         origin[f] = origin[e2];
         origin[e] = origin[f2];
         twin[e] = below;
@@ -256,37 +229,37 @@ private:
             const Id e2 = previous(e), f2 = previous(f);
             const Point a = start(e2), b = start(e), c = start(f), d = start(f2);
             if (by != By::quads) {
-                if (is_better(by, orientation, a, b, c, d) && is_convex(a, b, c, d)) flips += flip_edge({e, 0.0, 0.0});
+                if (is_better(by, orientation, a, b, c, d) && is_convex(a, b, c, d)) flips += flip_edge(e, 0.0, 0.0);
                 continue;
             }
             if (!is_convex(a, b, c, d)) continue;
-            const Change first = {e, expected_quads(a, b, d, scale), expected_quads(a, d, c, scale)};
+            const double lower = expected_quads(a, b, d, scale), upper = expected_quads(a, d, c, scale);
             const double before = quads[e / 3] + quads[f / 3];
-            const bool single = is_less(first.lower + first.upper, before);
-            Change second = {NONE, 0.0, 0.0};
-            double gain = 0.0;  // of both flips
+            const bool single = is_less(lower + upper, before);
+            Id second = NONE;
+            double gain = 0.0, lower2 = 0.0, upper2 = 0.0;  // gain of both flips, new quads of the second
             for (int k = 0; !single && k < 4; k++) {
                 // A side of the quadrilateral: its half-edge before the first flip, and the twin of that.
                 const Id s = k == 0 ? f2 : k == 1 ? e2 : next(k == 2 ? e : f), g = twin[s];
                 if (g >= NONE) continue;
                 const Point w = k % 3 ? d : a, u = start(s), v = start(g), z = start(previous(g));
                 if (!is_convex(w, u, v, z)) continue;
-                const double lower = expected_quads(w, u, z, scale), upper = expected_quads(w, z, v, scale);
-                const double total = before + quads[g / 3], after = (k % 2 ? first.upper : first.lower) + lower + upper;
+                const double p = expected_quads(w, u, z, scale), q = expected_quads(w, z, v, scale);
+                const double total = before + quads[g / 3], after = (k % 2 ? upper : lower) + p + q;
                 if (!is_less(after, total) || !(total - after > gain)) continue;
                 gain = total - after;
-                second = {k == 0 ? e : k == 1 ? f : s, lower, upper};  // the half-edge after the first flip
+                second = k == 0 ? e : k == 1 ? f : s;  // the half-edge after the first flip
+                lower2 = p;
+                upper2 = q;
             }
-            if (single || second.e != NONE) flips += flip_edge(first);
-            if (second.e != NONE) flips += flip_edge(second);
+            if (single || second != NONE) flips += flip_edge(e, lower, upper);
+            if (second != NONE) flips += flip_edge(second, lower2, upper2);
         }
         return flips;
     }
 
-    // Link all half-edges with their twins and push one of each pair on the stack. Unlinked half-edges between
-    // the same two points have the same direction and form a circular list: `twin` holds ~next, and the last one
-    // refers to the first. A slot of the hash table holds the last one, so both ends of the list are found in
-    // constant time, for any number of equal edges.
+    // Link the half-edges and push one of each pair. Unlinked half-edges between the same points form a circular list:
+    // `twin` holds ~next, the hash table the last one. So any number of equal edges takes linear time.
     void link() {
         const auto count = static_cast<Id>(origin.size());
         unsigned bits = 4;
@@ -334,13 +307,9 @@ private:
 
     // Whether all coordinates are integers with exact orientations and lengths in doubles.
     static bool are_integers(std::initializer_list<Point> list) {
-        for (const Point& point : list)
-            for (const double v : {point.x, point.y})
-                if (!(std::abs(v) <= 33554432.0 && v == std::floor(v))) return false;  // 2^25
-        return true;
+        const auto is_small = [](double v) { return std::abs(v) <= 33554432.0 && v == std::floor(v); };  // 2^25
+        return std::all_of(list.begin(), list.end(), [&](Point p) { return is_small(p.x) && is_small(p.y); });
     }
-
-    static constexpr double UNDERFLOW_BOUND = 1e-300;  // exceeds the underflow error of a product
 
     // Whether the triangles a, b, d and a, d, c certainly have the same nonzero orientation.
     static bool is_convex(Point a, Point b, Point c, Point d) {
@@ -354,12 +323,13 @@ private:
                are_integers({a, b, c, d});
     }
 
+    // Whether the diagonal a-d is better than b-c. The triangles are counter-clockwise if orientation > 0.
     static bool is_better(By by, double orientation, Point a, Point b, Point c, Point d) {
         FLIP_TRIANGLES_AS_WRITTEN
-        if (by == By::delaunay) return in_circle(orientation, a, b, c, d);
         const double x = d.x - a.x, y = d.y - a.y, u = c.x - b.x, v = c.y - b.y;
         if (by == By::l1) return std::abs(x) + std::abs(y) < std::abs(u) + std::abs(v);
-        return x * x + y * y < u * u + v * v;
+        if (by == By::euclidean) return x * x + y * y < u * u + v * v;
+        return in_circle(orientation, a, b, c, d);
     }
 
     // Whether d certainly lies inside the circle through a, b, c, which are counter-clockwise if orientation > 0.
@@ -410,8 +380,7 @@ private:
     }
 };
 
-/** `Flipper` for one call: `flip(indices, length, coordinates, points[, by[, stride[, order[, scale]]]])` or
- *  `flip(indices, polygon[, by[, order[, scale]]])`. */
+/** `Flipper` for one call, with the same arguments. */
 template <class Triangles, class... Rest>
 std::size_t flip(Triangles&& triangles, Rest&&... rest) {
     return Flipper()(std::forward<Triangles>(triangles), std::forward<Rest>(rest)...);
