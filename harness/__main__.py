@@ -1,8 +1,4 @@
-"""Entry point of `python -m harness` and of the script `raster-harness`.
-
-The module imports little, as worker processes import it as well. A stopping signal during loading
-(a second or two) or during exit ends the process with one line and exit code 130.
-"""
+"""Entry point of `python -m harness` and `raster-harness`; imports little, as workers import it."""
 
 import os
 import signal
@@ -32,10 +28,9 @@ def main() -> None:
 
 
 def _remove_working_folder() -> None:
-    """Remove the current folder from `sys.path`, to which `python -m harness` adds it.
+    """Remove the current folder from `sys.path`: data may lie next to an unrelated `typer.py`.
 
-    A folder of data may contain an unrelated `typer.py`, which must not be imported. The entry is
-    retained if the current folder is this program's checkout. See `harness.machine.user_modules`.
+    It stays if it is this program's checkout. See `harness.machine.user_modules`.
     """
     if sys.flags.safe_path or not sys.path:
         return

@@ -43,8 +43,7 @@ ClickException: Any = next(  # typer bundles click, and does not export this cla
 
 HELP = ("-h", "--help")
 COMPLETION = {"--show-completion", "--install-completion"}
-COMPLETION_VARIABLE = "_RASTER_HARNESS_COMPLETE"
-"""Environment variable by which a shell asks for completions."""
+COMPLETION_VARIABLE = "_RASTER_HARNESS_COMPLETE"  # set by a shell that asks for completions
 
 _LOG = logging.getLogger(__name__)
 
@@ -107,10 +106,7 @@ def _format_versions() -> str:
 
 
 def main() -> None:
-    """Run the command line; report an error in one line, with an exit code other than 1.
-
-    The exit code 1 means a regression, and only `compare` returns it.
-    """
+    """Run the command line; report errors in one line, never with exit code 1 (a regression)."""
     if sys.argv[1:2] == ["run"] and not set(HELP) & set(sys.argv):
         from harness.workers import serving
 
@@ -139,7 +135,6 @@ def main() -> None:
 
 
 def _report_error(error: BaseException) -> int | str | None:
-    """Print one line that explains the error; return the exit code."""
     if isinstance(error, typer.Abort) and error.__cause__ is not None:
         error = error.__cause__
     match error:
@@ -182,7 +177,6 @@ def _is_input_error(error: BaseException) -> bool:
 
 
 def _format_misuse(error: ClickException) -> tuple[str, int]:
-    """Return the message for wrong options of a command, and the exit code."""
     message = " ".join(error.format_message().split())
     context = getattr(error, "ctx", None)
     command = context.command_path if context else PROGRAM
@@ -192,7 +186,6 @@ def _format_misuse(error: ClickException) -> tuple[str, int]:
 
 
 def _print_and_return(line: str, code: int) -> int:
-    """Print a line to stderr, and return the exit code `code`."""
     with contextlib.suppress(OSError, SystemExit):  # the terminal was closed
         Console(stderr=True, highlight=False, emoji=False).print(
             line, style="red" if line.startswith("error") else None, markup=False, soft_wrap=True
@@ -206,7 +199,6 @@ Python only prints it; this list still makes the program exit as interrupted."""
 
 
 def _stop(number: int, _: object) -> None:
-    """Handle a signal: record the signal, and raise KeyboardInterrupt as Ctrl-C does."""
     _received.append(number)
     if number == system.HANGUP:
         detach_terminal()

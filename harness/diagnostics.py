@@ -1,7 +1,4 @@
-"""Diagnostics of a command and its workers: `--debug` for tracebacks, `--log FILE` for events.
-
-Both are environment variables, so that worker processes inherit them.
-"""
+"""`--debug` and `--log FILE`, as environment variables, so that worker processes inherit them."""
 
 import logging
 import os
@@ -11,12 +8,8 @@ from pathlib import Path
 
 from triangulators.compute.compiled_files import PACKAGES
 
-DEBUG_VARIABLE = "RASTER_HARNESS_DEBUG"
-"""Environment variable: print the traceback of errors, unless empty or 0."""
-
-LOG_VARIABLE = "RASTER_HARNESS_LOG"
-"""Environment variable: file for events such as worker starts and ends, time limits, cache hits."""
-
+DEBUG_VARIABLE = "RASTER_HARNESS_DEBUG"  # print the traceback of errors, unless empty or 0
+LOG_VARIABLE = "RASTER_HARNESS_LOG"  # file for worker starts and ends, time limits, cache hits
 LINE_FORMAT = "%(asctime)s.%(msecs)03d %(levelname)s [%(process)d] %(name)s: %(message)s"
 
 
@@ -26,10 +19,7 @@ def is_debugging() -> bool:
 
 
 def start_log() -> None:
-    """Append the log records of this process to the file of `LOG_VARIABLE`, if set.
-
-    Raises OSError if the file cannot be written.
-    """
+    """Append the log records of this process to the file of `LOG_VARIABLE`, if set."""
     loggers = [logging.getLogger(package) for package in PACKAGES]
     for logger in loggers:
         for handler in list(logger.handlers):

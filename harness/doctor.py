@@ -1,7 +1,4 @@
-"""Examination of this machine's devices: the status of each, and remedies for missing devices.
-
-Each device is opened in a separate worker process, which draws, counts and selects a timer.
-"""
+"""Examination of this machine's devices, each in a worker process: status and remedies."""
 
 import os
 from pathlib import Path
@@ -19,33 +16,27 @@ from harness.rasterisers import devices as probed
 from harness.rasterisers.reference import Reference, find_disagreements
 from harness.workers.worker import Worker
 
-EXAMINED = {
+EXAMINED = {  # devices by rasteriser, also if not found; GPUs that are found are added
     "opengl": ("gpu0", "llvmpipe", "softpipe", "zink"),
     "bounding-box": ("llvmpipe",),
     "webgpu": ("gpu0", "lavapipe", "llvmpipe", "swiftshader"),
     "osmesa": ("osmesa",),
     "pyrender": ("llvmpipe",),
 }
-"""Devices that are examined whether or not they are found, by rasteriser. GPUs that are found are
-examined as well."""
 
-REQUIRED = ("opengl", "llvmpipe")
-"""Rasteriser and device that every machine should have: "missing" if absent; others: "warning"."""
-
+REQUIRED = ("opengl", "llvmpipe")  # "missing" if absent; other absent devices: "warning"
 TIMEOUT_S = 120.0
 
-HIDING_VARIABLES = (
+HIDING_VARIABLES = (  # restrict the loaders of OpenGL and Vulkan to some drivers
     "LIBGL_DRIVERS_PATH",
     "__EGL_VENDOR_LIBRARY_DIRS",
     "__EGL_VENDOR_LIBRARY_FILENAMES",
     "VK_DRIVER_FILES",
     "VK_ICD_FILENAMES",
 )
-"""Environment variables that restrict the loaders of OpenGL and Vulkan to some drivers."""
 
+# Exists if NVIDIA's kernel driver is loaded, even in a container without its OpenGL libraries.
 NVIDIA_NODE = Path("/dev/nvidiactl")
-"""File that exists if NVIDIA's kernel driver is loaded, even in a container without its OpenGL
-libraries."""
 
 NVIDIA_REMEDY = (
     "NVIDIA's kernel driver is loaded: in a container set NVIDIA_DRIVER_CAPABILITIES=graphics (or "
@@ -56,15 +47,9 @@ Status = Literal["ok", "warning", "missing"]
 
 
 class Finding(NamedTuple):
-    """Result of the examination of one device.
+    """Result of the examination of a device; `fix` is a remedy, or "" if none is needed."""
 
-    name : rasteriser and device, e.g. "opengl on llvmpipe"
-    status : "ok"; "warning" if an optional device is missing, or counts differ from those of the
-        reference; "missing" if the required device is missing
-    fix : remedy, or "" if none is needed
-    """
-
-    name: str
+    name: str  # rasteriser and device, e.g. "opengl on llvmpipe"
     status: Status
     detail: str
     fix: str = ""
@@ -106,7 +91,6 @@ def examine_device(rasteriser: str, name: str) -> Finding:
 
 
 def _find_remedy(kind: Any, name: str) -> str:
-    """Return the remedy for a missing device of the rasteriser class `kind`."""
     remedy = str(kind.remedy(name))
     if name.startswith("gpu") and NVIDIA_NODE.exists():
         remedy = NVIDIA_REMEDY
@@ -116,10 +100,7 @@ def _find_remedy(kind: Any, name: str) -> str:
 
 
 def _try_device(rasteriser: str, device: Device) -> tuple[str, list[str]]:
-    """Open a device, count random triangles, and test the timer; runs in the worker process.
-
-    Returns a description of driver and timer, and the differences from the reference's counts.
-    """
+    """Test a device in the worker process; return driver and timer, and differing counts."""
     opened = rasterisers.get(rasteriser)(device)
     half = SUBPIXEL // 2  # many edges pass through pixel centres
     corners = np.random.default_rng(0).integers(2, 254, (300, 2), np.int32) * half

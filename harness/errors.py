@@ -12,14 +12,10 @@ REGRESSION = 1
 BAD_INPUT = 2
 NO_RASTERISER = 3
 NOTHING_MEASURED = 4
-INCONCLUSIVE = 5
-"""Times are too noisy for a conclusion, or some of the work failed; finished results are stored."""
-DEFECT = 70
-"""Internal error of the harness (EX_SOFTWARE of sysexits.h), not 1, which means a regression."""
-INTERRUPTED = 130
-"""Ended by Ctrl-C, SIGTERM or SIGHUP, as in shells."""
-BROKEN_PIPE = 141
-"""The reader of the output closed the pipe, as in shells."""
+INCONCLUSIVE = 5  # times too noisy for a conclusion, or some work failed; results are stored
+DEFECT = 70  # internal error of the harness (EX_SOFTWARE of sysexits.h); 1 means a regression
+INTERRUPTED = 130  # by Ctrl-C, SIGTERM or SIGHUP, as in shells
+BROKEN_PIPE = 141  # the reader of the output closed the pipe, as in shells
 
 
 class HarnessError(Exception):
@@ -80,19 +76,12 @@ def format_os_error(error: OSError) -> str:
 
 
 def make_unknown_name_error(kind: str, name: str, names: Iterable[str]) -> UsageError:
-    """Return the error for an unknown `name`; the message suggests similar names from `names`.
-
-    kind : noun for the message, e.g. "device"
-    """
+    """Return the error for an unknown `name` of a `kind`, such as "device", with suggestions."""
     return UsageError(f"unknown {kind} '{name}'; {suggest(name, sorted(names), cutoff=0.4)}")
 
 
 def raise_if_failed(counts: Mapping[tuple[str, str], int], out: Path) -> None:
-    """Raise `InconclusiveError` if polygons of an export failed.
-
-    counts : numbers of polygons by (kind, reason); kind is "dropped", "repaired" or "failed"
-    out : exported file, for the message
-    """
+    """Raise InconclusiveError if a polygon of the export failed; `counts` by (kind, reason)."""
     failed = sum(count for (kind, _), count in counts.items() if kind == "failed")
     if failed:
         raise InconclusiveError(

@@ -14,32 +14,19 @@ from harness.rasterisers import spans
 
 Map = NDArray[np.int64]
 
-PADDING_PX = 2
-"""Pixels shown around the polygon."""
-
-PANEL_PX = 600
-"""Approximate length in px of a panel's longer edge: pixels are enlarged by an integer factor."""
-
+PADDING_PX = 2  # shown around the polygon
+PANEL_PX = 600  # approximate longer edge of a panel; pixels are enlarged by an integer factor
 GAP_PX, FONT_PX = 12, 16
-
-LEGEND_PX = 900
-"""Minimum width of the picture, in which a legend of ten squares and a label fits."""
-
-MAX_LEVELS = 9
-"""Maximum number of lanes with a separate colour; higher numbers have the last colour."""
-
-ROWS = (
+LEGEND_PX = 900  # minimum width of the picture: a legend of ten squares and a label
+MAX_LEVELS = 9  # numbers of lanes with a separate colour; higher numbers have the last colour
+ROWS = (  # label of each row of panels, and the colours from one lane to many
     ("lanes shaded in a pixel (1 = no overdraw)", ("#fed976", "#fd8d3c", "#b10026")),
     ("helper lanes in a pixel (shaded, nothing covered)", ("#bdc9e1", "#74a9cf", "#034e7b")),
 )
-"""Label of each row of panels, and the colours from one lane to many."""
 
 
 def make_lane_maps(frame: Frame, triangles: NDArray[np.int32]) -> tuple[Map, Map]:
-    """Return the number of covering lanes and of helper lanes at each pixel, (height, width) each.
-
-    Row 0 is at the bottom. The sum of both is the number of shader invocations at a pixel.
-    """
+    """Return the covering and the helper lanes of each pixel, (height, width), bottom row first."""
     # With an odd side, quads at the edge extend a pixel beyond the viewport, so maps are larger.
     shape = (frame.height + frame.height % 2, frame.width + frame.width % 2)
     covered, helpers = np.zeros(shape, np.int64), np.zeros(shape, np.int64)
@@ -51,12 +38,7 @@ def make_lane_maps(frame: Frame, triangles: NDArray[np.int32]) -> tuple[Map, Map
 def draw_heatmaps(
     frame: Frame, triangulations: Mapping[str, NDArray[np.int32]], out: Path | IO[bytes]
 ) -> None:
-    """Draw a polygon's shaded lanes and helper lanes for several triangulations, side by side.
-
-    frame : frame of a single polygon
-    triangulations : triangles (m, 3) by name
-    out : PNG file to write
-    """
+    """Write a PNG of the lanes of a polygon's triangulations, (m, 3) by name, side by side."""
     corners = frame.points / SUBPIXEL
     low = np.maximum(np.floor(corners.min(axis=0)).astype(int) - PADDING_PX, 0)
     high = np.ceil(corners.max(axis=0)).astype(int) + PADDING_PX

@@ -38,33 +38,23 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-TIME = "time"
-"""Metric that is computed from several records: a draw time relative to those of other runs, and of
-the other triangulators of the group."""
-
-GROUP_NAME = "(all cases together)"
-"""Name, in place of a triangulator's, of a series: the time changes that all triangulators of a
-group have in common."""
-
-CACHED_METRIC = "triangulate_ms"
-"""Metric without values for runs that loaded triangulations from the cache: their time was measured
-by an earlier run."""
+TIME = "time"  # a draw time relative to other runs', and to the group's other triangulators'
+GROUP_NAME = "(all cases together)"  # names the time changes that a group's cases have in common
+CACHED_METRIC = "triangulate_ms"  # no value for cached triangulations, which an older run timed
 
 
 @dataclass(frozen=True)
 class Series:
     """A metric of a case over runs.
 
-    exact : True for counters and other values without noise
-    values : (runs,) float64, nan for a run without the case; times are relative to the median of
-        all runs
-    content : (runs,) content hash of the scene, or "" if unknown; for times of a software
-        device, which depend on the processor, the processor's name is appended
+    values : (runs,) float64, nan for a run without the case; times are relative to the median
+    content : (runs,) content hash of the scene, or "" if unknown; times of a software device also
+        have the processor's name
     """
 
     id: CaseId
     metric: str
-    exact: bool
+    exact: bool  # without noise, as counters are
     values: NDArray[np.float64]
     content: tuple[str, ...]
 
@@ -92,17 +82,9 @@ class Series:
 
 
 def find_runs(folders: Sequence[Path], *, studies: bool = False) -> tuple[list[Run], int]:
-    """Return the runs in and below `folders`, in the order of creation.
+    """Return the runs in and below `folders`, by creation, and the number of skipped studies.
 
-    Also returns the number of skipped studies. The baseline of a run with `--beside` is skipped as
-    well; but a run whose folder is in `folders` is always returned.
-
-    studies : True to return studies as well
-
-    Raises
-    ------
-    InputError
-        if a folder has no run, or a run cannot be read
+    Below `folders`, baselines of `--beside` and, without `studies`, studies are skipped.
     """
     paths = {}
     for folder in folders:
@@ -126,13 +108,7 @@ def find_runs(folders: Sequence[Path], *, studies: bool = False) -> tuple[list[R
 
 
 def read_series(runs: Sequence[Run], metrics: Sequence[str] = HISTORY_METRICS) -> list[Series]:
-    """Return a series for each case and each metric that any run has.
-
-    Raises
-    ------
-    UsageError
-        if a metric is unknown
-    """
+    """Return a series for each case and each metric that any run has."""
     metrics_by_name = list_metrics() | find_metrics(
         record for run in runs for record in run.records
     )
@@ -152,7 +128,6 @@ def read_series(runs: Sequence[Run], metrics: Sequence[str] = HISTORY_METRICS) -
 
 
 def _add_processor(case: CaseId, processor: str) -> CaseId:
-    """Return the case with the processor as part of its content hash."""
     return replace(case, scene_hash=f"{case.scene_hash} on {processor}")
 
 
@@ -167,7 +142,6 @@ def _group_by_case(runs: Sequence[Run]) -> dict[CaseId, list[Record | None]]:
 
 
 def _build_series(case: CaseId, metric: str, records: Sequence[Record | None]) -> Series:
-    """Return the series of a metric of a case; records : the case's record in each run."""
     if metric == CACHED_METRIC:
         records = [None if record and record.polygons_cached else record for record in records]
     figures = [find_metric(metric)(record) if record else None for record in records]
@@ -203,30 +177,19 @@ def _build_time_series(cases: dict[CaseId, list[Record | None]]) -> list[Series]
 
 
 def _log_time(record: Record | None) -> float:
-    """Return the log of a record's draw time (low quantile, s), NaN if not timed."""
     seconds = compute_low_quantile(record.time.samples_s) if record and record.time else None
     return np.nan if seconds is None else float(np.log(seconds))
 
 
 def _list_contents(records: Sequence[Record | None]) -> tuple[str, ...]:
-    """Return the scene's content hash in each run, "" for a run without the case."""
     return tuple(record.id.scene_hash if record else "" for record in records)
 
 
-MAX_SERIES = 12
-"""Maximum number of series shown by default."""
+MAX_SERIES = 12  # shown by default
 
 
 def filter_series(series: Sequence[Series], names: Mapping[str, Sequence[str]]) -> list[Series]:
-    """Return the series of the selected scenes, triangulators and rasterisers.
-
-    names : selected names by kind ("scene", "triangulator" or "rasteriser")
-
-    Raises
-    ------
-    UsageError
-        if no series has a selected name
-    """
+    """Return the series that have a selected name of each kind ("scene", "triangulator", ...)."""
     selected = list(series)
     for kind, values in names.items():
         existing = {_get_name(entry.id, kind) for entry in selected}
@@ -243,41 +206,28 @@ def _get_name(case: CaseId, kind: str) -> str:
 
 
 def select_series(series: Sequence[Series]) -> list[Series]:
-    """Return at most `MAX_SERIES` series that have two values or more, in the given order.
-
-    Series with the largest steps are preferred, then series with the most values.
-    """
+    """Return the `MAX_SERIES` series with the largest steps, of those with two values or more."""
     several = [entry for entry in series if np.isfinite(entry.values).sum() > 1]
     selected = set(map(id, sorted(several, key=_get_preference)[:MAX_SERIES]))
     return [entry for entry in series if id(entry) in selected]
 
 
 def _get_preference(entry: Series) -> tuple[float, bool, float]:
-    """Return the sort key of `select_series`: largest step first, then most values."""
     is_group = entry.id.name == GROUP_NAME
     steps = [0.0 if is_group else _measure_step(*levels) for levels in entry.steps]
     return -max(steps, default=0.0), is_group, -np.isfinite(entry.values).sum()
 
 
 def _measure_step(before: float, after: float) -> float:
-    """Return the absolute log ratio of two levels, infinite if a level is not positive."""
     if before == after:
         return 0.0
     return abs(math.log(after / before)) if before > 0 and after > 0 else math.inf
 
 
-MIN_SEGMENT_RUNS = 3
-"""Minimum number of runs in a segment, so that one or two outliers are noise, not a change."""
-
-PENALTY = 3.0
-"""Cost of a change in the search, in units of mean deviation times log n (n runs). Because of
-outliers it is more than the usual 1."""
-
-MIN_NOISE = 0.0075
-"""Minimum of the estimated mean deviation of log times between runs of the same code."""
-
-MIN_STEP = 0.03
-"""Minimum difference of log values before and after a change."""
+MIN_SEGMENT_RUNS = 3  # one or two outliers are noise, not a change
+PENALTY = 3.0  # of a change, in mean deviations times log(runs); outliers require more than 1
+MIN_NOISE = 0.0075  # lower bound of the estimated mean deviation of log times
+MIN_STEP = 0.03  # difference between the log values before and after a change
 
 
 def find_exact_changes(values: NDArray[np.float64]) -> list[int]:
@@ -321,8 +271,7 @@ def _estimate_noise(logs: NDArray[np.float64]) -> float:
     return float(0.798 / 0.954 * np.median(np.abs(np.diff(logs))))
 
 
-MAX_LABELS = 12
-"""Maximum number of labels along the axis."""
+MAX_LABELS = 12  # along the axis
 
 
 def plot_history(runs: Sequence[Run], series: Sequence[Series], folder: Path) -> list[Path]:
@@ -335,10 +284,7 @@ def plot_history(runs: Sequence[Run], series: Sequence[Series], folder: Path) ->
 
 
 def draw_metric(runs: Sequence[Run], series: Sequence[Series]) -> Figure:
-    """Draw the series of one metric.
-
-    A ring and a dashed line mark a change, a black line a change of the scene's content.
-    """
+    """Draw one metric: rings and dashed lines mark changes, black lines changes of the scene."""
     groups = list(dict.fromkeys(entry.id.group for entry in series))
     names = list(dict.fromkeys(entry.id.name for entry in series))
     metric = series[0].metric
@@ -375,7 +321,6 @@ def _draw_series(panel: Axes, entry: Series, number: int) -> None:
 
 
 def _mark_content_changes(panel: Axes, entry: Series) -> None:
-    """Draw a line at each change of the scene's content, which is not a change of code."""
     contents = [(run, content) for run, content in enumerate(entry.content) if content]
     for (_, before), (run, after) in pairwise(contents):
         if before != after:

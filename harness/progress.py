@@ -22,8 +22,7 @@ from rich.progress import (
 )
 from rich.segment import Segment
 
-UNKNOWN_WIDTH = 120
-"""Columns for output into a file or a pipe; wide enough for all tables."""
+UNKNOWN_WIDTH = 120  # columns of a file or a pipe; wide enough for all tables
 
 
 class Screen(Console):
@@ -48,15 +47,11 @@ def detach_terminal() -> None:
     os.close(null)
 
 
-MIN_INTERVAL_S, MAX_INTERVAL_S = 3.0, 10.0
-"""Bounds of the interval between two lines about one stage, without a terminal."""
+MIN_INTERVAL_S, MAX_INTERVAL_S = 3.0, 10.0  # between lines about a stage, without a terminal
 
 
 class Stage:
-    """Progress of one stage of a command: a bar on a terminal; otherwise lines, printed by `say`.
-
-    unit : plural noun for the steps, to show their rate, or "" to show no rate
-    """
+    """Progress of a stage: a bar on a terminal, otherwise lines; with a rate if it has a `unit`."""
 
     def __init__(self, bars: Progress, task: Task, unit: str, say: Callable[[str], None]) -> None:
         self._bars = bars
@@ -93,13 +88,7 @@ class Stage:
 
 
 class Reporter:
-    """Prints progress, details and warnings to standard error.
-
-    quiet : True to print warnings only
-    verbose : True to print details as well, even if quiet
-    console : standard error by default
-    clock : function that returns seconds
-    """
+    """Prints progress, details (if `verbose`, even if `quiet`) and warnings to standard error."""
 
     def __init__(
         self,
@@ -138,13 +127,10 @@ class Reporter:
 
     @contextmanager
     def stage(self, title: str, total: float | None = None, unit: str = "") -> Iterator[Stage]:
-        """Show the progress of a stage during the block.
+        """Show the progress of a stage of `total` steps, if known, during the block.
 
         The remaining time is estimated from the rate since the first finished step, so that work
         before, such as compiling, does not count.
-
-        total : number of steps, or None if unknown
-        unit : see `Stage`
         """
         columns = (
             SpinnerColumn(),
@@ -170,10 +156,7 @@ class Reporter:
 
     @contextmanager
     def say_if_long(self, message: str, seconds: float = 3.0) -> Iterator[Callable[[], None]]:
-        """Print `message` if the block takes longer than `seconds`, and each time that has doubled.
-
-        Yields a function that cancels the message.
-        """
+        """Print `message` after `seconds`, and after each doubling; yield a function to cancel."""
         ended = Event()
 
         def report() -> None:

@@ -1,8 +1,4 @@
-"""Style of plots, tables and reports: colours, symbols, number formats, files.
-
-Common triangulators have the same colour and symbol everywhere. Other triangulators get the
-remaining colours and symbols in order of appearance in the plot.
-"""
+"""Style of plots, tables and reports: colours, symbols, number formats, files."""
 
 from __future__ import annotations
 
@@ -28,13 +24,12 @@ if TYPE_CHECKING:
 
 # Okabe and Ito's eight colours, distinguishable with any colour vision deficiency.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999")
-DARK_COLOURS = (
+DARK_COLOURS = (  # for dark pages, in the same order
     *("#56B4E9", "#FF8A3D", "#2FC79A", "#E79AC5", "#F0C94A", "#9DA9FF", "#F2F2F2", "#A8A8A8"),
 )
-"""The same colours for dark pages."""
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
-SYMBOLS = (
+SYMBOLS = (  # of the report's charts, in the order of `MARKERS`, the symbols of plots
     "circle",
     "rect",
     "triangle",
@@ -44,9 +39,8 @@ SYMBOLS = (
     "path://M2,0L5,3L8,0L10,2L7,5L10,8L8,10L5,7L2,10L0,8L3,5L0,2Z",
     "path://M5,0L6.2,3.6H10L6.9,5.8L8.1,9.5L5,7.2L1.9,9.5L3.1,5.8L0,3.6H3.8Z",
 )
-"""Symbols of the report's charts, in the order of `MARKERS`, the symbols of plots."""
 
-COMMON_TRIANGULATORS = (
+COMMON_TRIANGULATORS = (  # with fixed looks, in the order of the looks
     "optimal:half-perimeter",
     "ear-clipping",
     "delaunay",
@@ -60,7 +54,6 @@ COMMON_TRIANGULATORS = (
     "random",
     "optimal:calibrated",
 )
-"""Triangulators with fixed looks, in the order of the looks."""
 
 STYLE: Any = {
     "axes.grid": True,
@@ -75,11 +68,8 @@ STYLE: Any = {
     "svg.hashsalt": "raster-harness",
 }
 
-ONE_COLUMN, TWO_COLUMNS = 3.4, 7.0
-"""Widths in inches of one and of two columns of a paper."""
-
-MAX_VECTOR_MARKS = 20_000
-"""Maximum number of vector marks of a panel; more marks become a bitmap inside the SVG."""
+ONE_COLUMN, TWO_COLUMNS = 3.4, 7.0  # widths of columns of a paper, in inches
+MAX_VECTOR_MARKS = 20_000  # of a panel; more marks become a bitmap inside the SVG
 
 
 @dataclass(frozen=True)
@@ -100,10 +90,7 @@ def get_look(index: int) -> Look:
 
 
 def choose_looks(triangulators: Sequence[str]) -> dict[str, Look]:
-    """Return the look of each triangulator, in the given order.
-
-    A family in `COMMON_TRIANGULATORS` has a fixed look; each other family gets the next look.
-    """
+    """Return a fixed look for each of `COMMON_TRIANGULATORS`, and the next looks for the others."""
     families = dict.fromkeys([*COMMON_TRIANGULATORS, *map(get_family, triangulators)])
     looks = {family: get_look(index) for index, family in enumerate(families)}
     return {name: looks[get_family(name)] for name in triangulators}
@@ -125,12 +112,9 @@ def draw_scatter(
 def draw_scatter_over_medians(
     panel: Axes, table: pd.DataFrame, x: str, y: str, by: Sequence[str]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Draw a scatter plot of two columns of `table`, relative to each polygon's medians.
+    """Draw two columns relative to their medians in each group `by`; return the drawn x and y.
 
-    Random triangulations are drawn first, so that other marks cover them. Returns the drawn x and y
-    of all rows.
-
-    by : columns that identify a polygon
+    Random triangulations are drawn first, so that other marks cover them.
     """
     of_polygon = table.groupby(list(by))
     across = table[x] / of_polygon[x].transform("median")
@@ -147,11 +131,7 @@ def draw_scatter_over_medians(
 def make_panels(
     count: int, size: tuple[float, float], title: str, across: int = 9, **shared: Any
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure with a title and `count` panels, at most `across` in a row.
-
-    size : width and height of a panel, in inches
-    shared : options of Matplotlib's `subplots`
-    """
+    """Return a figure of `count` panels of `size` in inches; `shared` as for `subplots`."""
     wide = min(across, count)
     high = -(-count // wide)
     inches = (max(wide * size[0] + 0.6, 4.6), high * size[1] + 0.6)
@@ -165,10 +145,7 @@ def make_panels(
 def make_figure(
     size: tuple[float, float], rows: int = 1, columns: int = 1, **shared: Any
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure of `size` in inches, and its panels row by row.
-
-    shared : options of Matplotlib's `subplots`
-    """
+    """Return a figure of `size` in inches and its panels by row; `shared` as for `subplots`."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=size)
@@ -183,11 +160,7 @@ def add_legend_below(figure: Figure, panels: Sequence[Axes], columns: int) -> No
 
 
 def make_plain_table(title: TextType | None, *columns: str, **options: Any) -> Table:
-    """Return an empty table for the terminal, without lines.
-
-    columns : headings; a leading ">" aligns the column to the right, for numbers
-    options : options of rich's `Table`
-    """
+    """Return an empty table for the terminal; a heading with a leading ">" is aligned right."""
     from rich.table import Table
 
     looks: Any = {"title_justify": "left", "box": None, "pad_edge": False, "header_style": "bold"}
@@ -201,7 +174,6 @@ def make_plain_table(title: TextType | None, *columns: str, **options: Any) -> T
 
 @cache
 def _report_missing_plots() -> None:
-    """Print once that plots are skipped."""
     from scenes.spec import format_install_command
 
     install = format_install_command("plots")
@@ -231,13 +203,7 @@ def format_latex_table(heading: Sequence[str], rows: Iterable[Sequence[str]], te
 def draw_figure(
     folder: Path, name: str, make: Callable[..., Figure | None], *arguments: Any
 ) -> list[Path]:
-    """Draw a figure in the common style, and write it as PNG and SVG; return the files.
-
-    Without matplotlib, one line on standard error says that plots are skipped.
-
-    name : any text, whose `make_file_stem` names the files
-    make : returns the figure, or None without data
-    """
+    """Draw the figure that `make` returns, if any, as PNG and SVG in the common style."""
     try:
         import matplotlib
     except ModuleNotFoundError:

@@ -24,19 +24,10 @@ from harness.results.record import Record
 from harness.stats.intervals import FASTER, SLOWER, UNDECIDED
 from harness.style import make_plain_table
 
-MAX_COLUMNS = 4
-"""Maximum number of metrics if no counter has a heading. Metrics with headings need no maximum, as
-they fit a terminal of 80 characters."""
-
-MIN_WIDE = 96
-"""Minimum width of the terminal at which a table also has the metrics `WIDE_TABLE_METRICS`."""
-
-WIDE_TABLE_METRICS = ("regret",)
-"""Metrics that a narrow table omits. Within a table regret orders triangulators as the helper lanes
-do, which it divides by their minimum."""
-
-NAME_WIDTH = 24
-"""Minimum width of the column of names."""
+MAX_COLUMNS = 4  # metrics, if no counter has a heading; those with headings fit 80 characters
+MIN_WIDE = 96  # characters of a terminal from which `WIDE_TABLE_METRICS` are shown
+WIDE_TABLE_METRICS = ("regret",)  # not in narrow tables: helper lanes give the same order
+NAME_WIDTH = 24  # minimum width of the column of names
 
 VERDICTS = {FASTER: "faster", SLOWER: "slower", UNDECIDED: "n.s."}
 
@@ -62,7 +53,6 @@ def print_summary(decided: Iterable[Decided], console: Console) -> None:
 
 
 def _make_table(decision: Decision, *, wide: bool) -> Table:
-    """Return a group's ranking; long cells are wrapped."""
     records = [standing.record for standing in decision.standings]
     table = make_plain_table(format_title(decision), title_style="bold", padding=(0, 1, 0, 0))
     widest = max(len(standing.name) for standing in decision.standings)
@@ -117,10 +107,7 @@ def format_title(decision: Decision) -> str:
 
 
 def _select_metrics(records: Sequence[Record], *, wide: bool) -> list[Metric]:
-    """Return the table's metrics: those with a heading for which a record has a value other than 0.
-
-    If no counter is among these, the records' first cost counters are added.
-    """
+    """Return the metrics with a heading and a value; without a counter, add cost counters."""
     available = find_metrics(records)
     headed = [
         m for m in available.values() if m.heading and (wide or m.name not in WIDE_TABLE_METRICS)
@@ -133,7 +120,6 @@ def _select_metrics(records: Sequence[Record], *, wide: bool) -> list[Metric]:
 
 
 def _describe_proofs(records: Sequence[Record]) -> list[str]:
-    """Return a line about optima proven for all polygons, and one on each other optimum's gap."""
     optima = [record for record in records if record.proven is not None]
     complete = [record.name for record in optima if record.proven == record.polygons]
     lines = [f"proven optimal, every polygon: {', '.join(complete)}"] if complete else []
@@ -149,7 +135,6 @@ def _describe_proofs(records: Sequence[Record]) -> list[str]:
 
 
 def _describe_regret(records: Sequence[Record]) -> list[str]:
-    """Return a line with the number of polygons of known regret; [] if all or none are known."""
     covered = max((record.least.polygons for record in records if record.least), default=0)
     drawn = max((record.polygons for record in records), default=0)
     if not 0 < covered < drawn:
@@ -160,10 +145,7 @@ def _describe_regret(records: Sequence[Record]) -> list[str]:
 def _make_comparison_cells(
     standing: Standing, is_base: bool, complete: int, *, has_break_even: bool
 ) -> list[Text]:
-    """Return the cells that compare a triangulator with the base.
-
-    The first cell has the ratio of times with its interval, the second the break-even, or without
-    a break-even the verdict. Without a column for the break-even, both are in one cell.
+    """Return two cells, time ratio and break-even, or one cell with time ratio and verdict.
 
     complete : number of polygons of the triangulators that drew the most
     """
@@ -182,7 +164,6 @@ def _make_comparison_cells(
 
 
 def _format_note(record: Record) -> Text:
-    """Return a line with the reason for which a record is incomplete, skipped or failed."""
     verb = "" if record.is_ok else f" {record.status}"
     return Text(f"{record.name} on {record.id.device_name}{verb}: {record.reason}")
 
@@ -238,7 +219,6 @@ def make_row(record: Record, decision: Decision | None) -> dict[str, Any]:
 
 
 def _make_comparison_columns(standing: Standing, base: Record) -> dict[str, Any]:
-    """Return the columns that compare a record with the base."""
     row: dict[str, Any] = {}
     if (statistics := compare_views(standing.record, base)) is not None:
         columns = {f"view_{name}": value for name, value in vars(statistics).items()}

@@ -1,8 +1,4 @@
-"""Viewport sizes at which the choice of a triangulator matters, without timing any drawing.
-
-At each size, a scene is triangulated as in a run, and the exact CPU reference counts its triangles.
-With a device's profile the counts give predicted draw times. Only the triangulation is timed.
-"""
+"""Viewport sizes at which the triangulator matters, by exact counts and a device's profile."""
 
 from __future__ import annotations
 
@@ -51,9 +47,7 @@ from scenes.spec import import_optional
 if TYPE_CHECKING:
     from rich.table import Table
 
-MIN_TIMED_S, TIMED_ROUNDS = 0.2, 3
-"""Seconds and number of rounds: if all triangulators together take less time, they are timed in
-rounds, and the minimum of each triangulator is used."""
+MIN_TIMED_S, TIMED_ROUNDS = 0.2, 3  # below this total, the minimum of several rounds is used
 
 COST_TERMS = (
     "fragments",
@@ -70,20 +64,13 @@ COST_TERMS = (
 
 @dataclass(frozen=True)
 class Size:
-    """Costs of a scene at one size.
+    """Costs of a scene at one size."""
 
-    resolution : side of the viewport in px, which the scene fills
-    polygons : number of polygons that all triangulators triangulate
-    skipped : number of polygons that vanish on the grid, or on which a triangulator fails
-    polygon_px : median, over the polygons, of the longer side of the bounding box, in px
-    costs : cost by triangulator, the base first; see `COST_TERMS`
-    """
-
-    resolution: int
-    polygons: int
-    skipped: int
-    polygon_px: float
-    costs: dict[str, Cost]
+    resolution: int  # side of the viewport in px, which the scene fills
+    polygons: int  # triangulated by all triangulators
+    skipped: int  # that vanish on the grid, or on which a triangulator fails
+    polygon_px: float  # median, over the polygons, of the longer side of the bounding box
+    costs: dict[str, Cost]  # by triangulator, the base first; see `COST_TERMS`
 
     @property
     def covered(self) -> int:
@@ -104,16 +91,12 @@ class Size:
 
 @dataclass(frozen=True)
 class Sizes:
-    """Costs of a scene at several sizes, the smallest first.
-
-    device : the device whose draw times are modelled, or None
-    source : the user's name of the scene or file
-    """
+    """Costs of a scene at several sizes, the smallest first."""
 
     scene: str
-    device: DeviceCosts | None
+    device: DeviceCosts | None  # whose draw times are modelled
     sizes: tuple[Size, ...]
-    source: str = "FILE"
+    source: str = "FILE"  # the user's name of the scene or file
 
     @property
     def size_of_largest_saving(self) -> Size | None:
@@ -123,10 +106,7 @@ class Sizes:
 
     @property
     def recommended_triangulator(self) -> str:
-        """The triangulator to recommend: `choose_recommended` at the size with the largest saving.
-
-        It is the base if the choice matters at no size.
-        """
+        """The recommendation at the size with the largest saving; the base if no size matters."""
         if self.size_of_largest_saving is None:
             return next(iter(self.sizes[0].costs))
         costs = self.size_of_largest_saving.costs
@@ -158,10 +138,7 @@ class Sizes:
 def count_size(
     scene: Scene, recipes: Sequence[Recipe], view: View, device: DeviceCosts | None
 ) -> Size:
-    """Return the costs of the scene at one size, for two or more `recipes`.
-
-    Raises UsageError if the scene defines the view, or no polygon can be drawn at this size.
-    """
+    """Return the costs of the scene at one size, for two or more `recipes`."""
     frame = make_scene_frame(scene, view)
     results = {str(recipe): triangulate_polygons(recipe, frame.polygons) for recipe in recipes}
     drawn = np.all([result.drawn for result in results.values()], axis=0)
@@ -188,7 +165,6 @@ def count_size(
 def _list_costs(
     counters: Sequence[dict[str, int]], seconds: Sequence[float], device: DeviceCosts | None
 ) -> list[Cost]:
-    """Return the triangulators' costs, the base's first, from counters and triangulation times."""
     unknown: list[Cost] = [dict.fromkeys(("draw", "draw_walk", "stage", "saved_95"))]
     draws = predict_draw_costs(counters, device) if device else unknown * len(counters)
     return [
@@ -227,17 +203,13 @@ def summarise(sizes: Sizes) -> str:
 
 
 def list_stages(sizes: Sizes) -> Iterator[str]:
-    """Yield, for each size, a sentence about the base's slowest stage on the device, and a remedy.
-
-    Yields nothing without a device, or if the device has a single stage.
-    """
+    """Yield each size's slowest stage of the base, and a remedy, if the device has stages."""
     if sizes.device is not None and len(sizes.device.stages) > 1:
         for size in sizes.sizes:
             yield describe_stage(f"{size.resolution} px", size.costs, sizes.device)
 
 
 def _format_saving(size: Size, name: str) -> str:
-    """Format the saved share of the base's cost, with the interval if known."""
     return format_saving(size.saved[name], size.costs[name].get("saved_95"))
 
 

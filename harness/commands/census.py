@@ -25,19 +25,16 @@ from harness.progress import Reporter, Screen
 if TYPE_CHECKING:
     from harness.scaling.census import Census, TileCensus
 
-MAX_DAMAGED_NAMED = 10
-"""Maximum number of unreadable tiles to name."""
+MAX_DAMAGED_NAMED = 10  # unreadable tiles named on the screen
 
-DEFAULT_TRIANGULATORS = (
+DEFAULT_TRIANGULATORS = (  # all run in compiled code
     "ear-clipping",
     "refined:half-perimeter",
     "optimal:overdraw",
     "optimal:half-perimeter",
 )
-"""All run in compiled code."""
 
-UNITS_PER_PIXEL = 0.25
-"""Default scale per pixel: in the file's units, or in metres if the file is in degrees."""
+UNITS_PER_PIXEL = 0.25  # in the file's units, or in metres if the file is in degrees
 
 
 def census(
@@ -123,12 +120,7 @@ def _count_dataset(
     dask: str | None,
     reporter: Reporter,
 ) -> None:
-    """Count the shading of many files' polygons or tiles; write the results, and print a table.
-
-    Raises InputError or UsageError if no file matches, no file has a polygon, or the folder cannot
-    be used; NothingMeasuredError if no polygon was triangulated by all triangulators;
-    InconclusiveError if parts were set aside.
-    """
+    """Count the shading of many files' polygons or tiles; write the results, and print a table."""
     from harness.results.run_folder import translate_errors
     from harness.scaling import census_report
     from harness.scaling.census import TOO_THIN, TileCensus

@@ -118,7 +118,6 @@ def compare(
 
 
 def _read_baseline(path: Path, *, allow_missing: bool) -> Run | None:
-    """Read BASE; return None if it does not exist and may be missing."""
     from harness.results.run_folder import read_run
 
     exists = path.is_file() or any((path / name).exists() for name in ("run.json", "cases.jsonl"))

@@ -108,7 +108,6 @@ def format_changes(runs: Sequence[Run], series: Sequence[Series]) -> list[str]:
 
 
 def _write_csv(runs: Sequence[Run], series: Sequence[Series], file: Path) -> None:
-    """Write a row for each run and series: the value, and whether the metric changed there."""
     import pandas as pd
 
     rows = []

@@ -101,7 +101,6 @@ def import_(
 def _import_profile(
     file: Path, result: profile_result.Result, device: str, out: Path | None
 ) -> None:
-    """Write and print the profile of a page's result, with its recommendations."""
     from harness.commands.profile import add_advice, write_profile
     from harness.measuring.pool import MeasuringPool
     from harness.page.profile_result import import_profile

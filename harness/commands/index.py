@@ -14,16 +14,11 @@ LATER = "results/city-20260102-120000"
 
 
 class Entry(NamedTuple):
-    """Description of a command for `load_command` and for the documents.
+    """Description of a command for `load_command` and for the documents."""
 
-    panel : heading of `--help` that lists it
-    function : "module:function" in `harness.commands`
-    examples : shown by the command's `--help`; a test runs each example
-    """
-
-    panel: str
-    function: str
-    examples: tuple[str, ...]
+    panel: str  # heading of `--help` that lists the command
+    function: str  # "module:function" in `harness.commands`
+    examples: tuple[str, ...]  # shown by the command's `--help`; a test runs each example
 
 
 MEASURE, COMPARE, STUDY = "Measure", "Compare", "Study"
@@ -153,7 +148,6 @@ class CheckedCommand(typer.core.TyperCommand):
 
 
 def _find_problem(value: Any) -> str:
-    """Return why a value from the command line is invalid, or ""."""
     if isinstance(value, list):
         return next(filter(None, map(_find_problem, value)), "")
     if isinstance(value, float) and not isfinite(value):
@@ -165,10 +159,7 @@ def _find_problem(value: Any) -> str:
 
 
 class CommandGroup(typer.core.TyperGroup):
-    """A group of commands, which are imported when they are called or listed.
-
-    before : prefix of the commands' names in `COMMANDS`; "" for the root group
-    """
+    """A group of commands, imported when called or listed; `before` is their names' prefix."""
 
     def __init__(self, before: str = "", **settings: Any) -> None:
         super().__init__(**settings)

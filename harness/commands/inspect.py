@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 PICTURE_TRIANGULATORS = ("ear-clipping", "optimal:half-perimeter")
 SIZES_TRIANGULATORS = ("ear-clipping", "earcut-refine", "flips:l1", "optimal:half-perimeter")
-"""Default triangulators of the picture; and of --sizes, where the first is the base."""
 
 SHAPE_OPTIMUM = "optimal:expected-quads"
 """Added to the defaults of --sizes with a profile: few of its triangles cover a pixel, which is
@@ -145,7 +144,6 @@ def inspect(
 def _draw_picture(
     scene: Scene, polygon: int, recipes: tuple[Recipe, ...], view: View, out: Path | None
 ) -> None:
-    """Draw the picture of one polygon."""
     import numpy as np
 
     from harness import atomic
@@ -188,7 +186,6 @@ def _compare_sizes(
     *,
     as_json: bool,
 ) -> None:
-    """Count a file at several sizes, and print the savings of each triangulator."""
     from harness import viewport_sizes
     from harness.profile.device_costs import find_profile, read_costs
 
@@ -230,7 +227,6 @@ def _compare_sizes(
 
 
 def _prepare_file(out: Path, *endings: str) -> Path:
-    """Check the suffix of a file, create its folder, and return the file."""
     if out.suffix.lower() not in endings:
         raise UsageError(
             f"cannot write {out}: give --out a name that ends in {' or '.join(endings)}"
@@ -242,7 +238,6 @@ def _prepare_file(out: Path, *endings: str) -> Path:
 def _list_all_triangulations(
     scene: Scene, polygon: int, mode: Literal["conforming", "paper"], out: Path | None
 ) -> None:
-    """Write a CSV file of all triangulations of a polygon and their criteria; print the first."""
     from harness import atomic
     from harness.commands.outcome import choose_folder
     from harness.study.pareto import make_triangulation_table

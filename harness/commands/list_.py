@@ -11,8 +11,7 @@ from harness.commands.options import Json
 from harness.errors import make_unknown_name_error
 from harness.progress import Screen
 
-Row = dict[str, Any]
-"""Values of a table row, by column heading."""
+Row = dict[str, Any]  # values by column heading
 
 
 def _list_scenes() -> Iterator[Row]:

@@ -23,11 +23,8 @@ if TYPE_CHECKING:
 NOTE_AFTER_S = 20.0
 COMPILING = "still busy with the first parts; a first run also compiles the triangulator ..."
 
-MAX_POLYGONS_NAMED = 3
-"""Maximum number of polygons named on the screen for a reason."""
-
-MAX_PARTS_NAMED = 10
-"""Maximum number of set-aside parts named on the screen."""
+MAX_POLYGONS_NAMED = 3  # on the screen, for each reason
+MAX_PARTS_NAMED = 10  # set-aside parts, on the screen
 
 
 @contextmanager
@@ -49,11 +46,7 @@ def open_executor(dask: str | None, reporter: Reporter) -> Iterator[Executor]:
 def triangulate_many_files(
     pattern: str, out: Path, work: Triangulating, dask: str | None, reporter: Reporter
 ) -> None:
-    """Triangulate the parts of many files into a folder, and print a summary.
-
-    Raises UsageError if no file matches, or the folder cannot be used; InconclusiveError if parts
-    were set aside, or polygons failed.
-    """
+    """Triangulate the parts of many files into a folder, and print a summary."""
     from harness.export.export import FORMATS, Certified
     from harness.scaling.dataset import Dataset
 
@@ -95,11 +88,7 @@ def complete_dataset(dataset: Dataset, out: Path, dask: str | None, reporter: Re
 def format_notes(
     counts: Mapping[tuple[str, str], int], notes: Iterable[tuple[str, str, str]]
 ) -> Iterator[str]:
-    """Yield a line for each reason: the number of polygons, and the names of the first ones.
-
-    counts : number of polygons by (kind, reason); a kind is, for example, "skipped" or "failed"
-    notes : (kind, polygon's name, reason)
-    """
+    """Yield a line for each (kind, reason); `notes` has rows of (kind, polygon's name, reason)."""
     from scenes.scene import remove_location
 
     named = defaultdict(list)

@@ -1,7 +1,4 @@
-"""Options that several commands share: type, help and validation.
-
-Invalid values are refused before any import, with one line and exit code 2.
-"""
+"""Options that several commands share: type, help, and validation before any slow import."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -13,8 +10,7 @@ import typer
 from harness.errors import UsageError
 from harness.settings import MAX_LOOKUPS, MAX_S, MAX_SEED, MAX_WORK, ORDERS, RESOLUTIONS, SAMPLES
 
-PROFILES = Path("results") / "profiles"
-"""Default folder of `profile`."""
+PROFILES = Path("results") / "profiles"  # default folder of `profile`
 
 MIN_S = 1e-9
 
@@ -25,7 +21,6 @@ class ValueList(tuple[Any, ...]):
     """Comma-separated values of an option."""
 
     def __str__(self) -> str:
-        """Return the comma-separated text."""
         return ",".join(f"{value:g}" if isinstance(value, float) else str(value) for value in self)
 
 
@@ -237,10 +232,7 @@ Precision = Annotated[
 
 
 def choose_rasterisers(names: tuple[str, ...] | None, *with_opengl: str) -> tuple[str, ...]:
-    """Return the rasterisers of --rasterisers, or the default for this machine.
-
-    with_opengl : rasterisers to add if the default is opengl
-    """
+    """Return `names`, or the default here: opengl with `with_opengl`, or another rasteriser."""
     if names:
         return tuple(names)
     from harness.rasterisers import choose_default_rasteriser

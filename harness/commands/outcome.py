@@ -27,12 +27,7 @@ from scenes.spec import format_label
 def choose_folder(
     scene: str, out: Path | None, resume: Path | None = None, before: str = ""
 ) -> Path:
-    """Return the folder of --out or --resume, or a new folder under results/.
-
-    before : prefix of the new folder's name, which the scene's name follows
-
-    Raises UsageError if both options are given.
-    """
+    """Return the folder of --out or --resume, or a new one in results/ with the prefix `before`."""
     if out and resume:
         raise UsageError(
             "--out and --resume are mutually exclusive: --resume writes to the resumed folder"
@@ -46,10 +41,7 @@ def choose_folder(
 
 
 def require_finished(outcome: RunResult, resume_hint: str, *, quiet: bool = False) -> None:
-    """Raise `NothingMeasuredError` if no case was measured.
-
-    If the run was stopped, print `resume_hint`, and exit with `INTERRUPTED`.
-    """
+    """Exit if the run was stopped; raise NothingMeasuredError if no case was measured."""
     if outcome.interrupted:
         if not quiet:
             typer.echo(f"stopped early; {resume_hint}")
@@ -73,12 +65,7 @@ def measure_study(
     resume: bool,
     force: bool,
 ) -> Run:
-    """Measure or resume the parts of a split scene; return the run.
-
-    split : returns the parts to measure, given the scene's label and the scene
-
-    Raises UsageError if the folder cannot be used; NothingMeasuredError if no case was measured.
-    """
+    """Measure or resume a run of the parts that `split` returns for a label and a scene."""
     outcome = carry_out(plan, folder, reporter, RunOptions(resume, force, split))
     require_finished(outcome, f"continue with the same command and --resume {folder}")
     return read_run(folder)
@@ -120,13 +107,7 @@ def finish_run(
     report: bool = True,
     plots: bool = True,
 ) -> None:
-    """Print and store the results; raise or exit with the command's exit code.
-
-    report, plots : whether to write the report, and to draw its plots; the command `report` can
-        do both later
-
-    Raises NothingMeasuredError if no case was measured, or no case covers a pixel.
-    """
+    """Print and store the results; raise or exit with the command's exit code."""
     path = os.path.relpath(outcome.path)
     remedy = f"raster-harness report {path}; the measurements are safe"
     measured = [record for record in outcome.records if record.is_ok]
@@ -160,10 +141,7 @@ def finish_run(
 
 
 def make_run(folder: Path, write: Callable[[Path], object], *, quiet: bool) -> Run:
-    """Create a run folder by `write`, add table and report, and print the summary.
-
-    No folder is created if `write` raises an exception.
-    """
+    """Create a run folder by `write`, add table and report, and print the summary."""
     from harness.report.page import write_report
 
     with translate_errors(folder), atomic.create_folder(folder) as new_folder:

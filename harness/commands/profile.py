@@ -19,8 +19,7 @@ from harness.settings import TIMEOUT_S
 if TYPE_CHECKING:
     from harness.measuring.pool import MeasuringPool
 
-BUDGET_S = 0.5
-"""Default seconds of drawing for each of the designed draws."""
+BUDGET_S = 0.5  # seconds of drawing for each of the designed draws
 
 
 def profile(
@@ -85,10 +84,7 @@ def profile(
 
 
 def add_advice(content: dict[str, Any], pool: MeasuringPool, trouble: str) -> None:
-    """Add the recommended criterion to a profile, and mark the profile as refused if `trouble`.
-
-    trouble : reason why the times are unreliable, or ""
-    """
+    """Add the recommended criterion; refuse the profile if `trouble`, a reason, is not empty."""
     from harness.profile import advice
 
     content["advice"] = advice.recommend_triangulator(
@@ -98,13 +94,7 @@ def add_advice(content: dict[str, Any], pool: MeasuringPool, trouble: str) -> No
 
 
 def write_profile(content: Mapping[str, Any], out: Path | None, trouble: str) -> None:
-    """Write a profile's file and picture, and print the profile.
-
-    out : file to write, by default in `options.PROFILES`
-    trouble : reason why the times are unreliable, or ""
-
-    Raises InconclusiveError if the profile is refused.
-    """
+    """Write and print a profile and its picture; raise InconclusiveError if it is refused."""
     from harness.profile import report
     from harness.profile.profile import write_profile as write_file
 

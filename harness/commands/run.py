@@ -21,8 +21,7 @@ from harness.settings import (
     TimingSettings,
 )
 
-QUICK = TimingSettings(precision=0.03, budget_s=0.3, warm_up_s=0.1)
-"""Timing with --quick."""
+QUICK = TimingSettings(precision=0.03, budget_s=0.3, warm_up_s=0.1)  # for --quick
 
 
 def run(

@@ -25,10 +25,7 @@ from scenes.registry import is_tiled
 def open_baseline(
     reference: str | None, plan: Plan, resume: Path | None, *, twice: bool
 ) -> Iterator[OtherVersion | None]:
-    """Yield the interleaved baseline that --beside or the resumed run names, or None.
-
-    twice : True to draw both versions even if their triangles are equal, see --draw-twice
-    """
+    """Yield the interleaved baseline that --beside or the resumed run names, or None."""
     stored = (read_run(resume).facts.get("beside") or {}) if resume else {}
     reference = reference or str(stored.get("base") or "")
     if not reference:
@@ -66,10 +63,7 @@ def parse_recipes(triangulators: Sequence[str], seed: int, file: Path | None) ->
 
 
 def find_profile_file(name: str | None, resume: Path | None) -> Path | None:
-    """Return the file of --profile or, without --profile, the resumed run's profile, if any.
-
-    Raises UsageError if the name is unknown.
-    """
+    """Return the file of --profile or, without --profile, the resumed run's profile, if any."""
     if name:
         from harness.profile.device_costs import find_profile
 
@@ -79,10 +73,7 @@ def find_profile_file(name: str | None, resume: Path | None) -> Path | None:
 
 
 def read_profile_options(file: Path | None) -> dict[str, Any]:
-    """Return the fields `profile` and `calibrate` of `RunOptions`, or {} if `file` is None.
-
-    Raises InputError if the profile is invalid.
-    """
+    """Return the fields `profile` and `calibrate` of `RunOptions`, or {} if `file` is None."""
     if file is None:
         return {}
     from harness.profile.device_costs import read_costs

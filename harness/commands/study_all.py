@@ -24,11 +24,9 @@ from harness.errors import (
 from harness.progress import Reporter, Screen
 from harness.settings import QUICK_TIMEOUT_S, TIMEOUT_S, Fit, Order, StudySize, TimingSettings
 
-ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
-"""Rotations in degrees at which triangulations of the unrotated scene are drawn."""
+ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)  # rotations of the scene in degrees
 
-REFUSALS = (IncompatibleRunsError, InputError, StorageError, UsageError)
-"""Errors that end only the part of the study in which they occur."""
+REFUSALS = (IncompatibleRunsError, InputError, StorageError, UsageError)  # end only one part
 
 
 def study_all(
@@ -114,8 +112,6 @@ def study_all(
 
 @dataclass(frozen=True)
 class _Settings:
-    """Options that all parts of a study share."""
-
     rasterisers: tuple[str, ...]
     devices: tuple[str, ...]
     resolution: tuple[int, ...]
@@ -156,7 +152,6 @@ def _list_parts(
 
 
 def _measure_validation(scene: str, folder: Path, settings: _Settings) -> None:
-    """Measure how well each criterion ranks triangulations, as `study validate` does."""
     from harness.commands.outcome import raise_if_cases_failed
 
     plan = study_validate.plan_validation(
@@ -186,10 +181,7 @@ def _measure_gains(
     order: Order = "native",
     turned: bool = False,
 ) -> None:
-    """Measure or resume a run, and write the gains of the cases that did not fail.
-
-    turned : True to measure at all `ANGLES`, with the same scale at each
-    """
+    """Measure or resume a run, at all `ANGLES` if `turned`; write the gains of complete cases."""
     from harness.commands import outcome
     from harness.frame import View
     from harness.machine.system import get_database_path

@@ -20,10 +20,8 @@ if TYPE_CHECKING:
     from harness.results.run_folder import Run
 
 BASES = ("ear-clipping", "delaunay", "optimal:half-perimeter", "optimal:calibrated")
-"""Default triangulators to compare with: common ones, and the best of this project."""
 
-MAX_VIEWS_NAMED = 12
-"""Maximum number of views printed for a base; gains.csv has all views."""
+MAX_VIEWS_NAMED = 12  # on the screen, for each base; gains.csv has all views
 
 
 def study_gains(
@@ -66,11 +64,7 @@ class Gains:
 
 
 def write_gains(runs: Sequence[Run], bases: Sequence[str], out: Path) -> Gains:
-    """Write gains.csv, orders.csv and plots of the runs' time ratios into the folder `out`.
-
-    Raises InconclusiveError if disturbances leave no ratio; NothingMeasuredError if no two
-    triangulators were timed together.
-    """
+    """Write gains.csv, orders.csv and plots into `out`; raise an error if no ratio is known."""
     import pandas as pd
 
     from harness.metrics.processors import mark_processors
@@ -99,7 +93,6 @@ def write_gains(runs: Sequence[Run], bases: Sequence[str], out: Path) -> Gains:
 
 
 def _print_faster_views(table: pd.DataFrame, base: str) -> None:
-    """Print in how many views no triangulator is significantly faster; list the other views."""
     from harness.frame import View
     from harness.rasterisers.base import Options
     from harness.results.record import CaseGroup

@@ -21,13 +21,11 @@ if TYPE_CHECKING:
     from harness.results.run_folder import Run
     from scenes import Scene
 
-EXACT_RASTERISERS = ("reference", "binning")
-"""CPU rasterisers whose exact counters are used as predictions of other devices' costs."""
+EXACT_RASTERISERS = ("reference", "binning")  # their counters predict other devices' costs
 
 QUICK = StudySize(polygons=6, random=10, max_vertices=60)
 BUDGET_S = 0.1
-QUICK_S = 0.02
-"""Seconds of drawing per triangulation with --quick; also the maximum warm-up of any validation."""
+QUICK_S = 0.02  # per triangulation, with --quick; also the maximum warm-up of any validation
 
 
 def study_validate(

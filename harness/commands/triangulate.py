@@ -195,10 +195,7 @@ def triangulate(
 
 
 def _is_model_output(source: Path, out: Path | None, check: bool) -> bool:
-    """Return whether a 3D model is written as a model, or only checked.
-
-    Raises UsageError unless exactly one of -o and --check is given.
-    """
+    """Return whether a model is written as a model, or only checked; require -o or --check."""
     from scenes.readers.reader import is_model
 
     if check and out is not None:
@@ -218,10 +215,7 @@ def _retriangulate_model(
     criterion: str | None,
     reporter: Reporter,
 ) -> None:
-    """Triangulate a model's flat faces again, and print the changes.
-
-    out : file to write, or None to print only
-    """
+    """Triangulate a model's flat faces again into `out`, if given, and print the changes."""
     from harness.models.in_place import CRITERION, retriangulate
     from harness.models.views import VIEWS
 
