@@ -56,7 +56,7 @@ class TimingSettings:
 
     precision: float = 0.01
     budget_s: float = 1.3  # per candidate; ends the rounds, even if `precision` is not reached
-    min_batch_s: float = 1e-3  # of a batch of draws; at least 100 steps of the timer, too
+    min_batch_s: float = 1e-3  # minimum of a batch of draws, which takes at least 100 timer steps
     warm_up_s: float = 0.5  # maximum per candidate
     min_share: float = 0.5  # of the budget, always used, so that small differences become visible
     paired: bool = True

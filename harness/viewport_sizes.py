@@ -203,7 +203,7 @@ def summarise(sizes: Sizes) -> str:
 
 
 def list_stages(sizes: Sizes) -> Iterator[str]:
-    """Yield each size's slowest stage of the base, and a remedy, if the device has stages."""
+    """Yield each size's slowest stage of the base, with a remedy; nothing for a single stage."""
     if sizes.device is not None and len(sizes.device.stages) > 1:
         for size in sizes.sizes:
             yield describe_stage(f"{size.resolution} px", size.costs, sizes.device)
