@@ -68,7 +68,7 @@ public:
         return flip(triangles.data(), triangles.size(), by, order, scale);
     }
 
-    /** Put triangles in a walk from neighbour to neighbour. Throws std::out_of_range if an index is not below `count`. */
+    /** Put triangles in a walk from neighbour to neighbour. Throws std::out_of_range if an index is `count` or more. */
     template <class Index>
     void reorder(Index* triangles, std::size_t length, std::size_t count) {
         read(triangles, length, count);
@@ -197,7 +197,7 @@ private:
         return count;
     }
 
-    // Replace the diagonal of e, push the sides of its quadrilateral, and return 1; `lower`: quads of the twin's triangle.
+    // Replace the diagonal of e, push the sides of its quadrilateral, and return 1. The triangle of the twin is `lower`.
     std::size_t flip_edge(Id e, double lower, double upper) {
         const Id f = twin[e], e2 = previous(e), f2 = previous(f), below = twin[f2], above = twin[e2];
         quads[f / 3] = lower;
