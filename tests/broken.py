@@ -103,5 +103,4 @@ def triangulate_clockwise(polygon: Polygon) -> np.ndarray:
 
 
 def return_two_triangles(polygon: Polygon) -> np.ndarray:
-    """Return only the first two triangles."""
     return triangulate_clockwise(polygon)[:2]

@@ -80,7 +80,6 @@ class Chromium:
             self.send(f"{domain}.enable")
 
     def send(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """Send a command and wait for the reply."""
         self._number += 1
         message = {"id": self._number, "method": method, "params": parameters}
         if self._session is not None:
@@ -126,7 +125,6 @@ class Chromium:
         self.wait(f"location.href === {json.dumps(address)} && {ready}")
 
     def wait(self, condition: str) -> None:
-        """Wait until a JavaScript condition holds."""
         deadline = time.monotonic() + TIMEOUT_S
         while not self.evaluate(condition):
             assert not self.errors, self.errors
@@ -159,7 +157,6 @@ class Chromium:
         self.send("Emulation.setEmulatedMedia", features=[feature])
 
     def click(self, x: float, y: float) -> None:
-        """Press and release the mouse at a point of the viewport."""
         self.send("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
         for kind in ("mousePressed", "mouseReleased"):
             self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
@@ -185,13 +182,11 @@ class Chromium:
         return file
 
     def print(self, file: Path) -> Path:
-        """Print the page to PDF."""
         document = self.send("Page.printToPDF", printBackground=True)
         file.write_bytes(base64.b64decode(document["data"]))
         return file
 
     def close(self) -> None:
-        """Close the browser."""
         self._session = None
         try:
             self.send("Browser.close")

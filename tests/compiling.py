@@ -75,7 +75,6 @@ def _rasterise(frame: Frame, triangles: NDArray[np.int32]) -> None:
 
 
 def _compile_second_half() -> None:
-    """Compile the half of the second process."""
     warm_up(*map(parse, SECOND_HALF))
     polygons = load(SCENES[0]).polygons
     triangulate_many(polygons, "refined")

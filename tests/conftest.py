@@ -1,5 +1,3 @@
-"""Fixtures and helpers of all tests."""
-
 import gc
 import json
 import os
@@ -97,7 +95,6 @@ def make_geojson(geometries: Iterable[Any], **members: Any) -> str:
 
 
 def write_geojson(path: Path, polygons: list[Polygon]) -> Path:
-    """Write polygons in metres to a GeoJSON file."""
     path.write_text(make_geojson(polygons, crs=IN_METRES))
     return path
 

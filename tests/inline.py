@@ -1,5 +1,3 @@
-"""A worker that executes tasks in this process."""
-
 from collections.abc import Callable
 from typing import Any
 

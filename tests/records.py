@@ -1,5 +1,3 @@
-"""Records for tests, with default fields except those that a test names."""
-
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path

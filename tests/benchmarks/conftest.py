@@ -1,3 +1,1 @@
-"""Fixtures of tests/rasterisers for the benchmarks."""
-
 from tests.rasterisers.conftest import _open_rasterisers, llvmpipe, opened, reference  # noqa: F401

@@ -23,7 +23,6 @@ SLOWED_INDEX = "2"
 
 
 def measure(out: Path, **variables: str) -> Path:
-    """Measure the city in a new process."""
     command = [sys.executable, "-m", "harness", "run", "--scene", "city", "--quick", "--quiet"]
     command += ["--rasterisers", "tests.compare.heavy:HeavyOpenGL", "--out", str(out)]
     environment = {**os.environ, **variables}

@@ -1,5 +1,3 @@
-"""Time that a browser takes to open a large report."""
-
 from pathlib import Path
 
 from tests.chromium import Chromium

@@ -67,7 +67,6 @@ def measure(scene: str, out: Path) -> list[Record]:
 
 
 def check(record: Record) -> None:
-    """Check that a case is correct, or skipped for an expected reason."""
     name, reason = record["triangulator"], record["reason"] or ""
     is_expected = any(part in reason for part in EXPECTED_REASONS)
     if record["status"] == "skipped":

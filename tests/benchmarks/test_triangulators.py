@@ -96,7 +96,6 @@ def test_smooth_outline_10000_against_delaunay(benchmark, criterion):
 
 
 def run_earcut_loop(polygons: PolygonArray) -> list[np.ndarray]:
-    """Call mapbox_earcut for each polygon."""
     result = []
     for index in range(len(polygons)):
         points, ring_offsets = polygons.rings_of(index)

@@ -124,7 +124,6 @@ def write_run(
 
 
 def make_plan(leave_out: tuple[str, ...] = (), **changes: Any) -> dict[str, Any]:
-    """Return the plan of a default run."""
     return {
         "scene": "city",
         "seed": 0,
@@ -195,7 +194,6 @@ def make_old(entry: dict[str, Any]) -> None:
 
 
 def read_back(facts: Any, records: list[dict[str, Any]]) -> Run:
-    """Write a run folder with these facts and records, and read it."""
     with tempfile.TemporaryDirectory() as folder:
         lines = "".join(json.dumps(entry) + "\n" for entry in records)
         (Path(folder) / "cases.jsonl").write_text(lines)

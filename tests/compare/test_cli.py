@@ -257,7 +257,6 @@ def test_files_equal_standard_output(runs, harness):
 
 
 def test_changed_function_of_the_same_name_is_a_regression(harness, tmp_path, monkeypatch):
-    """The user's function changes between two runs; the headline names it."""
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
     for name, method in (("base", "delaunay"), ("head", "ear-clipping")):

@@ -42,7 +42,6 @@ def comparison(request, tmp_path_factory):
 
 @pytest.fixture
 def markup_comparison(tmp_path):
-    """A comparison with names and reasons that contain markup and control characters."""
     names = (
         "a|b`c",
         "<img src=x onerror=alert(1)>",
@@ -179,7 +178,6 @@ def test_html_makes_no_requests(comparison):
 
 
 def test_markdown_escapes_mentions_and_control_characters(tmp_path):
-    """Names are escaped in tables, folded headings and lists."""
     name = "@someone \x1b[31m\u202e#7 <b>"
 
     def rename(entry):
@@ -196,8 +194,6 @@ def test_markdown_escapes_mentions_and_control_characters(tmp_path):
 
 
 def test_html_plots_times_with_intervals(tmp_path):
-    """The plot of a timed case has the interval, the ratio, and the threshold about 1."""
-
     def untimed(entry):
         del entry["time"]
 

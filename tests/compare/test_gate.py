@@ -220,7 +220,6 @@ def test_drift_in_common_rounds_is_gated(tmp_path):
 
 
 def test_drift_equal_to_the_threshold_is_tolerated(tmp_path):
-    """Growth equal to the threshold is tolerated, for times as for counters."""
     base = [make_case(name, seed=1) for name in TRIANGULATORS]
     head = [make_case(name, seed=1) for name in TRIANGULATORS]
     for before, after in zip(base, head, strict=True):

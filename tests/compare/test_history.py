@@ -1,5 +1,3 @@
-"""History: order of runs, and positions of detected changes."""
-
 import csv
 import math
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""The polygons with the largest growth are listed and drawn."""
-
 from pathlib import Path
 
 import numpy as np
@@ -106,7 +104,6 @@ def test_polygons_of_several_cases_are_sorted_by_growth(runs, monkeypatch):
 
 
 def test_polygon_is_drawn_alone_near_the_origin(monkeypatch):
-    """The polygon is moved by quads to the origin of a frame that contains it."""
     corner = np.array([(0, 0), (2000, 0), (0, 900)], np.int32)
     points = np.vstack([corner, corner + [(5000, 700)]]).astype(np.int32)
     rows = np.array([(0, 1, 2), (3, 4, 5)], np.int32)

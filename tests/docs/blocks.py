@@ -38,12 +38,10 @@ class Block:
 
     @property
     def exit_code(self) -> int:
-        """The required exit code of the last command."""
         return int(self.note) if self.kind == "exit" else 0
 
 
 def blocks(page: Path) -> Iterator[Block]:
-    """Yield the blocks of a page in order."""
     for found in FENCE.finditer(page.read_text()):
         yield Block(found["language"], found["content"], found["kind"] or "", found["note"] or "")
 

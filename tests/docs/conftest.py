@@ -96,7 +96,6 @@ class Reader:
                 assert self.run(line) == (block.exit_code if last else 0), line
 
     def run(self, line: str) -> int:
-        """Run one command; return the exit code."""
         command = COMMAND.match(line)
         if command and not FULL:
             return run_command(*shlex.split(command["arguments"]))

@@ -35,7 +35,6 @@ def find_box(name: str) -> tuple[str, str]:
 
 
 def find_box_of_file(file: Path) -> tuple[str, str]:
-    """Return the package and the folder or module, as boxes name it, of a source file."""
     return find_box(".".join(file.relative_to(ROOT).with_suffix("").parts))
 
 

@@ -51,7 +51,6 @@ def test_commands_are_only_in_sh_blocks():
 
 
 def test_a_readers_triangulator_is_ranked(reader: Reader):
-    """The code in README, on fewer polygons."""
     readme = {block.note: block for block in blocks(ROOT / "README.md") if block.kind == "file"}
     reader.follow(readme["mine.py"])
     assert len(readme["mine.py"].content.splitlines()) <= 20

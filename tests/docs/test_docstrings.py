@@ -43,7 +43,6 @@ def test_examples_run(name):
 
 
 def list_functions(name: str) -> list:
-    """Return the public functions defined in a module."""
     module = importlib.import_module(name)
     functions = inspect.getmembers(module, inspect.isfunction)
     return [f for key, f in functions if key[0] != "_" and f.__module__ == name]

@@ -11,7 +11,6 @@ SECTIONS = ["Summary", "Statement of need", "State of the field", "Software desi
 
 
 def read_paper() -> tuple[dict, str]:
-    """Return the metadata and the text of paper.md."""
     _, metadata, text = (ROOT / "paper" / "paper.md").read_text().split("---\n", 2)
     return yaml.safe_load(metadata), without_comments(text)
 

@@ -148,7 +148,6 @@ def test_the_page_opens_with_a_typical_polygon(browser):
 
 
 def test_a_picture_is_saved(browser):
-    """The picture has all triangulations and the answer."""
     open_page(browser)
     wrapped = "wrapText(document.createElement('canvas').getContext('2d'), 'a b c', 14, '9px mono')"
     assert len(browser.evaluate(wrapped)) > 1

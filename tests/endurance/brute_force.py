@@ -161,7 +161,6 @@ class SmallPolygon:
 
 
 def list_sides(t: Triangle) -> tuple[Side, Side, Side]:
-    """Return the directed sides of a triangle."""
     return (t[0], t[1]), (t[1], t[2]), (t[2], t[0])
 
 

@@ -32,7 +32,6 @@ SIZES = (4.0, 8.0, 30.0, 1000.0, 2.0**20, 1e13, 1e13, 30.0 / 256.0)
 
 
 def is_accepted_by_package(line: str) -> bool:
-    """Return whether the package's checker confirms a claim from its evidence."""
     try:
         claim = json.loads(line, object_pairs_hook=_reject_duplicates)
         if not _is_well_formed(claim):
@@ -62,7 +61,6 @@ def is_accepted_by_package(line: str) -> bool:
 
 
 def is_accepted_by_file(line: str) -> bool:
-    """Return whether the standalone checker accepts a claim."""
     try:
         check_evidence.check_line(line)
     except check_evidence.EvidenceError:
@@ -292,7 +290,6 @@ LITERALS = {
 
 
 def _replace(rng: np.random.Generator, value: Any) -> Any:
-    """Return a replacement of a value."""
     values: list[Any] = [None, True, False, 0, 1, -1, 0.5, "", [], {}, 10**30, 2**53 + 1, 2**63]
     values += [float("nan"), float("inf"), *LITERALS, [value], {"value": value}, str(value)]
     if type(value) in (int, float):
@@ -302,7 +299,6 @@ def _replace(rng: np.random.Generator, value: Any) -> Any:
 
 
 def _change_value(rng: np.random.Generator, claim: Claim) -> None:
-    """Replace a value at any depth."""
     parent: Any = claim
     while True:
         keys = list(parent) if isinstance(parent, dict) else range(len(parent))
@@ -314,7 +310,6 @@ def _change_value(rng: np.random.Generator, claim: Claim) -> None:
 
 
 def _change_fields(rng: np.random.Generator, claim: Claim) -> None:
-    """Remove, add or exchange fields or entries."""
     parent: Any = claim
     while rng.random() < 0.7:
         keys = list(parent) if isinstance(parent, dict) else range(len(parent))
@@ -378,7 +373,6 @@ def _change_rings(rng: np.random.Generator, claim: Claim) -> None:  # noqa: C901
 
 
 def _update_cost(rng: np.random.Generator, claim: Claim) -> None:
-    """Set the cost and the bound to the cost of the present triangles."""
     polygon = SmallPolygon([[point[:2] for point in ring] for ring in claim["rings"]])
     triangles = [[polygon.vertex_of[v] for v in t] for t in claim["triangles"]]
     total = float(sum(polygon.cost((a, b, c), claim["criterion"]) for a, b, c in triangles))
@@ -402,7 +396,6 @@ def _change_numbers(rng: np.random.Generator, claim: Claim) -> None:
 
 
 def _change_evidence(rng: np.random.Generator, claim: Claim) -> None:
-    """Change a part of the evidence."""
     edges, potentials = claim["edges"], claim["potentials"]
     index, size = int(rng.integers(len(potentials))), int(rng.integers(1, 63))
     kind = int(rng.integers(8))

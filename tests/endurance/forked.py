@@ -50,8 +50,6 @@ class Program:
 
 
 def serve_requests(number: int) -> None:
-    """Serve requests until the client closes the socket."""
-
     server = socket.socket(fileno=number)
     while True:
         request, descriptors, _, _ = socket.recv_fds(server, MAX_REQUEST_BYTES, 1)
@@ -68,7 +66,6 @@ def serve_requests(number: int) -> None:
 def _run_program(
     arguments: list[str], folder: str, environment: dict[str, str], output: int
 ) -> None:
-    """Run the program in this process and exit."""
     os.setsid()  # so that killing the process group does not end the tests
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     for descriptor in (1, 2):

@@ -150,7 +150,6 @@ def nudge_json(document: Any, rng: np.random.Generator) -> Any:
 
 
 def change_byte(data: bytes, rng: np.random.Generator) -> bytes:
-    """Return a copy with one changed byte."""
     changed = bytearray(data)
     changed[int(rng.integers(0, len(changed)))] = int(rng.choice(bytearray(b" -.0123456789/")))
     return bytes(changed)
@@ -362,7 +361,6 @@ def test_javascript_port(scale_count, report_counts, tmp_path):
 
 
 def test_find_problem_reports_bad_outcomes(tmp_path):
-    """There are four kinds of bad outcomes."""
     assert HOSTILE_VALUES
     for program, word in (
         ("import os; os.abort()", "exit code -6"),
@@ -378,7 +376,6 @@ def test_find_problem_reports_bad_outcomes(tmp_path):
 
 @pytest.fixture(autouse=True)
 def _no_core_files():
-    """Disable core dumps of processes that are killed on purpose."""
     import resource
 
     before = resource.getrlimit(resource.RLIMIT_CORE)

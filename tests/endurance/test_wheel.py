@@ -65,5 +65,4 @@ def test_wheel_works_without_the_repository(tmp_path, report_counts):
 
 
 def measure_megabytes(folder: Path) -> int:
-    """Return the size of a folder's files."""
     return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file()) // 10**6

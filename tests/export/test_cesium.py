@@ -55,7 +55,6 @@ def glb(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
-    """Return a page with CesiumJS and cesium.js in one script."""
     folder = tmp_path_factory.mktemp("page")
     options = ("--bundle", "--minify", "--log-level=error", "--define:import.meta.url=''")
     options += ("--define:CESIUM_BASE_URL=''", f"--outfile={folder / 'cesium.js'}")

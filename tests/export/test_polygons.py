@@ -34,7 +34,6 @@ SHAPES = (COURTYARD, STRAIGHT, TOUCHING, ON_EDGE, REPEATED.reverse())
 
 @pytest.fixture
 def shapes(tmp_path):
-    """Write the polygons as WKT; return the file."""
     path = tmp_path / "shapes.wkt"
     path.write_text("\n".join(shape.wkt for shape in SHAPES))
     return path

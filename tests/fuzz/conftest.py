@@ -1,5 +1,3 @@
-"""Print a summary of each search."""
-
 import pytest
 
 

@@ -39,7 +39,6 @@ byte_edits = st.fixed_dictionaries(
 
 
 def edit_file_values(file: Path, edits: list[dict[str, Any]]) -> None:
-    """Change values in a JSON or JSON Lines file."""
     lines = file.suffix == ".jsonl"
     text = file.read_text()
     documents = [json.loads(part) for part in (text.splitlines() if lines else [text])]
@@ -104,5 +103,4 @@ def apply_byte_edits(content: bytes, edits: list[dict[str, Any]]) -> bytes:
 
 
 def edit_file_bytes(file: Path, edits: list[dict[str, Any]]) -> None:
-    """Apply byte edits to a file."""
     file.write_bytes(apply_byte_edits(file.read_bytes(), edits))

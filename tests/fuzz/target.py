@@ -48,8 +48,6 @@ _registry: dict[str, Target] = {}
 
 
 def target(name: str, inputs: SearchStrategy[Any]) -> Callable[[Check], Check]:
-    """Register the decorated check as a target."""
-
     def register(check: Check) -> Check:
         assert name not in _registry, f"duplicate target {name}"
         _registry[name] = Target(name, inputs, check)
@@ -59,7 +57,6 @@ def target(name: str, inputs: SearchStrategy[Any]) -> Callable[[Check], Check]:
 
 
 def load_targets() -> dict[str, Target]:
-    """Return all targets by name."""
     package = importlib.import_module("tests.fuzz.targets")
     for module in pkgutil.iter_modules(package.__path__):
         importlib.import_module(f"{package.__name__}.{module.name}")
@@ -117,7 +114,6 @@ def search_inputs(
 
 
 def store_input(folder: Path, value: Any) -> Path:
-    """Write an input to the folder of its target; return the file."""
     text = json.dumps(value, indent=1) + "\n"
     file = folder / f"{hashlib.sha256(text.encode()).hexdigest()[:12]}.json"
     folder.mkdir(parents=True, exist_ok=True)

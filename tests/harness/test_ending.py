@@ -28,7 +28,6 @@ pytestmark = pytest.mark.usefixtures("no_plots")
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory) -> Path:
-    """Return a finished run of two triangulators on the mock."""
     folder = tmp_path_factory.mktemp("finished")
     scene = write_geojson(folder / "squares.geojson", [box(0, 0, 8, 8), box(9, 0, 14, 5)])
     measure(make_plan(scene, triangulators=("ear-clipping", "delaunay")), folder / "run")

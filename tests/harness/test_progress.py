@@ -1,5 +1,3 @@
-"""Progress: bars on a terminal, lines at intervals elsewhere."""
-
 import io
 import time
 from itertools import pairwise

@@ -1,5 +1,3 @@
-"""The file of a machine's fastest reference draws."""
-
 import json
 
 import pytest

@@ -92,7 +92,6 @@ def test_every_case_gets_a_complete_record(block, tmp_path):
 
 
 def skip_batch(_recipe: Recipe, polygons: PolygonArray) -> tuple[list[object], np.ndarray]:
-    """Leave all polygons to single calls."""
     return [], np.zeros(len(polygons), np.bool_)
 
 
@@ -210,7 +209,6 @@ def test_resume_repeats_failed_but_not_skipped_cases(tmp_path, monkeypatch):
 
 
 def interrupt_after_one(monkeypatch):
-    """Send Ctrl-C when the first record is written."""
     append = RunFolder.append
 
     def append_and_interrupt(self: RunFolder, record: dict[str, object]) -> None:

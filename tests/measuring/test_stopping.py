@@ -68,8 +68,6 @@ def test_counters_of_a_run_stopped_while_timing_are_reused(block, tmp_path, monk
 
 @pytest.mark.parametrize("step", ["triangulate", "draw_and_count"])
 def test_first_interrupt_stops_at_once_while_nothing_is_timed(block, tmp_path, monkeypatch, step):
-    """`test_an_interrupt_preserves_finished_cases` has the timing."""
-
     def interrupt(*_: object) -> None:
         os.kill(os.getpid(), signal.SIGINT)
         raise AssertionError("it went on")

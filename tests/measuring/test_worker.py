@@ -91,7 +91,6 @@ def raise_theirs() -> None:
 
 
 def send_to(who: str, number: int) -> None:
-    """Send a signal to this process, its parent or its grandparent."""
     process = psutil.Process()
     if who != "itself":
         process = process.parent()

@@ -186,7 +186,6 @@ def test_incomplete_triangulator_is_not_recommended():
 
 
 def test_no_recommendation_if_every_triangulator_skipped_polygons():
-    """All triangulators skipped polygons; the fan drew 229 of 500."""
     drawn = {"fan": 229, "strip": 100, "delaunay": 499}
     records = [
         make_fields(name, verdict, polygons=drawn[name], polygons_skipped=500 - drawn[name])

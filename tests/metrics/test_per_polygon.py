@@ -1,5 +1,3 @@
-"""Metrics of single polygons, on columns with known ratios."""
-
 import warnings
 
 import numpy as np

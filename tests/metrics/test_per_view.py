@@ -1,5 +1,3 @@
-"""Counters over map tiles and views of a model, with intervals."""
-
 import numpy as np
 import pytest
 

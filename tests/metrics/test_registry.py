@@ -1,5 +1,3 @@
-"""The registry of metrics: an added metric appears in all outputs."""
-
 import hashlib
 import io
 import json

@@ -92,7 +92,6 @@ def test_few_drawings_with_two_modes_do_not_disturb_a_run():
 
 
 def with_time(record, **fields):
-    """Return the record with changed fields of the times."""
     return replace(record, time=replace(record.time, **fields))
 
 

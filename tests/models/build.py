@@ -18,7 +18,6 @@ LONG = np.array([(0, 1, 2), (0, 2, 3)])
 
 
 def join_glb(document: Any, data: bytes) -> bytes:
-    """Return a .glb file with a JSON document and the bytes of a buffer."""
     text = json.dumps(document).encode()
     text += b" " * (-len(text) % 4)
     data += b"\0" * (-len(data) % 4)
@@ -28,7 +27,6 @@ def join_glb(document: Any, data: bytes) -> bytes:
 
 
 def split_glb(content: bytes) -> tuple[Any, bytes]:
-    """Return the JSON of a .glb file, and the bytes of the buffer."""
     size = struct.unpack_from("<I", content, 12)[0]
     return json.loads(content[20 : 20 + size]), content[28 + size :]
 

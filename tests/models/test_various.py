@@ -87,7 +87,6 @@ def is_closed(path: Path) -> bool:
 
 
 def read_gltf(path: Path) -> tuple[dict[str, Any], list[bytes]]:
-    """Return the JSON of a glTF file and the bytes of its buffers."""
     data, binary = path.read_bytes(), b""
     if data[:4] == b"glTF":
         document, binary = split_glb(data)

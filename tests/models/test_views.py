@@ -1,5 +1,3 @@
-"""Views of models: the camera's directions, and the counters."""
-
 import numpy as np
 import pytest
 import trimesh

@@ -73,7 +73,6 @@ class Model(Builder):
     """A glTF model with materials, nodes and extras."""
 
     def add(self, shape: Shape, kind: str = "<u2", **attributes: int) -> dict[str, Any]:
-        """Add a primitive with positions, normals and more."""
         names = {"POSITION": self.accessor(shape.points), "NORMAL": self.accessor(shape.normals)}
         corners = self.accessor(shape.triangles.astype(kind).reshape(-1))
         primitive = {"attributes": names | attributes, "indices": corners}
@@ -81,7 +80,6 @@ class Model(Builder):
         return primitive
 
     def textured(self) -> int:
-        """Add a material with a texture; return the number."""
         self.json["images"] = [{"bufferView": self.view(make_picture()), "mimeType": "image/png"}]
         self.json["textures"] = [{"source": 0}]
         about = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}
@@ -208,7 +206,6 @@ def with_variants(model: Model) -> None:
 
 
 def with_data_uri(path: Path) -> Path:
-    """Write a .gltf that contains its buffer."""
     return _as_gltf(path, lambda data: "data:application/octet-stream;base64," + data)
 
 

@@ -1,5 +1,3 @@
-"""A small run, its measuring page, and the file that the page would save."""
-
 import hashlib
 import json
 from collections.abc import Callable, Iterator
@@ -199,12 +197,10 @@ def open_page(browser: Chromium, page: Path, world: str = "") -> None:
 
 
 def measure(browser: Chromium) -> dict[str, Any]:
-    """Start the measurement, wait for its end, and return the result."""
     browser.evaluate("start(); null")
     browser.wait(MEASUREMENT_ENDED)
     return json.loads(browser.evaluate("JSON.stringify(state.result)"))
 
 
 def read_text(browser: Chromium, part: str) -> str:
-    """Return the text of an element of the page."""
     return browser.evaluate(f"$('{part}').textContent")

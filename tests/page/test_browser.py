@@ -27,7 +27,6 @@ def page(small_run, tmp_path_factory) -> Path:
 
 
 def open_page(browser: Chromium, page: Path) -> None:
-    """Open the page without starting it, with a short measurement."""
     browser.open(page, REPORT_READY, fragment="wait")
     browser.evaluate("PACE.quick = 0.05; $('pace').value = 'quick'; null")
 

@@ -1,5 +1,3 @@
-"""Summaries of devices, and the table of summaries in results/devices."""
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -27,7 +27,6 @@ from tests.profile.charging import COSTS
 
 @pytest.fixture
 def loaded(browser, profile_page) -> Chromium:
-    """Return the browser with the loaded page, not started."""
     browser.open(profile_page, REPORT_READY, fragment="wait")
     return browser
 
@@ -67,7 +66,6 @@ STAGE_COSTS = {
 
 @pytest.fixture(scope="module")
 def design_rows() -> tuple[list[design.Draw], np.ndarray]:
-    """Return the draws of the design and their counters."""
     draws = design.make_draws()
     return draws, make_design_rows([count_draw(draw) for draw in draws])
 

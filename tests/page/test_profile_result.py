@@ -92,7 +92,6 @@ def times(result: dict[str, Any], name: str) -> list[float]:
 
 
 def slow_down(result: dict[str, Any], first: int) -> None:
-    """Double the times of all draws from a round on."""
     for draw in result["times"].values():
         draw["samples_s"][first:] = [2 * value for value in draw["samples_s"][first:]]
 

@@ -113,7 +113,6 @@ WRONG_VALUES = (None, "", "1", -1, -0.5, 1e300, True, [], {}, [None], {"": 0}, "
 
 
 def list_paths(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    """Return the paths to all values in a JSON document."""
     items = (
         value.items()
         if isinstance(value, dict)
@@ -125,7 +124,6 @@ def list_paths(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
 
 
 def replace_value(result: dict[str, Any], path: tuple[Any, ...], value: Any) -> Any:
-    """Return a copy with another value at a path."""
     copy = json.loads(json.dumps(result))
     if not path:
         return value
@@ -171,7 +169,6 @@ def test_changed_results_are_refused_or_consistent(tmp_path, small_run):
 
 
 def is_allowed(path: tuple[Any, ...], value: Any) -> bool:
-    """Return whether a value is allowed at a path."""
     name = str(path[-1])
     texts = ("harness", "created", "started", "ended", "browser", "vendor", "architecture")
     if isinstance(value, str):

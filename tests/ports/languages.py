@@ -58,7 +58,6 @@ class Cases(NamedTuple):
         np.concatenate([np.empty(0, np.int32), *rings]).tofile(folder / "rings.i32")
 
     def polygon(self, index: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the points and corners of a polygon."""
         (first, begin), (last, end) = self.bounds[index : index + 2].tolist()
         return self.points[first:last], self.corners[begin:end]
 
@@ -95,7 +94,6 @@ def flip_in_python(cases: Cases, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _by_quads(scale: str) -> Callable[..., int]:
-    """Return flips by expected quads, at a scale in pixels per unit."""
     cost = find_plain_cost(criteria.find("expected-quads"))
     return lambda points, corner, twin: flip_by_cost(
         points, points * float(scale), corner, twin, cost
@@ -142,7 +140,6 @@ def compile_flips(folder: Path, command: list[str], *flags: str) -> Path:
 
 
 def flip_in_cpp(folder: Path, program: Path) -> None:
-    """Run the compiled program on the cases in the folder."""
     subprocess.run([str(program), str(folder)], check=True)
 
 

@@ -51,7 +51,6 @@ def node():
 
 @pytest.fixture(scope="module")
 def javascript(cases, node, tmp_path_factory):
-    """Return a folder with the results of JavaScript."""
     folder = tmp_path_factory.mktemp("javascript")
     cases.write(folder)
     languages.flip_in_javascript(folder)
@@ -77,7 +76,6 @@ def cpp(cases, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def flipped(cases):
-    """Return the results of Python by test."""
     names = (*FLIP_TESTS, *languages.SCALED, "l1-native", "reorder")
     results = {name: flip_in_python(cases, name) for name in names}
     for name, (corners, counts) in results.items():

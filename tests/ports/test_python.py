@@ -22,7 +22,6 @@ KITE = np.array([(0, 0), (2, -1), (9, 0), (2, 1)], dtype=float)
 
 @pytest.fixture(scope="module")
 def package(tmp_path_factory):
-    """Build the wheel and yield its package."""
     folder = tmp_path_factory.mktemp("python")
     for name in ("cpp", "python"):
         shutil.copytree(ROOT / "ports" / name, folder / name)

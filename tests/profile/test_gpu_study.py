@@ -42,7 +42,6 @@ def write_run(folder: Path, cases: list[pd.DataFrame], **columns: object) -> Non
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Return a folder of a prepared study, without measurements."""
     for scene, resolution, covering in (("glyphs", 256, 100), ("city", 1024, 20_000)):
         cases = [make_cases(scene, resolution, order, 0, covering) for order in BATCHES]
         both = [each.assign(rasteriser=name) for each in cases for name in ("opengl", "reference")]

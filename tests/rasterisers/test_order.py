@@ -1,5 +1,3 @@
-"""Orders of triangles: permutations, equal for every rasteriser."""
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

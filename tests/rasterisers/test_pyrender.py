@@ -1,5 +1,3 @@
-"""The rasteriser pyrender, which draws roofs and walls, in a separate process."""
-
 import pickle
 from itertools import pairwise
 

@@ -1,5 +1,3 @@
-"""Rasterisers and devices by name, and errors for missing ones."""
-
 import os
 from importlib.metadata import EntryPoint
 from pathlib import Path

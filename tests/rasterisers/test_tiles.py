@@ -53,7 +53,6 @@ def test_counters_and_pictures_equal_the_reference(on_device, tiles, reference):
 
 
 def test_reference_counts_only_pixels_of_the_window(reference, tiles):
-    """Compare with maps of the pixels of each triangle."""
     frame, triangles = tiles
     counted = reference.draw_and_count(frame, triangles, NATIVE)
     quads = count_outline_quads(frame, [np.array([[0, 1, 2]], np.int32)] * 160)

@@ -1,5 +1,3 @@
-"""Reports for the tests in a browser."""
-
 import itertools
 import json
 import random
@@ -62,7 +60,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def page(browser: Chromium, folder: Path) -> Chromium:
-    """Return the browser with the report of that run."""
     browser.open(folder / "report.html")
     return browser
 

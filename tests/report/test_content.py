@@ -1,5 +1,3 @@
-"""Content of reports, also of incomplete runs."""
-
 import copy
 import hashlib
 import json
@@ -175,7 +173,6 @@ def test_sample_of_polygons_is_reproducible_and_sorted():
 
 
 def list_fields(value: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    """Yield the paths of all fields of a record at any depth."""
     if isinstance(value, dict):
         for name in value:
             yield (*above, name)
@@ -206,7 +203,6 @@ def test_each_field_may_be_damaged(damage):
 
 
 def change_run(change):
-    """Return a run after a change of its first record and its facts."""
     run = read_run(make_sample_run())
     record, *other_records = get_rows(run)
     facts = copy.deepcopy(run.facts)

@@ -1,5 +1,3 @@
-"""The table of a run in Markdown, LaTeX and the JSON of Bencher."""
-
 import json
 from pathlib import Path
 
@@ -65,7 +63,6 @@ def test_a_run_without_a_case_has_no_table(tmp_path: Path):
 
 
 def read_run_without_cases(folder: Path):
-    """Return a run folder with facts and no records."""
     (folder / "run.json").write_text('{"schema_version": 1}')
     (folder / "cases.jsonl").write_text("")
     return read_run(folder)

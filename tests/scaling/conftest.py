@@ -1,5 +1,3 @@
-"""Fixtures: small data sets of many parts, and a cluster shared by a module."""
-
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -69,7 +67,6 @@ def parts(tmp_path: Path, footprints: np.ndarray, finely: None) -> Path:
 
 @pytest.fixture(scope="module")
 def two_workers() -> Iterator[DaskExecutor]:
-    """Two workers on this machine."""
     executor = DaskExecutor("local:2")
     yield executor
     executor.close()
@@ -86,7 +83,6 @@ def find_parts(folder: Path) -> list[Path]:
 
 
 def read_parts(folder: Path) -> dict[str, bytes]:
-    """Return the content of each part."""
     return {file.name: file.read_bytes() for file in find_parts(folder)}
 
 

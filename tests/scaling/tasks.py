@@ -26,5 +26,4 @@ def crash(folder: str, name: str) -> None:
 
 
 def times(folder: Path) -> dict[str, int]:
-    """Return the number of executions of each task."""
     return {file.name: len(file.read_text()) for file in folder.iterdir()}

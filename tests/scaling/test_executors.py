@@ -177,7 +177,6 @@ def test_number_of_queued_tasks_is_bounded(two_workers, tmp_path, monkeypatch):
 
 
 def failing(times: int) -> Callable[[], str]:
-    """Return a task that fails `times` times and then succeeds."""
     errors = [UsageError("no space")] * times
 
     def task() -> str:

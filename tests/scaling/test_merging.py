@@ -1,5 +1,3 @@
-"""Merging of runs: order, conflicts, comparison of hosts."""
-
 import json
 import shutil
 from dataclasses import replace

@@ -40,7 +40,6 @@ EXACT = ("fragments", "quads", "helper_lanes", "partial_quads", "bbox_tests", "t
 
 
 def count_all(text: str, out: Path, names: tuple[str, ...] = NAMES) -> tuple[CensusCounts, Summary]:
-    """Run a census; return the counts of the parts and the summary."""
     name, selection = parse_tile_selection(text)
     dataset = Dataset(name, out, TileCensus(names, selection))
     summary = dataset.complete(Executor(), Reporter(quiet=True))
@@ -127,7 +126,6 @@ def test_archive_formats_have_equal_counts(tmp_path):
 
 
 def write_tiles(path: Path, tiles: dict[int, bytes]) -> str:
-    """Write a PMTiles archive of tiles by number."""
     with write(str(path)) as writer:
         for number, data in tiles.items():
             writer.write_tile(number, data)

@@ -18,8 +18,6 @@ def feature(coordinates: Any, kind: str = "Polygon", **properties: Any) -> dict[
 
 @pytest.fixture
 def geojson(tmp_path: Path) -> Callable[..., str]:
-    """Write features to a planar GeoJSON file and return its path."""
-
     def write(*features: dict[str, Any], name: str = "some.geojson", planar: bool = True) -> str:
         collection: dict[str, Any] = {"type": "FeatureCollection", "features": list(features)}
         if planar:
@@ -33,7 +31,6 @@ def geojson(tmp_path: Path) -> Callable[..., str]:
 
 
 def assert_valid_polygons(polygons: list[shapely.Polygon]) -> None:
-    """Assert the invariants of a scene's polygons."""
     array = np.asarray(polygons)
     assert len(array) > 0
     assert shapely.is_valid(array).all()

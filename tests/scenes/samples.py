@@ -95,7 +95,6 @@ def _write(path: Path) -> None:
 
 
 def _city(lines: list[str]) -> dict[str, object]:
-    """Return a model of the houses of a sequence."""
     model = json.loads(lines[0])
     for line in lines[1:]:
         feature = json.loads(line)

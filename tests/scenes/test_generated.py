@@ -1,5 +1,3 @@
-"""Generated scenes, and scenes from required dependencies."""
-
 import numpy as np
 import pytest
 import shapely

@@ -203,7 +203,6 @@ class TestNesting:
         assert [name for name, _ in load(path).dropped] == ["line 1"]
 
     def test_after_other_parts(self, tmp_path):
-        """Deep nesting after other parts, with an SRID in each header."""
         parts = [shapely.Point(1, 2), BOXES[0].exterior, *BOXES[:2], shapely.MultiPolygon(BOXES)]
         valid_parts = [shapely.to_wkb(shapely.force_3d(part), flavor="extended") for part in parts]
         head = struct.pack("<BIII", 1, 0x20000007, 3067, len(valid_parts) + 1)

@@ -235,7 +235,6 @@ def test_only_requested_layers_and_tiles_are_read():
 
 
 def encode_features(name: str, kind: int, geometries: Iterable[list[int]]) -> bytes:
-    """Return a tile of a layer from the commands of geometries."""
     tile = vector_tile_pb2.tile()
     layer = tile.layers.add(name=name, version=2)
     for geometry in geometries:

@@ -1,5 +1,3 @@
-"""Correlations of a study, on data with known results."""
-
 from pathlib import Path
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Regret of criteria and triangulators, on records with known results."""
-
 import io
 
 import numpy as np
@@ -263,7 +261,6 @@ def test_summary_has_median_95th_percentile_and_maximum():
 
 
 def sum_two_views(polygons: int = 1) -> pd.DataFrame:
-    """Return the summary of two counters in two views."""
     records = []
     for size in (128, 64):
         for number in range(polygons):

@@ -156,7 +156,6 @@ def test_two_data_sets_of_one_name_are_refused(harness):
 
 @pytest.fixture
 def small(monkeypatch):
-    """Reduce the size of the four studies."""
     monkeypatch.setattr(
         "harness.commands.study_validate.QUICK", StudySize(2, random=4, max_vertices=20)
     )

@@ -130,7 +130,6 @@ def test_a_study_of_a_file_has_both_names():
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
-    """Run a small study of the city's polygons on the CPU reference."""
     folder = tmp_path_factory.mktemp("study") / "out"
     arguments = ["study", "validate", "--scene", "city:buildings=80", "--quick", "--quiet"]
     arguments += ["--rasterisers", "reference", "--resolution", "512", "--out", str(folder)]

@@ -29,7 +29,6 @@ pytestmark = pytest.mark.usefixtures("no_plots", "in_process")
 def triangulate_named(
     name, polygons, seed=0, calibration=None, database=None
 ) -> FrameTriangulation:
-    """Triangulate with a triangulator by name."""
     recipe = parse(name, seed=seed, calibration=calibration)
     return triangulate_polygons(recipe, polygons, database)
 

@@ -1,5 +1,3 @@
-"""Numbers of proven optima, computed or read from the cache."""
-
 import math
 import pickle
 

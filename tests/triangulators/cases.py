@@ -87,7 +87,6 @@ def convex(n: int) -> shapely.Polygon:
 
 
 def smooth(n: int) -> shapely.Polygon:
-    """Return a smooth outline with bays."""
     angle = np.arange(n) * 2 * np.pi / n
     return shapely.Polygon(place_around(n, 1 + 0.2 * np.sin(5 * angle) + 0.1 * np.cos(13 * angle)))
 
@@ -224,7 +223,6 @@ def rings(
 
 
 def _simple(draw: st.DrawFn, vertices: int, size: int) -> shapely.Polygon:
-    """Draw a simple polygon on the integer grid."""
     vertices = min(vertices, size * size // 3)
     point = st.tuples(*[st.integers(0, size)] * 2)
     points = draw(st.lists(point, min_size=vertices, max_size=vertices, unique=True))

@@ -24,7 +24,6 @@ CRITERIA = ("expected-quads", "exact-quads", "half-perimeter", "shape")
 
 
 def solve(polygon, name, sign=1.0):
-    """Return the polygon, the cost and the triangles of `solve_by_bridges`."""
     outline, criterion = boundary(polygon), criteria.find(name)
     cost = make_cost(criterion, boundary_area(outline), outline.expected_triangles, sign)
     candidates = find_candidates(outline, find_any_triangulation(outline), 10**6)

@@ -82,7 +82,6 @@ def in_debt(ax, ay, bx, by, cx, cy):
 
 
 def solve(polygon, name="half-perimeter"):
-    """Return the optimum and its certificate."""
     best = triangulate(polygon, "optimal", criterion=name)
     return best, certify(polygon, best, name)
 
@@ -224,7 +223,6 @@ def test_edge_noise_takes_all_values_below_its_bits(bits):
 
 @pytest.mark.parametrize("bits", [1, 7, 10])
 def test_edge_noise_equals_independent_checker(bits):
-    """Compared with Python integers."""
     plain = SimpleNamespace(bits=bits)
     for a, b in combinations((*range(40), 10**6), 2):
         assert compute_noise(a, b, bits) == check_evidence.Claim.compute_noise(plain, a, b)

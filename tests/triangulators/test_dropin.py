@@ -1,5 +1,3 @@
-"""The drop-in has the interface of mapbox_earcut."""
-
 import mapbox_earcut
 import numpy as np
 import pytest
@@ -95,7 +93,6 @@ def test_bad_arguments_raise_earcut_errors():
 
 @pytest.mark.parametrize("kind", [np.int32, np.int64])
 def test_integer_functions_equal_float64(kind):
-    """Earcut's integer functions, for programs with tiles or pixels."""
     triangulate_integers = getattr(dropin, f"triangulate_{kind.__name__}")
     raw = getattr(mapbox_earcut, f"triangulate_{kind.__name__}")
     better = 0

@@ -1,5 +1,3 @@
-"""Ear clipping in compiled code returns the triangles of mapbox_earcut."""
-
 import mapbox_earcut
 import numpy as np
 

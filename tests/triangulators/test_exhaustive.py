@@ -1,5 +1,3 @@
-"""The paper's method, on the paper's polygon."""
-
 import csv
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Flips: decreased costs, preserved validity, and rejected arguments."""
-
 from fractions import Fraction
 
 import mapbox_earcut

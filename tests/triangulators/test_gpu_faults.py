@@ -233,7 +233,6 @@ def test_command_writes_equal_files_on_all_devices(harness, tmp_path):
 
 
 def square_file(folder):
-    """A GeoJSON of polygons on the grid, and one off it."""
     rings = [vertices(star(n)) for n in (5, 12, 70)] + [vertices(star(9)) / 3]
     return write_geojson(folder / "stars.geojson", [shapely.Polygon(ring) for ring in rings])
 

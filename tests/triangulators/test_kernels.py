@@ -1,5 +1,3 @@
-"""The cache of compiled code: sharing, invalidation, damage and trust."""
-
 import os
 import shutil
 import subprocess

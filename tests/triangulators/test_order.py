@@ -1,5 +1,3 @@
-"""Triangle orders: permutations with adjacent neighbours and few repeated vertices."""
-
 from collections import deque
 
 import numpy as np
@@ -187,7 +185,6 @@ def count_misses(triangles, size):
 
 
 def grid(side):
-    """Return the triangles and the number of vertices of a square grid."""
     corner = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).ravel()
     low = np.column_stack([corner, corner + 1, corner + side])
     high = np.column_stack([corner + 1, corner + side + 1, corner + side])

@@ -1,5 +1,3 @@
-"""The search for a proof: limits, incumbents and gaps."""
-
 import math
 from fractions import Fraction
 

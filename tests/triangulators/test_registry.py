@@ -1,5 +1,3 @@
-"""Names, weights in names, errors, and third-party triangulators."""
-
 import re
 from functools import partial
 from importlib.metadata import EntryPoint

@@ -39,7 +39,6 @@ def pose(polygon, name="half-perimeter"):
 
 
 def solve(polygon, name="half-perimeter"):
-    """Return the cost of the proven optimum, and the proof."""
     outline, cost = pose(polygon, name)
     solution = prove(outline, find_best_initial(outline, cost), cost)
     solution = prove(outline, solution.triangles, cost)  # evidence for the triangulation found

@@ -1,5 +1,3 @@
-"""The verifier reports all errors and accepts valid triangulations."""
-
 import numpy as np
 import pytest
 import shapely
@@ -77,7 +75,6 @@ def test_expected_triangles_of_touching_rings():
 
 
 def damage(triangles: np.ndarray) -> list[np.ndarray]:
-    """The triangles, and five damaged versions."""
     turned, beyond, twice = triangles.copy(), triangles.copy(), triangles.copy()
     turned[-1] = turned[-1, ::-1]
     beyond[0, 1] = triangles.max() + 1

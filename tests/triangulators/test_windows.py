@@ -1,5 +1,3 @@
-"""Windows of a triangulation, optimised for any cost."""
-
 import numpy as np
 import pytest
 

@@ -61,7 +61,6 @@ def list_options() -> tuple[tuple[str, str], ...]:
 
 
 def list_bad_values() -> Iterator[dict[str, str]]:
-    """Yield each option with each invalid value."""
     for name, option in list_options():
         for value in VALUES:
             yield {"command": name, "option": option, "value": value}

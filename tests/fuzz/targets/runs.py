@@ -78,7 +78,6 @@ def call_command(*arguments: str) -> tuple[int, str]:
 
 
 def damage_path(path: Path, edits: list[dict[str, Any]]) -> None:
-    """Damage a file, or each file in a folder."""
     edit = edit_file_values if "value" in edits[0] else edit_file_bytes
     for file in sorted(path.iterdir()) if path.is_dir() else [path]:
         edit(file, edits)
