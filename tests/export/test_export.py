@@ -158,7 +158,6 @@ def test_maps_in_degrees_get_their_degrees_back(tmp_path, suffix):
         geometry = shapely.from_wkb(wkb)
     corners = {tuple(point) for point in shapely.get_coordinates(geometry)}
     assert corners == {tuple(point) for point in ring}
-    # the written file is read again as a scene
     assert load(out).polygons[0].area == pytest.approx(load(source).polygons[0].area, rel=1e-9)
 
 

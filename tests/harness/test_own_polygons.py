@@ -68,7 +68,6 @@ def test_one_line_describes_the_read_file(harness, town):
     assert err.splitlines().count(line) == 1
     assert scene_of("out")["polygons"] == 4
     assert scene_of("out")["notes"] == line.removeprefix("town: ").split("; ")
-    # resuming finds the same scene
     assert harness("run", "--resume", "out", *LOUD)[0] == 0
     assert len(read_cases("out")) == 1
     out, err = require_ok(harness("triangulate", town, "-o", "out.parquet"))
@@ -97,7 +96,6 @@ def test_geoparquet_names_the_reference_system(harness, tmp_path, crs, expected)
     assert ("crs" in column) is expected
     if expected:
         assert find_system(json.dumps(column["crs"])) == find_system(crs)
-    # and the system is read again
     assert harness("triangulate", "out.parquet", "-o", "again.parquet")[0] == 0
     repeated = json.loads(parquet.read_schema("again.parquet").metadata[b"geo"])
     assert repeated["columns"]["geometry"].get("crs") == column.get("crs")

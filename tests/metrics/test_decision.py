@@ -125,7 +125,6 @@ def test_sentence_table_and_ranking_agree(draws, triangulating, counts):
     order, rows, lines = show_table(records)
     content = make_content(make_run(records))
     cases = {case["row"]["triangulator"]: case for case in content["cases"]}
-    # all outputs have the same order and sentence
     assert order == [standing.name for standing in decision.standings]
     assert sorted(cases, key=lambda name: cases[name]["rank"]) == order
     assert content["groups"][0]["answer"] == sentence
@@ -149,7 +148,6 @@ def test_sentence_table_and_ranking_agree(draws, triangulating, counts):
             assert slower == (standing.ratio.verdict == "slower")
         elif any(other.break_even for other in decision.standings):
             assert rows[standing.name].rstrip().endswith(VERDICTS[standing.ratio.verdict])
-    # the recommendation
     chosen = ": delaunay, the cheapest triangulator with most of the saving: "
     assert (f"{chosen}10.2 % of ear-clipping's draw time" in sentence) == (draws == "faster")
     if draws == "faster":
