@@ -81,10 +81,7 @@ BLOCK = [
 
 
 def make_geojson(geometries: Iterable[Any], **members: Any) -> str:
-    """Return a GeoJSON FeatureCollection with numbered features.
-
-    geometries : shapes, GeoJSON geometries or None
-    """
+    """Return a FeatureCollection of numbered shapes, GeoJSON geometries or None."""
     features = [
         {"type": "Feature", "properties": {"id": number}, "geometry": shape}
         for number, shape in enumerate(
@@ -114,10 +111,7 @@ def run_command(*arguments: str) -> int:
 def harness(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> Callable[..., tuple[int, str, str]]:
-    """Return a function that runs the command line in this process: (exit code, out, err).
-
-    The current folder is empty.
-    """
+    """Return a function that runs a command in an empty folder: (exit code, out, err)."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)

@@ -1,7 +1,4 @@
-"""A rasteriser with scripted costs, to test scheduling without waiting.
-
-Only drawing advances its clock; its counters follow from the triangles.
-"""
+"""A rasteriser with scripted costs, to test without waiting: only drawing advances its clock."""
 
 import os
 import random
@@ -74,10 +71,7 @@ class MockDrawing(Drawing):
 
 
 class MockRasteriser(Rasteriser):
-    """Counts twice the area of triangles as fragments, equal for all complete triangulations.
-
-    The environment variable MOCK_FAULT selects a fault.
-    """
+    """Counts twice the area as fragments; the variable MOCK_FAULT selects a fault."""
 
     name = "mock"
     device_names = ("scripted",)

@@ -21,10 +21,7 @@ CASE: dict[str, Any] = {
 
 
 def make_record(triangulator: str = "ear-clipping", **fields: Any) -> Record:
-    """Return a record with the default fields and `fields`, named as in cases.jsonl.
-
-    The default key is computed from the case.
-    """
+    """Return a record of default fields, a computed key, and `fields`, named as in cases.jsonl."""
     record = parse_record({"key": "0" * 16, **CASE, "triangulator": triangulator, **fields})
     return record if "key" in fields else replace(record, key=record.id.key)
 

@@ -50,10 +50,7 @@ def measure_min(call: Callable[[], Any], rounds: int) -> float:
 
 
 def compare(benchmark: Any, arrays: PolygonArray, name: str, rounds: int) -> tuple[float, float]:
-    """Return the minimum seconds on the device and the CPU, and require equal results.
-
-    Triangles of the optimum for Q may differ on a device that rounds otherwise, but not their sum.
-    """
+    """Return the minimum seconds on device and CPU; require equal triangles, or sums for Q."""
 
     def run(device: str) -> Any:
         return triangulate_many(arrays, name, device=device)

@@ -1,7 +1,4 @@
-"""Records of every scene and triangulator from `run --quick` on llvmpipe.
-
-Scenes with third-party data are measured if the data are installed (`make setup`).
-"""
+"""Records of every installed scene and triangulator from `run --quick` on llvmpipe."""
 
 import subprocess
 import sys

@@ -1,7 +1,4 @@
-"""Error rates of the timing on llvmpipe: false differences, and missed real ones.
-
-Slow, and needs a quiet machine: `make bench`.
-"""
+"""False and missed differences of the timing on llvmpipe: `make bench` on a quiet machine."""
 
 from collections.abc import Iterator
 

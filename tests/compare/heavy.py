@@ -1,7 +1,4 @@
-"""OpenGL with additional fragment work for one drawing: a time regression of a known size.
-
-Counters are unchanged, so only times can reveal the regression.
-"""
+"""OpenGL with more fragment work for one drawing, but equal counters: only times can reveal it."""
 
 import os
 

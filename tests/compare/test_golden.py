@@ -76,9 +76,6 @@ def round_all(value: Any) -> Any:
 
 
 def remove_plots(page: str) -> str:
-    """Remove plots, which depend on the version of Matplotlib, and the style sheet.
-
-    A browser opens the page in test_browser.py.
-    """
+    """Remove plots, which depend on the version of Matplotlib, and the style sheet."""
     page = re.sub(r"<style>.*?</style>", "<style/>", page, flags=re.DOTALL)
     return re.sub(r"<svg.*?</svg>", "<svg/>", page, flags=re.DOTALL)

@@ -21,10 +21,7 @@ MAX_REQUEST_BYTES = 1 << 20
 
 
 class Program:
-    """A loaded program that runs repeatedly, one input at a time.
-
-    It exits with the process that created it.
-    """
+    """A loaded program that runs repeatedly, and exits with the process that created it."""
 
     def __init__(self) -> None:
         client, server = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)

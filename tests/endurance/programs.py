@@ -1,7 +1,4 @@
-"""Random damage to inputs, execution of the program with them, and checks of the outcome.
-
-Each input has a separate process, forked from a loaded program or newly started.
-"""
+"""Random damage to inputs, execution of the program with them, and checks of the outcome."""
 
 import contextlib
 import copy
@@ -128,12 +125,7 @@ def find_problem(outcome: Outcome) -> str:
 
 
 def run_each(count: int, run_one, report_counts, tmp_path: Path, threads: int = 2) -> Counter[int]:
-    """Call `run_one` for each number and require that there are no problems.
-
-    run_one : (number, folder) -> (outcome, problem)
-
-    Returns the counts of exit codes.
-    """
+    """Count exit codes of `run_one(number, folder)` -> (outcome, problem); require no problem."""
 
     def run_in_folder(number: int) -> tuple[int, int, str]:
         folder = tmp_path / str(number)

@@ -118,11 +118,7 @@ def test_models(scale_count, report_counts, tmp_path):
 
 
 def nudge_json(document: Any, rng: np.random.Generator) -> Any:
-    """Return a copy of a JSON document with a small change.
-
-    A scalar is replaced by another one of the document or by its neighbour, or an element of a list
-    is duplicated.
-    """
+    """Return a copy with a scalar replaced by a similar one, or an element of a list repeated."""
     changed = copy.deepcopy(document)
     leaves: list[tuple[Any, Any]] = []
     lists: list[list[Any]] = []

@@ -33,11 +33,7 @@ Check = Callable[[Any], object]
 
 @dataclass(frozen=True)
 class Target:
-    """A guarantee to search for violations of.
-
-    inputs : strategy of JSON values
-    check : raises if the guarantee is violated
-    """
+    """A guarantee: `check` raises no error for any JSON value of the strategy `inputs`."""
 
     name: str
     inputs: SearchStrategy[Any]
@@ -69,11 +65,7 @@ def search_inputs(
     regressions: Path = REGRESSIONS,
     clock: Callable[[], float] = time.monotonic,
 ) -> int:
-    """Check random inputs for `seconds`; return their number.
-
-    The first failing input is reduced, which may take longer, and stored in `regressions`; then the
-    failure is raised.
-    """
+    """Check random inputs for `seconds`; return the number, or store and raise a failure."""
     deadline = clock() + seconds
     folder = regressions / target.name
     count = 0

@@ -135,10 +135,7 @@ def replace_value(result: dict[str, Any], path: tuple[Any, ...], value: Any) -> 
 
 
 def test_changed_results_are_refused_or_consistent(tmp_path, small_run):
-    """Half of the files have changed bytes, the others a wrong value and a valid digest.
-
-    Files with an allowed value are imported as a run; all others are refused in one line.
-    """
+    """Half of the files have changed bytes, the others a wrong value and a valid digest."""
     rng = random.Random(0)
     result = make_result(small_run)
     content_before = write_saved(result, tmp_path / "whole.json").read_bytes()

@@ -144,10 +144,7 @@ def flip_in_cpp(folder: Path, program: Path) -> None:
 
 
 def flip_in_javascript(folder: Path, module: Path | None = None) -> None:
-    """Run flips.mjs on the cases in the folder, and npm's `refine` if it is installed.
-
-    module : path of another earcut to use instead
-    """
+    """Run flips.mjs on the cases in the folder, and `refine` of npm's earcut or of `module`."""
     module = module or find_earcut()
     script = [str(find_node()), str(FOLDER / "flips.mjs"), str(folder)]
     subprocess.run([*script, *([str(module)] if module else [])], check=True)

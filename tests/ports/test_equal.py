@@ -59,10 +59,7 @@ def javascript(cases, node, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def cpp(cases, tmp_path_factory):
-    """Return a folder with the results of C++; tests/endurance tries many more cases.
-
-    The compiler of the wheel is used last: at first it compiles its library, which takes a minute.
-    """
+    """Return a folder with the results of C++; the wheel's compiler, slow at first, is last."""
     if not (commands := languages.find_compilers()):
         pytest.skip("needs a C++ compiler; install: pip install ziglang")
     # The Clang of the wheel lacks the address sanitizer; Zig always enables the other one.

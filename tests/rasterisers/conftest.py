@@ -33,10 +33,7 @@ DEVICES = [
 
 @contextmanager
 def open_on(rasteriser: str, name: str) -> Iterator[Call]:
-    """Run tasks on a device in a separate process.
-
-    If the device is missing, check that the error says how to install it, and skip the test.
-    """
+    """Run tasks on a device in a process; if it is missing, check the error and skip the test."""
     device = get(rasteriser).find(name)
     if device is None:
         with pytest.raises(NoRasteriserError, match="apt-get install -y") as error:
@@ -107,10 +104,7 @@ def loose_triangles(points: np.ndarray, size: int) -> tuple[Frame, np.ndarray]:
 
 
 def random_triangles(seed: int, size: int, number: int, grid: int) -> tuple[Frame, np.ndarray]:
-    """Return small and large triangles with vertices on multiples of `grid`/256 px.
-
-    With a grid of 128 half of the vertices are pixel centres, and edges run through more of them.
-    """
+    """Return triangles with vertices on multiples of `grid`/256 px; 128 includes pixel centres."""
     rng = np.random.default_rng(seed)
     reach = np.array([4, 16, size // 4, size])[rng.integers(0, 4, number)]
     low = rng.integers(1, np.maximum(size - 1 - reach, 2)[:, None], (number, 2))

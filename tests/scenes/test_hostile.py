@@ -1,7 +1,4 @@
-"""Readers return valid polygons or an error of one line for any bytes.
-
-The inputs here are the same every time; tests/fuzz/targets/readers.py searches at random.
-"""
+"""Readers return valid polygons or an error of one line for any bytes."""
 
 import gzip
 import json

@@ -70,10 +70,7 @@ def tile(request: pytest.FixtureRequest) -> bytes:
 
 
 def rings(polygons: Any) -> list[list[Ring]]:
-    """Return the rings of polygons from the smallest vertex, in canonical order.
-
-    Rings without area, which GDAL returns, are ignored: here they become notes.
-    """
+    """Return rings from the smallest vertex, in canonical order, without rings of no area."""
     loaded = []
     for polygon in polygons:
         rings_of_polygon = []

@@ -41,10 +41,7 @@ def read_shared(name: str) -> list[tuple[str, shapely.Polygon]]:
 
 
 def random_simple(rng: np.random.Generator, n: int, size: int = 20) -> shapely.Polygon:
-    """Return a random simple polygon on a small grid, so that vertices are often collinear.
-
-    Edges between random points are uncrossed by reversing parts of the ring (2-opt).
-    """
+    """Return a random simple polygon on a small grid, often with collinear vertices."""
     while True:
         points = rng.integers(0, size, (n, 2))
         if len(np.unique(points, axis=0)) < n:

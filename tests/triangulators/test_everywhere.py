@@ -1,7 +1,4 @@
-"""Every triangulator on hard polygons: valid, reported by the verifier, or a clear error.
-
-The triangulators come from the registry, so a new one is tested without changes.
-"""
+"""Every registered triangulator on hard polygons: valid, reported as invalid, or a clear error."""
 
 from functools import cache
 

@@ -19,10 +19,7 @@ NAMES = (
 
 
 def measure(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return quality, 4 sqrt(3) S over the sum of squared sides, and perimeter of each triangle.
-
-    Quality is 1 for an equilateral triangle and 0 for a degenerate one.
-    """
+    """Return quality (1 if equilateral, 0 if degenerate) and perimeter of each triangle."""
     a, b, c = (points[triangles[:, k]] for k in range(3))
     squares = [((p - q) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))]
     (ux, uy), (vx, vy) = (b - a).T, (c - a).T
