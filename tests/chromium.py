@@ -176,7 +176,6 @@ class Chromium:
             )
 
     def screenshot(self, file: Path, *, full_page: bool = True) -> Path:
-        """Save the full page or only the viewport as PNG."""
         image = self.send("Page.captureScreenshot", captureBeyondViewport=full_page)
         file.write_bytes(base64.b64decode(image["data"]))
         return file

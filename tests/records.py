@@ -36,7 +36,6 @@ def make_time(**fields: Any) -> Time:
 def make_group(
     records: Iterable[Record | Mapping[str, Any]], base: str = "", state: Any = "quiet"
 ) -> RecordGroup:
-    """Return the only group of records, or of fields for `make_record`."""
     parsed = [record if isinstance(record, Record) else make_record(**record) for record in records]
     if not parsed:
         return RecordGroup(make_record().id.group, (), base, state)

@@ -52,7 +52,6 @@ def million(hundred_thousand, tmp_path_factory) -> Path:
 
 
 def time_earcut(polygons: np.ndarray) -> float:
-    """Return the seconds of mapbox_earcut in a loop over prepared arrays."""
     arrays = PolygonArray.from_shapely(polygons)
     rings = (arrays.rings_of(index) for index in range(len(arrays)))
     polygons_and_ends = [(points, offsets[1:].astype(np.uint32)) for points, offsets in rings]

@@ -95,7 +95,6 @@ def make_case(scene: str, size: int) -> tuple[Frame, dict[str, Triangles]]:
 
 @pytest.fixture(scope="module")
 def workers():
-    """Yield a function that returns the worker of a device, started on first use."""
     started: dict[str, Worker] = {}
 
     def worker(device: Device) -> Worker:

@@ -151,8 +151,6 @@ def add_cost(share: float, *, time: float | None = None) -> Edit:
 
 
 def add_time(share: float) -> Edit:
-    """Return an edit that adds `share` to every sample."""
-
     def edit(entry: dict[str, Any]) -> None:
         timing = entry["time"]
         timing["samples_s"] = [round(s * (1 + share), 9) for s in timing["samples_s"]]
@@ -176,8 +174,6 @@ def pair_rounds(share: float = 0.0) -> Edit:
 
 
 def set_failed(status: str, reason: str) -> Edit:
-    """Return an edit that makes the case `failed` or `skipped`."""
-
     def edit(entry: dict[str, Any]) -> None:
         for name in ("polygons", "counters", "time", "predicted", "triangles"):
             entry.pop(name, None)

@@ -107,7 +107,6 @@ def test_json_follows_its_schema(comparison):
 
 
 def render(markdown: str) -> etree._Element:
-    """Render Markdown like GitHub, with tables and HTML blocks."""
     html = MarkdownIt("commonmark", {"html": True}).enable("table").render(markdown)
     return etree.fromstring(f"<body>{html}</body>", etree.XMLParser(recover=False))
 

@@ -39,8 +39,6 @@ COUNTERS = Settings(gates=("counters",))
 
 
 def set_counters(counters: dict[str, int]) -> Edit:
-    """Return an edit that replaces the counters and removes the times."""
-
     def edit(entry: dict[str, Any]) -> None:
         entry |= {"counters": dict(counters), "rasteriser": "theirs", "device": "asic"}
         entry.pop("time", None)

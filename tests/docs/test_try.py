@@ -47,7 +47,6 @@ def read_text(browser: Chromium, part: str) -> str:
 
 
 def act(browser: Chromium, action: str) -> None:
-    """Execute JavaScript in the page, and wait until the page shows the result."""
     before = browser.evaluate("Number(document.documentElement.dataset.ready)")
     browser.evaluate(f"{action}; null")
     browser.wait(f"Number(document.documentElement.dataset.ready) > {before}")

@@ -70,7 +70,6 @@ def run_js(code: str, given: Any) -> Any:
 
 @cache
 def cases() -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """Return polygons of four scenes and random polygons in several views, and their results."""
     polygons = [
         polygon
         for scene in ("paper", "city:buildings=40", "glyphs", "counties")

@@ -103,7 +103,6 @@ def decide_truth(line: str) -> str:
 
 
 def _exceeds_doubles(rings: list[list[list[float]]], name: str) -> bool:
-    """Return whether costs in doubles are rounded."""
     values = [[Fraction(point[axis]) for ring in rings for point in ring] for axis in (0, 1)]
     denominator = max(value.denominator for coordinates in values for value in coordinates)
     extent = max(max(coordinates) - min(coordinates) for coordinates in values) * denominator
@@ -129,8 +128,6 @@ def _reject_duplicates(fields: list[tuple[str, Any]]) -> Claim:
 
 
 def _is_well_formed(claim: Any) -> bool:
-    """Return whether a claim has the fields of the format with values of the right types."""
-
     def is_integer(value: Any) -> bool:
         return type(value) is int
 
@@ -384,7 +381,6 @@ def _update_cost(rng: np.random.Generator, claim: Claim) -> None:
 
 
 def _change_numbers(rng: np.random.Generator, claim: Claim) -> None:
-    """Reduce the cost or the gap, or increase the bound, by a small or large amount."""
     name = str(rng.choice(["gap", "gap", "cost", "lower_bound"]))
     step = float(rng.choice([1e-15, 1e-12, 1e-9, 1e-6, 1e-3, 0.01, 0.5, 1.0]))
     if name == "gap":

@@ -161,7 +161,6 @@ def damage_bytes(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def damage_json(document: Any, rng: np.random.Generator) -> Any:
-    """Return a copy of a JSON document with one to three values replaced."""
     changed = copy.deepcopy(document)
     for _ in range(rng.integers(1, 4)):
         parent = changed

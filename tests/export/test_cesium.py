@@ -47,7 +47,6 @@ def run_node(*command):
 
 @pytest.fixture(scope="module")
 def glb(tmp_path_factory):
-    """Return the GLB of a city with courtyards."""
     out = tmp_path_factory.mktemp("cesium") / "city.glb"
     export_file(CITY, out, polygons=True, chunk=64)
     return out

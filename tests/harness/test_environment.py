@@ -152,7 +152,6 @@ def test_missing_processor_facts_are_compatible():
 
 @pytest.fixture
 def two_runs(tmp_path) -> list[Run]:
-    """Return two runs of one scene on llvmpipe, on two processors."""
     runs = []
     for number, label in enumerate((EPYC, XEON)):
         run = read_run(write_run(tmp_path / str(number), seed=number))

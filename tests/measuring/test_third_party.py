@@ -53,7 +53,6 @@ def test_failures_of_third_party_code_are_failed_records(block, tmp_path, monkey
 
 @pytest.fixture
 def module(tmp_path, monkeypatch):
-    """Return a function that writes a module, which this process and workers can import."""
     monkeypatch.syspath_prepend(str(tmp_path))
 
     def write(name: str, content: str) -> None:

@@ -23,7 +23,6 @@ def out(tmp_path):
 
 
 def read_triangles(path) -> list[list[list[int]]]:
-    """Return the triangles of each part of each mesh, with sorted vertices."""
     parts = [part for group in GltfModel(path).iterate_groups() for part in group]
     return [np.sort(part.mesh.triangles).tolist() for part in parts]
 

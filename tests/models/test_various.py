@@ -134,7 +134,6 @@ def _gltf(before: Path, after: Path) -> Any:
 
 
 def count(document: dict[str, Any], primitive: dict[str, Any]) -> int:
-    """Return the number of triangles that a primitive draws."""
     number = primitive.get("indices", primitive["attributes"]["POSITION"])
     corners = document["accessors"][number]["count"]
     return corners // 3 if primitive.get("mode", 4) == 4 else corners - 2

@@ -99,8 +99,6 @@ class Model(Builder):
 
 
 def written(make: Callable[[Model], None]) -> Callable[[Path], Path]:
-    """Return a function that writes the model that `make` fills."""
-
     def write(path: Path) -> Path:
         model = Model()
         make(model)

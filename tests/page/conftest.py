@@ -137,8 +137,6 @@ def saved(small_run: Run, tmp_path: Path) -> Callable[..., Path]:
 
 @pytest.fixture
 def imported(saved: Callable[..., Path], tmp_path: Path) -> Callable[..., Run]:
-    """Return a function that imports such a file, with or without the run."""
-
     def import_(change: Callable[[dict[str, Any]], None], run: Run | None = None) -> Run:
         out = tmp_path / f"imported-{len(list(tmp_path.iterdir()))}"
         return read_run(import_result(read_result(saved(change)), out, "phone", run))

@@ -33,7 +33,6 @@ def open_page(browser: Chromium, page: Path) -> None:
 
 @pytest.fixture(scope="module")
 def undisturbed(gpu_browser, page) -> SimpleNamespace:
-    """Return the result of an undisturbed measurement, texts of the page, and its requests."""
     open_page(gpu_browser, page)
     result = measure(gpu_browser)
     expressions = {"shown": "document.body.innerText", "device": "$('device').innerText"}

@@ -97,8 +97,6 @@ def slow_down(result: dict[str, Any], first: int) -> None:
 
 
 def truncate_epochs(number: int) -> Callable[[dict[str, Any]], None]:
-    """Return a change that removes all epochs after the first `number`."""
-
     def change(result: dict[str, Any]) -> None:
         del result["epochs"][number:]
         for draw in result["times"].values():

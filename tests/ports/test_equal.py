@@ -98,7 +98,6 @@ def test_earcut_refine_equals_npm_earcut(cases, javascript):
 
 
 def find_tool(*parts):
-    """Return the path of an npm package for the tests, or skip the test."""
     path = languages.PACKAGES.joinpath(*parts)
     if not path.exists():
         pytest.skip(f"{path.name} is not installed; run with a network: make setup-test")
@@ -176,7 +175,6 @@ def test_proposed_change_of_earcut_gives_the_documented_results(flipped, cases, 
 
 @pytest.fixture(scope="module")
 def installed(node, tmp_path_factory):
-    """Return a new folder with the package as packed by `npm pack`."""
     folder = tmp_path_factory.mktemp("installed")
     clone = folder / "clone"  # without node_modules
     shutil.copytree(PORT, clone, ignore=shutil.ignore_patterns("node_modules"))

@@ -33,7 +33,6 @@ EXPECTED = {
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory):
-    """Return the folder of the pages, built like `make examples`."""
     node = languages.find_node()
     if node is None or not (EXAMPLES / "node_modules" / "esbuild").exists():
         pytest.skip("three.js and MapLibre are not installed; run with a network: make setup-test")

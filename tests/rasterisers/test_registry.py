@@ -63,8 +63,6 @@ def test_devices_have_strings_of_the_driver():
 
 @pytest.fixture
 def plugin(monkeypatch):
-    """Return a function that installs third-party entry points, name=module:object."""
-
     def install(**points: str) -> None:
         items = points.items()
         entry_points = {name: EntryPoint(name, path, rasterisers.GROUP) for name, path in items}

@@ -47,7 +47,6 @@ def triangulate_views(frame: Frame, *names: str) -> list[np.ndarray]:
 
 @pytest.fixture(scope="session")
 def views(tmp_path_factory) -> tuple[Frame, list[np.ndarray]]:
-    """Return views of a plate and three triangulations of its faces."""
     path: Path = tmp_path_factory.mktemp("models") / "plate.glb"
     make_solid().export(path)
     frame = read_frame(str(path), views=4, pixels=128)
@@ -119,7 +118,6 @@ def test_views_are_timed_with_depths_too(on_device, views, depth_views):
 
 
 def make_sheets(depths: list[int]) -> tuple[Frame, np.ndarray]:
-    """Return squares of two triangles each at the same position with these depths."""
     square = np.array([[256, 256], [3840, 256], [3840, 3840], [256, 3840]], np.int32)
     count = len(depths)
     frame = make_bare_frame(16, np.tile(square, (count, 1)), 4)

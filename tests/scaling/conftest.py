@@ -87,5 +87,4 @@ def read_parts(folder: Path) -> dict[str, bytes]:
 
 
 def read_ids(folder: Path) -> list[int]:
-    """Return the ids of all footprints in a folder, with repetitions."""
     return sorted(number for table in read_all(folder, "id") for number in table["id"].to_pylist())

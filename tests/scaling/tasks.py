@@ -8,7 +8,6 @@ from harness.errors import UsageError
 
 
 def note(folder: str, name: str, seconds: float = 0.0) -> int:
-    """Record the execution in a file; return the process id."""
     time.sleep(seconds)
     with (Path(folder) / name).open("a") as file:
         file.write("x")

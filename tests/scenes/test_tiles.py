@@ -316,7 +316,6 @@ def test_directory_that_contains_itself_is_refused(tmp_path):
 
 @contextmanager
 def open_db(path: Path | str) -> Iterator[sqlite3.Connection]:
-    """Yield a database, created if missing, and commit at the end."""
     with closing(sqlite3.connect(path)) as database:
         yield database
         database.commit()
@@ -349,7 +348,6 @@ def three_archives(
 
 
 def two_tiles(folder: Path, pack: Any, compression: Compression) -> dict[str, str]:
-    """Write two tiles of zoom 3, one below the other."""
     tile = pack(encoded([COURT]))
     return three_archives(
         folder, {TilePosition(3, 4, 2): tile, TilePosition(3, 4, 3): tile}, compression

@@ -266,7 +266,6 @@ def glyphs(characters: str) -> list[tuple[str, shapely.Polygon]]:
 
 
 def with_hole(rng: np.random.Generator, exterior: int, hole: int) -> shapely.Polygon:
-    """Return a random simple polygon with one random hole, on the integer grid."""
     while True:
         outer = random_simple(rng, exterior, 40)
         inner = shapely.get_coordinates(random_simple(rng, hole, 12))[:-1]

@@ -183,7 +183,6 @@ UNITS = 256
 
 
 def count_quads(polygon: shapely.Polygon, triangles: np.ndarray) -> int:
-    """Return the quads that the reference rasteriser counts for a polygon in px."""
     points = np.rint(vertices(polygon) * UNITS).astype(np.int32)
     return int(rasterised(points, np.ascontiguousarray(triangles, np.int32))["quads"].sum())
 

@@ -39,7 +39,6 @@ def _closed_in_the_end():
 
 
 def assert_same(polygons, name=NAME, on="llvmpipe", **parameters):
-    """Assert that device and CPU give equal triangles; return them."""
     by_device, expected = (
         triangulate_many(polygons, name, device=device, **parameters) for device in (on, "cpu")
     )

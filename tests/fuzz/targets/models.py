@@ -22,7 +22,6 @@ KINDS = ("glb", "obj")
 
 @functools.cache
 def export_bracket(kind: str) -> bytes:
-    """Return the file of a rotated plate with two holes."""
     shape = shapely.box(0, 0, 9, 5).difference(shapely.Point(2, 2).buffer(1, quad_segs=4))
     shape = shape.difference(shapely.box(5, 1, 8, 3))
     mesh = trimesh.creation.extrude_polygon(shape, 0.5, engine="earcut")

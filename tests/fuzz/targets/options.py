@@ -50,7 +50,6 @@ FLAGS = ("--help", "--install-completion", "--show-completion")
 
 @cache
 def list_options() -> tuple[tuple[str, str], ...]:
-    """Return (command, option) for all options that take a value."""
     pairs = []
     for name in COMMANDS:
         for parameter in load_command(name).params:
@@ -67,7 +66,6 @@ def list_bad_values() -> Iterator[dict[str, str]]:
 
 
 def run_program(*arguments: str) -> tuple[int, str]:
-    """Run the program in a new process; return the exit code and the output."""
     result = run(list(arguments), Path())
     if result.silent_s >= runs.SILENT_S:
         raise SilentError(f"no output for {result.silent_s:.0f} s: {arguments}")
