@@ -197,7 +197,7 @@ private:
         return count;
     }
 
-    // Replace the diagonal of e, push the sides of its quadrilateral, and return 1. The triangle of the twin is `lower`.
+    // Replace the diagonal of e, push the sides of its quadrilateral, and return 1. The twin gets the triangle `lower`.
     std::size_t flip_edge(Id e, double lower, double upper) {
         const Id f = twin[e], e2 = previous(e), f2 = previous(f), below = twin[f2], above = twin[e2];
         quads[f / 3] = lower;
