@@ -14,19 +14,14 @@ from zlib import crc32
 from harness.errors import StorageError, UsageError
 from harness.machine import system
 
-UNFINISHED = ".unfinished"
-"""Suffix of the name of the hidden temporary file or folder, which is next to the final one."""
-
-LOCK = "lock"
-"""Name of a file in a temporary folder that is locked while the folder is in use."""
+UNFINISHED = ".unfinished"  # suffix of the hidden temporary name next to the final one
+LOCK = "lock"  # file in a temporary folder, locked while the folder is in use
 
 
 def write(path: Path, content: bytes, *, forced: bool = False) -> None:
-    """Write a file in an existing folder atomically.
+    """Write a file in an existing folder atomically; `forced` writes survive a power failure.
 
-    forced : True to make the file survive a power failure
-
-    Raises OSError if the file cannot be written; an existing file then stays unchanged.
+    After an OSError an existing file is unchanged.
     """
     temporary = path.with_name(f".{path.name}{UNFINISHED}")
     file = _open_locked(temporary)
@@ -49,7 +44,7 @@ def write(path: Path, content: bytes, *, forced: bool = False) -> None:
 
 
 def _open_locked(path: Path) -> IO[bytes] | None:
-    """Open, lock and empty the temporary file `path`, which may be left from a killed process.
+    """Open, lock and empty a temporary file, which may be left from a killed process.
 
     Returns None if the file is in use, not this user's regular file, or cannot be locked.
     """
@@ -70,27 +65,20 @@ def _open_locked(path: Path) -> IO[bytes] | None:
 
 
 def read(file: Path) -> bytes:
-    """Return the content of a regular file.
-
-    Raises OSError if the file cannot be read, or is a device, a pipe or a socket, which might be
-    endless.
-    """
+    """Return a file's content; raise OSError for devices, pipes and sockets, possibly endless."""
     if file.exists() and not file.is_file():
         raise OSError(errno.EINVAL, f"{file.name} is not a regular file")
     return file.read_bytes()
 
 
-MAX_READ_BYTES = 2**31
-"""Maximum size of a file to read into memory."""
+MAX_READ_BYTES = 2**31  # maximum size of a file to read into memory
 
 
 def open_inside(folder: Path, name: str, flags: int = os.O_RDONLY) -> int:
-    """Open the regular file `name` in a folder, without following links; return the descriptor.
+    """Open a regular file, for example "polygons/0123.npz", in a folder; return the descriptor.
 
-    name : path relative to the folder, such as "run.json" or "polygons/0123.npz"
-
-    Raises OSError if the file is missing, a link, outside the folder, too large or not a regular
-    file; or if it has several names (hard links) and `flags` open it for writing.
+    Raises OSError for links, paths outside the folder, large files and, if `flags` open the file
+    for writing, hard links.
     """
     parts = name.split("/")
     if not all(parts) or {".", ".."} & {*parts} or "\\" in name or "\0" in name:
@@ -118,7 +106,7 @@ def open_inside(folder: Path, name: str, flags: int = os.O_RDONLY) -> int:
 
 
 def read_inside(folder: Path, name: str) -> bytes:
-    """Return the content of a file in a folder; raise as `open_inside` does."""
+    """Return a file's content; raise as `open_inside` does."""
     with os.fdopen(open_inside(folder, name), "rb") as file:
         return file.read()
 
@@ -126,11 +114,8 @@ def read_inside(folder: Path, name: str) -> bytes:
 def move(source: Path, target: Path, *, forced: bool = False) -> None:
     """Rename a finished file within a file system.
 
-    forced : True to force the content and then the name to the disk, so that after a power failure
-        `target` is complete, either the old or the new file
-
-    Raises OSError if the disk is full or gone, or `target` is a device, a pipe or a socket;
-    `target` stays unchanged.
+    `forced` writes the content and then the name to the disk: after a power failure `target` is
+    either the old or the new file, complete. After an OSError `target` is unchanged.
     """
     if target.exists() and not target.is_file() and not target.is_dir():
         raise FileExistsError(errno.EEXIST, "not a regular file", str(target))
@@ -150,13 +135,11 @@ def move(source: Path, target: Path, *, forced: bool = False) -> None:
 def create_folder(path: Path, *, merge: bool = False) -> Iterator[Path]:
     """Yield a temporary folder that becomes `path` at the end of the block.
 
-    If the block raises an exception, the temporary folder is deleted and `path` is not created.
-    Temporary files that a killed process has left are deleted as well.
-
-    merge : True to move the files into `path` if that exists, those in inner folders first
+    After an exception the temporary folder is deleted. With `merge` the files are moved into an
+    existing `path`, those in inner folders first.
 
     Raises UsageError if `path` exists (without `merge`), StorageError if another process is
-    creating `path`, and OSError if the folder cannot be written.
+    creating `path`.
     """
     if path.is_dir() and not any(path.iterdir()):
         path.rmdir()
@@ -191,7 +174,6 @@ def create_folder(path: Path, *, merge: bool = False) -> Iterator[Path]:
 
 
 def _move_files(source: Path, target: Path) -> None:
-    """Move all files below a folder into another folder, files in the deepest folders first."""
     files = [file for file in source.rglob("*") if file.is_file()]
     for file in sorted(files, key=lambda file: (-len(file.parts), file)):
         moved = target / file.relative_to(source)
@@ -199,12 +181,10 @@ def _move_files(source: Path, target: Path) -> None:
         move(file, moved)
 
 
-TEMPORARY_PREFIX = ".raster-harness-"
-"""Prefix of the names of temporary folders of `Output`; the target's name and a digest follow."""
+TEMPORARY_PREFIX = ".raster-harness-"  # the target's name and a digest follow
 
 
 def _remove_files(folder: Path) -> None:
-    """Remove the content of a temporary folder except the lock."""
     for path in folder.iterdir():
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path, ignore_errors=True)
@@ -213,10 +193,9 @@ def _remove_files(folder: Path) -> None:
 
 
 class Output:
-    """Files of an export, written in a temporary folder next to the target.
+    """Files of an export, written in a temporary folder next to the target; a context manager.
 
-    Use as a context manager. `publish` moves the files to their final paths; files that are not
-    published by the end of the block, for example after an error, are deleted.
+    Files that are not published by the end of the block, for example after an error, are deleted.
 
     target : path of the export's main file
     forced : True if published files must survive a power failure
@@ -250,7 +229,6 @@ class Output:
             self._folder.rmdir()
 
     def _make_folder(self) -> Path:
-        """Create and lock a temporary folder, or empty the one that a killed process has left."""
         name = self.target.name
         prefix = f"{TEMPORARY_PREFIX}{self.target.stem[:40]}-"
         folder = self.target.with_name(f"{prefix}{crc32(os.fsencode(name)):08x}")
@@ -263,7 +241,7 @@ class Output:
         return folder
 
     def open_published(self, suffix: str = "", mode: str = "wb") -> IO[Any]:
-        """Open a temporary file, which `publish` moves to the target's path plus `suffix`."""
+        """Open a temporary file that will be published as the target's path plus `suffix`."""
         target = self.target.with_name(self.target.name + suffix)
         temporary = self._folder / target.name
         self._files.append((temporary, target))
@@ -274,10 +252,7 @@ class Output:
         return self._open(self._folder / f"spool-{name}", mode)
 
     def make_published_path(self) -> Path:
-        """Return a temporary path, for libraries that open files themselves.
-
-        `publish` moves the file at this path to the target.
-        """
+        """Return a temporary path, published as the target, for libraries that open files."""
         temporary = self._folder / self.target.name
         self._files.append((temporary, self.target))
         return temporary

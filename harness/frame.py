@@ -19,15 +19,12 @@ from harness.viewing import Viewing, get_viewing
 from scenes.scene import Scene, Tiling
 from triangulators.polygon_arrays import PolygonArray
 
+# Empty margin on each side: a device may clip triangles that leave the viewport, and would count
+# quads at the cuts twice.
 MARGIN_PX = 1.0
-"""Empty margin on each side, in pixels: a device may clip triangles that leave the viewport, and
-would count quads at the cuts twice."""
 
-MARGIN_STEP_PX = 64
-"""Step of a tile's margin, so that quads, blocks and bins are aligned with the tile."""
-
-FIXED_VIEWS = {"tile": "map tiles", "view": "a model's views"}
-"""Fits of scenes that define the view, and names of such scenes for messages."""
+MARGIN_STEP_PX = 64  # step of a tile's margin, which aligns quads, blocks and bins with the tile
+FIXED_VIEWS = {"tile": "map tiles", "view": "a model's views"}  # scenes that define a view
 
 FIXED_VIEW_MESSAGE = (
     "--sizes, --resolution, --rotation and --fit are unsupported for {}; set the resolution by "
@@ -118,7 +115,7 @@ class Frame:
 
     @property
     def points(self) -> NDArray[np.int32]:
-        """Vertices (n, 2) int32 of all polygons, in 1/256 px."""
+        """Vertices (n, 2) of all polygons, in 1/256 px."""
         return self.grid.coords
 
     @property
@@ -162,10 +159,7 @@ class Frame:
     def join_triangles(
         self, triangulations: Sequence[NDArray[np.int32] | None]
     ) -> NDArray[np.int32]:
-        """Concatenate triangulations into triangles (m, 3), rows of three vertices of `points`.
-
-        triangulations : for each polygon its triangles (m_k, 3), vertices of the polygon, or None
-        """
+        """Concatenate triangles (m_k, 3) of polygons, or None, as rows of vertices of `points`."""
         starts = self.grid.vertex_offsets[:-1]
         parts = [
             part + np.int32(start)
@@ -180,10 +174,7 @@ class Frame:
 def make_bare_frame(
     resolution: int, points: NDArray[np.int32], vertices: int | None = None
 ) -> Frame:
-    """Return a frame, without a scene, of polygons without holes; `points` (n, 2) in 1/256 px.
-
-    vertices : number of vertices of each polygon, or None for one polygon of all points
-    """
+    """Return a frame of polygons of `vertices` points each, or one; `points` (n, 2) in 1/256 px."""
     grid = PolygonArray.of_single_rings(points, vertices or len(points))
     return make_grid_frame(resolution, grid)
 
@@ -195,10 +186,7 @@ def make_grid_frame(resolution: int, grid: PolygonArray) -> Frame:
 
 
 def make_scene_frame(scene: Scene, view: View) -> Frame:
-    """Map a scene's polygons to the viewport of `view` and snap them.
-
-    Raises UsageError if map tiles or a model define another view.
-    """
+    """Map a scene to the viewport; raise UsageError if the scene defines another view."""
     fit = get_scene_view(scene).fit
     if view.fit != fit and fit in FIXED_VIEWS:
         raise UsageError(f"{scene.name}: {FIXED_VIEW_MESSAGE.format(FIXED_VIEWS[fit])}")
@@ -219,7 +207,6 @@ def get_scene_view(scene: Scene) -> View:
 
 
 def _make_views_frame(scene: Scene, viewing: Viewing, view: View) -> Frame:
-    """Return a frame in which all views of a model have the same position in the viewport."""
     frame = make_grid_frame(viewing.pixels, viewing.pieces)
     flat = make_grid_frame(RESOLUTIONS[1], to_grid(scene.polygons))
     source, tiles = viewing.source, viewing.piece_offsets
@@ -227,10 +214,7 @@ def _make_views_frame(scene: Scene, viewing: Viewing, view: View) -> Frame:
 
 
 def _make_tiles_frame(scene: Scene, tiling: Tiling, view: View) -> Frame:
-    """Return a frame in which all map tiles have the same position in the viewport.
-
-    The viewport has a margin for parts of polygons outside the tile, which are not drawn.
-    """
+    # The viewport's margin is for parts of polygons outside the tile, which are not drawn.
     polygons = np.array(scene.polygons, dtype=object)
     bounds = shapely.total_bounds(polygons)
     reach = float(max(-bounds[:2].min(), bounds[2:].max() - tiling.pixels, 0.0))
@@ -266,7 +250,6 @@ def make_frame(polygons: Sequence[Polygon], view: View) -> Frame:
 
 
 def _make_snapped_frame(polygons: NDArray[Any], scale: float, view: View, side: int) -> Frame:
-    """Snap polygons in px to 1/256 px; return their frame, whose viewport is `side` px wide."""
     pieces, source, dropped, repaired = snap_polygons(polygons)
     grid = to_grid(pieces)
     return Frame(side, side, scale, view, source, grid, dropped=dropped, repaired=repaired)

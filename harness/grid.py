@@ -1,8 +1,7 @@
 """Snapping of polygons in pixels to the grid of 1/256 px.
 
-GPUs and software rasterisers snap window coordinates to a sub-pixel grid, usually of 1/256 px. The
-harness does so before the triangulation, so that criteria evaluate the geometry that is rasterised,
-and all orientation tests are exact.
+GPUs and software rasterisers snap vertices to such a grid. The harness does so before the
+triangulation: criteria evaluate the drawn geometry, and all orientation tests are exact.
 """
 
 from collections.abc import Sequence
@@ -16,8 +15,7 @@ from shapely import Polygon
 
 from triangulators.polygon_arrays import PolygonArray
 
-SUBPIXEL = 256
-"""Sub-pixel positions per pixel and axis."""
+SUBPIXEL = 256  # sub-pixel positions per pixel and axis
 
 
 class Snapped(NamedTuple):
@@ -35,10 +33,7 @@ class Snapped(NamedTuple):
 
 
 def snap_polygons(polygons: Sequence[Polygon] | NDArray[Any]) -> Snapped:
-    """Snap polygons in px to the grid; repair or drop polygons that snapping breaks.
-
-    Most polygons keep all vertices and stay valid; these are rounded together, which is fast.
-    """
+    """Snap polygons in px; repair or drop those that snapping breaks, and round others together."""
     before = np.asarray(polygons, dtype=object)
     rounded = shapely.transform(before, lambda xy: np.rint(xy * SUBPIXEL) / SUBPIXEL)
     sound = shapely.is_valid(rounded) & (shapely.area(rounded) > 0)
@@ -64,8 +59,7 @@ def snap_polygons(polygons: Sequence[Polygon] | NDArray[Any]) -> Snapped:
 def snap_polygon(polygon: Polygon) -> tuple[list[Polygon], str]:
     """Round a polygon in px to the grid, and repair the polygon if rounding makes it invalid.
 
-    Returns the pieces, possibly none, and the reason why the polygon was changed or vanished;
-    "" if the polygon keeps all vertices.
+    Returns the pieces, and why the polygon changed or vanished; "" if it keeps all vertices.
     """
     rounded, lost = _round_rings(polygon)
     if rounded is not None and rounded.is_valid and rounded.area > 0:
@@ -85,10 +79,7 @@ def snap_polygon(polygon: Polygon) -> tuple[list[Polygon], str]:
 
 
 def _round_rings(polygon: Polygon) -> tuple[Polygon | None, int]:
-    """Round the rings to the grid, merge coincident neighbours, and drop holes that collapse.
-
-    Returns the polygon, or None if the exterior collapses, and the number of lost vertices.
-    """
+    """Round rings, merge coincident neighbours, drop collapsing holes; count the lost vertices."""
     before = shapely.get_num_coordinates(polygon)
     rings = []
     for position, ring in enumerate([polygon.exterior, *polygon.interiors]):

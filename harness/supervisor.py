@@ -1,13 +1,11 @@
 """Supervision: the program runs in a child process that can be stopped at any moment.
 
-Python handles a signal only between two of its instructions, so never while a library's C++ code
-runs; ear clipping of 10^6 vertices, or a test of validity, takes minutes to hours. The process that
-the user started therefore forks before anything is loaded. The child runs the program. The parent
-forwards signals, and kills the child and all descendants at a time limit.
+Python handles no signal while a library's C++ code runs, for minutes to hours (ear clipping of 10^6
+vertices). So the process that the user started forks before anything is loaded: the child runs the
+program; the parent forwards signals, and kills the child and all descendants at a time limit.
 
-The parent also creates a folder for temporary files, and removes the folder after the child has
-ended in any way. If a parent is killed, the next supervised program removes the folder: at its own
-start, or, if processes still use the folder then, at its own end.
+The parent also removes a folder for temporary files after the child has ended in any way, and the
+folders of killed parents, at its own start and end.
 
 Supervision exists only on Linux, where the kernel ends the child with the parent, and a fork is
 safe.
@@ -27,35 +25,27 @@ from pathlib import Path
 from harness.errors import INTERRUPTED
 from harness.machine import system
 
-END_TIMEOUT_S = 2.0
-"""Time limit for the program to end after a signal."""
+END_TIMEOUT_S = 2.0  # limit for the program to end after a signal
+CLEANUP_TIMEOUT_S = 15.0  # the same limit after a call of `allow_cleanup`
 
-CLEANUP_TIMEOUT_S = 15.0
-"""Time limit for the program to end after a signal if it has called `allow_cleanup`."""
-
+# Delay of forwarding: meanwhile the child may receive the signal from the terminal, which is then
+# not forwarded.
 FORWARD_AFTER_S = 0.05
-"""Delay of forwarding, in which a signal that the terminal has sent to both processes reaches the
-child; such a signal is not forwarded."""
 
-KILL_ATTEMPTS, KILL_INTERVAL_S = 20, 0.02
-"""Number and interval of attempts to kill all descendants, as these may start further processes."""
+KILL_ATTEMPTS, KILL_INTERVAL_S = 20, 0.02  # number and interval of attempts
+MAX_FOLDER_LENGTH = 70  # bytes of the temporary folder's path; a socket's path may have 107
 
-MAX_FOLDER_LENGTH = 70
-"""Maximum bytes of the temporary folder's path: the path of a socket in it may have at most 107."""
-
+# Bytes that `allow_cleanup` writes to the parent's pipe. The others are the numbers of signals,
+# which Python writes when the child receives them.
 _CLEANUP, _NO_LIMIT = 254, 255
-"""Bytes that `allow_cleanup` writes to the parent's pipe. Other bytes in the pipe are the numbers
-of signals, which Python writes when the child receives them."""
 
-_channel: int | None = None
-"""The child's end of the pipe to the parent; None without supervision."""
+_channel: int | None = None  # the child's end of the pipe to the parent
 
 
 def allow_cleanup(*, unlimited: bool = False) -> None:
-    """Ask the parent for more time before it kills this process; called by a signal handler.
+    """Ask the parent, in a signal handler, for `CLEANUP_TIMEOUT_S` before it kills this process.
 
-    unlimited : True to remove the time limit, because this process will end by itself or at the
-        next signal; False for a limit of `CLEANUP_TIMEOUT_S`
+    With `unlimited` there is no limit, as this process will end by itself or at the next signal.
     """
     if _channel is not None:
         with suppress(OSError):
@@ -63,9 +53,9 @@ def allow_cleanup(*, unlimited: bool = False) -> None:
 
 
 def continue_in_child() -> None:
-    """Fork, and return in the child; this process supervises the child and exits with its code.
+    """Fork, and return in the child; the parent supervises the child and exits with its code.
 
-    Outside Linux, or if no process can be started, return in this process, without supervision.
+    Without Linux or a further process, return in this process, without supervision.
     """
     global _channel
     if sys.platform != "linux" or not hasattr(os, "fork"):
@@ -112,13 +102,6 @@ def continue_in_child() -> None:
 
 
 class _Supervisor:
-    """The parent process of the program.
-
-    from_child : pipe with the numbers of signals that the child has received, and the bytes of
-        `allow_cleanup`
-    from_signals : pipe with the numbers of signals that this process has received
-    """
-
     def __init__(self, child: int, from_child: int, from_signals: int) -> None:
         self._child = child
         self._from_child, self._from_signals = from_child, from_signals
@@ -128,7 +111,6 @@ class _Supervisor:
         system.become_subreaper()
 
     def wait(self) -> int:
-        """Wait for the child, and return the exit code."""
         poll, is_open = select.poll(), True
         for descriptor in (self._from_child, self._from_signals):
             os.set_blocking(descriptor, False)
@@ -166,7 +148,6 @@ class _Supervisor:
         return code
 
     def _schedule_forwarding(self) -> None:
-        """Schedule the forwarding of received signals, and set the deadline for the child's end."""
         time_s = time.monotonic()
         for number in _read_pipe(self._from_signals) or b"":
             is_known = time_s - self._received.get(number, -inf) < FORWARD_AFTER_S
@@ -175,9 +156,9 @@ class _Supervisor:
                 self._deadline = min(self._deadline, time_s + END_TIMEOUT_S)
 
     def _apply_child_signals(self) -> bool:
-        """Apply the signals and requests in the child's pipe; return whether the pipe is open.
+        """Apply the child's requests and the signals it has received, which are not forwarded.
 
-        A signal that the child has received is not forwarded; each changes the child's deadline.
+        Returns whether the pipe is open.
         """
         time_s = time.monotonic()
         content = _read_pipe(self._from_child)
@@ -193,7 +174,6 @@ class _Supervisor:
         return content != b""
 
     def _kill(self) -> None:
-        """Kill the child and all descendants."""
         os.kill(self._child, signal.SIGKILL)
         os.waitpid(self._child, 0)
         self._kill_descendants()
@@ -201,7 +181,6 @@ class _Supervisor:
             os.write(2, b"\033[?25h\n")  # show the cursor, which progress bars hide
 
     def _kill_descendants(self) -> None:
-        """Kill all descendants repeatedly, as these may start further processes meanwhile."""
         with suppress(ChildProcessError):  # none is left
             for _ in range(KILL_ATTEMPTS):
                 system.kill_descendants(os.getpid())
@@ -219,18 +198,13 @@ def _read_pipe(descriptor: int) -> bytes | None:
 
 
 def _print_and_return(line: str, code: int) -> int:
-    """Print a line to stderr, and return the exit code `code`."""
     with suppress(OSError):
         os.write(2, f"{line}\n".encode())
     return code
 
 
 def _make_folder() -> Path | None:
-    """Create a folder for temporary files, and remove the folders of killed processes.
-
-    Returns None if no folder can be created. The folder's file `lock` is locked as long as the
-    parent or the child runs.
-    """
+    """Create and lock a folder for temporary files, or return None; remove abandoned folders."""
     with suppress(OSError):
         shared = Path(tempfile.gettempdir())
         _remove_abandoned(shared)
@@ -242,7 +216,6 @@ def _make_folder() -> Path | None:
 
 
 def _remove_abandoned(shared: Path) -> None:
-    """Remove the temporary folders of this user whose processes have ended."""
     for folder in shared.glob(f"{system.TEMPORARY_PREFIX}*"):
         with suppress(OSError):
             if folder.is_symlink() or folder.lstat().st_uid != os.getuid():
@@ -254,11 +227,8 @@ def _remove_abandoned(shared: Path) -> None:
 
 
 def _lock_folder(folder: Path) -> int | None:
-    """Lock a temporary folder; return the descriptor that holds the lock, or None if it is in use.
-
-    The lock file is created if missing, as a process may have been killed between creating the
-    folder and locking it.
-    """
+    """Lock a temporary folder; return the lock's descriptor, or None if the folder is in use."""
+    # The lock file may be missing: a process was killed before it locked the new folder.
     descriptor = os.open(folder / "lock", os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW, 0o600)
     if system.lock_file(descriptor, wait=False, required=True):
         return descriptor

@@ -14,37 +14,30 @@ from scenes.scene import Scene
 from scenes.spec import is_path, parse_name
 from triangulators.polygon_arrays import PolygonArray, offsets_of
 
-Rows = NDArray[np.int32]
-"""Triangles (m, 3), rows of three vertex indices."""
-
-VIEW_OPTIONS = ("views", "pixels", "distance", "depth")
-"""Parameters of a scene that make a model's file a model with views."""
+Rows = NDArray[np.int32]  # (m, 3), rows of three vertex indices
+VIEW_OPTIONS = ("views", "pixels", "distance", "depth")  # parameters of a scene that request views
 
 
 @dataclass(frozen=True, eq=False)
 class Viewing:
-    """Views of a model; the scene's polygons are the valid flat faces, in the plane of each face.
+    """Views of a model; the scene's polygons are the valid flat faces, each in its plane.
 
     A view consists of pieces, in this order: the valid faces whose front points to the camera; such
     invalid faces (the outline touches itself, or a vertex is inside); and one piece for all loose
-    triangles, those outside of faces. Triangulators change valid faces; flips also change invalid
-    faces; loose triangles stay as in the model's file.
+    triangles, those outside of faces. Triangulators change valid faces, flips also invalid faces.
 
     pixels : side of the image of a view
     names : (v) direction to the camera of each view, for example "1 2 3"
-    pieces : p projected pieces, int32 coordinates in 1/256 px, y up; loose triangles have one ring
-        of all vertices
-    depths : (n,) int32, depth of each vertex of `pieces`, from 0, near, to 2**24; None without a
-        depth test
-    source : (p,) int64 number in the scene's polygons of the face of each piece; q, the number of
-        polygons, stands for loose triangles, and q + 1 + k for invalid face k
-    piece_offsets : (v + 1,) int64; view k has the pieces piece_offsets[k]:piece_offsets[k + 1]
-    polygon_triangles : for each polygon its triangles in the model's file, (m, 3) int32 vertices
-    other_triangles : by number of a piece that is not a polygon, its triangles in the model's file
+    pieces : p projected pieces, int32 coordinates in 1/256 px, y up; one ring for loose triangles
+    depths : (n,) depth of each vertex, from 0, near, to 2**24; None without a depth test
+    source : (p,) number in the scene of the face of each piece; q, the number of polygons, stands
+        for loose triangles, and q + 1 + k for invalid face k
+    piece_offsets : (v + 1,); view k has the pieces piece_offsets[k]:piece_offsets[k + 1]
+    polygon_triangles : for each polygon its triangles in the model's file
+    other_triangles : the file's triangles of other pieces, by number of the piece
     ranks : position in the model's file of each triangle of each piece, piece by piece
     front_to_back : True to draw triangles front to back instead of in the model's order
-    invalid_faces : for each invalid face (n, 2) integer points in the face's plane, and (m, 3)
-        triangles
+    invalid_faces : for each invalid face (n, 2) integer points in its plane, and its triangles
     """
 
     pixels: int
@@ -91,8 +84,7 @@ def get_viewing(scene: Scene) -> Viewing | None:
 def is_model_with_views(text: str) -> bool:
     """Return whether a scene's name requests views of a model, for example "part.glb:views=24".
 
-    A misspelt parameter such as "view=24" counts as well, so that loading the views reports it with
-    the valid parameters.
+    True also for a misspelt parameter, so that loading the views reports it.
     """
     name, arguments = parse_name(text)
     model = is_model(Path(name)) and any(get_close_matches(key, VIEW_OPTIONS) for key in arguments)
