@@ -1,8 +1,8 @@
 """Facts about a run's machine and software, and warnings that times may be unreliable.
 
 A software rasteriser is as fast as its processor. Virtual machines mask the processor's name ("AMD
-EPYC"), so family, model, stepping, caches and vector width are recorded as well. The code that
-llvmpipe generates depends on the vector width.
+EPYC"), so family, model, stepping and caches are recorded as well, and the vector width, on which
+the code that llvmpipe generates depends.
 """
 
 import hashlib
@@ -49,15 +49,13 @@ RECORDED_VARIABLES = (
     "__EGL_VENDOR_LIBRARY_FILENAMES",
 )
 
-MAX_LOAD_PER_CORE = 0.5
-"""Load per core above which other programs are likely to disturb times."""
+MAX_LOAD_PER_CORE = 0.5  # above this, other programs are likely to disturb times
 
 
 def collect_facts(seed: int, triangulators: Sequence[str] = ()) -> dict[str, Any]:
     """Return facts about this machine, JSON-ready; unknown facts are None.
 
-    triangulators : names; the folders of those named as module:function identify the user's
-        repository
+    The folders of `triangulators` named as module:function identify the user's repository.
     """
     memory = system.query_psutil(psutil.virtual_memory)
     return {
@@ -139,6 +137,7 @@ CPUINFO = Path("/proc/cpuinfo")
 GOVERNOR = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
 CACHES = Path("/sys/devices/system/cpu/cpu0/cache")
 
+# For each fact, its names in /proc/cpuinfo on x86 and ARM.
 CPUINFO_FIELDS = {
     "vendor": ("vendor_id", "CPU implementer"),
     "name": ("model name",),
@@ -146,7 +145,6 @@ CPUINFO_FIELDS = {
     "model": ("model", "CPU part"),
     "stepping": ("stepping", "CPU revision"),
 }
-"""For each fact, its names in /proc/cpuinfo on x86 and ARM."""
 
 VECTOR_FLAGS = (("avx512f", 512), ("avx2", 256), ("avx", 256), ("sse2", 128), ("asimd", 128))
 """(CPU flag, bits of a vector register), widest first."""
@@ -156,9 +154,7 @@ VECTOR_FLAGS = (("avx512f", 512), ("avx2", 256), ("avx", 256), ("sse2", 128), ("
 def describe_processor() -> dict[str, Any]:
     """Return facts about this machine's processor, JSON-ready; unknown facts are None.
 
-    vendor, name, family, model, stepping : as reported by the system
-    caches : bytes by level and type, e.g. "L2"; vector_bits : width of the widest vectors
-    label : short description, e.g. AMD EPYC 25/17, 512-bit
+    caches : bytes by level and type, e.g. "L2"; label : e.g. "AMD EPYC 25/17, 512-bit"
     """
     facts = _parse_cpuinfo(_read_text(CPUINFO)) | {"caches": dict(_read_caches(CACHES))}
     facts["name"] = facts["name"] or platform.processor() or None
@@ -196,7 +192,6 @@ def _format_label(facts: Mapping[str, Any]) -> str:
 
 
 def _read_text(file: Path) -> str:
-    """Return the text of a file, "" if the file cannot be read."""
     try:
         return file.read_text(encoding="utf-8")
     except OSError:

@@ -1,9 +1,8 @@
 """Git: the commit of a repository, and a temporary checkout of another commit.
 
-All calls of git go through `run_git`, because the repository may not be trusted, and this process
-may have been started by a git hook: neither the repository's settings nor the environment of this
-process may make git start a program, use another repository or index, or remove anything that this
-process has not created.
+All calls go through `run_git`: neither an untrusted repository's settings nor this process's
+environment (in a git hook) may make git start a program, use another repository or index, or remove
+anything that this process has not created.
 """
 
 import os
@@ -30,11 +29,7 @@ KEPT_VARIABLES = (
     "GIT_DISCOVERY_ACROSS_FILESYSTEM",
     "GIT_EXEC_PATH",
 )
-"""GIT_ variables that git gets: location of the installation, and the user's settings.
-
-All other GIT_ variables are removed: a hook inherits GIT_DIR and GIT_INDEX_FILE of a commit in
-progress.
-"""
+"""GIT_ variables for git's location and the user's settings; a hook's others are removed."""
 
 NO_PROGRAMS = (
     *("-c", f"core.hooksPath={os.devnull}"),
@@ -44,22 +39,16 @@ NO_PROGRAMS = (
 )
 """Options of git by which the repository's settings cannot start a program."""
 
-QUERY_TIMEOUT_S = 30.0
-"""Time limit of a git command that only reads; a checkout has no limit."""
+QUERY_TIMEOUT_S = 30.0  # only for commands that read; a checkout has no limit
 
 
 def run_git(folder: Path, *arguments: str) -> str:
     """Return the output of a git command in `folder`, without the last line break.
 
-    Hooks, the file system monitor, external diff programs and the filters that the repository's
-    own settings define are off. Filters of the user's settings, such as Git LFS, stay on.
+    Hooks, the file system monitor, external diff programs and the repository's own filters are off.
+    Filters of the user's settings, such as Git LFS, stay on.
 
-    Raises
-    ------
-    OSError
-        if git is not installed
-    subprocess.SubprocessError
-        if the command fails
+    Raises OSError if git is not installed, subprocess.SubprocessError if the command fails.
     """
     git = shutil.which("git")
     if git is None:
@@ -102,7 +91,6 @@ def run_git(folder: Path, *arguments: str) -> str:
 
 
 def _run_git_or_none(folder: Path, *arguments: str) -> str | None:
-    """Return the output of a git command, as `run_git` does, or None on failure."""
     try:
         return run_git(folder, *arguments)
     except (OSError, subprocess.SubprocessError):
@@ -110,10 +98,7 @@ def _run_git_or_none(folder: Path, *arguments: str) -> str | None:
 
 
 def read_git_state(folder: Path) -> dict[str, Any] | None:
-    """Return the commit of the repository at `folder`, and whether tracked files were changed.
-
-    None if `folder` is in no repository, or git fails.
-    """
+    """Return a repository's commit, and whether tracked files changed; None if git fails."""
     commit = _run_git_or_none(folder, "rev-parse", "HEAD")
     changes = _run_git_or_none(folder, "status", "--porcelain", "--untracked-files=no")
     if commit is None or changes is None:
@@ -129,13 +114,7 @@ def find_commit(folder: Path, reference: str) -> str | None:
 
 @contextmanager
 def check_out(top: Path, commit: str) -> Iterator[Path]:
-    """Check `commit` out into a temporary work tree, which is removed afterwards.
-
-    Raises
-    ------
-    UsageError
-        if git cannot check the commit out
-    """
+    """Check `commit` out into a temporary work tree; raise UsageError if that fails."""
     parent = Path(tempfile.mkdtemp(prefix="harness-base-")).resolve()
     folder = parent / top.name
     try:
@@ -156,11 +135,7 @@ def check_out(top: Path, commit: str) -> Iterator[Path]:
 
 
 def find_project_folder(triangulators: Sequence[str]) -> Path | None:
-    """Return the top of the user's repository, or None if there is none.
-
-    The repository of the current folder, else the first repository of a triangulator named as
-    `module:function`.
-    """
+    """Return the top of the current folder's repository, or else of a triangulator module's."""
     for folder in (Path.cwd(), *_list_module_folders(triangulators)):
         top = _run_git_or_none(folder, "rev-parse", "--show-toplevel")
         if top:
@@ -187,9 +162,7 @@ def describe_project(triangulators: Sequence[str]) -> dict[str, Any] | None:
 def get_commit(facts: Mapping[str, Any], repository: str = "project") -> str:
     """Return a run's commit as `0123456789ab` or `0123456789ab with local changes`; "" if unknown.
 
-    facts : content of `run.json`
-    repository : "project" for the user's repository, or the harness's if the run has none; "git"
-        for the harness's
+    "project" is the user's repository, or the harness's ("git") if the run has none.
     """
     environment = facts.get("environment") or {}
     state = environment.get(repository) or environment.get("git") or {}
@@ -203,10 +176,7 @@ def _make_printable(name: str) -> str:
 
 
 def _list_module_folders(triangulators: Sequence[str]) -> Iterator[Path]:
-    """Yield the folders of the modules in `module:function` names.
-
-    The modules are located, not imported; only their parent packages are imported.
-    """
+    """Yield the folders of modules in `module:function` names; import only parent packages."""
     for name in triangulators:
         module, colon, _ = name.partition(":")
         try:

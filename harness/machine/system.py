@@ -20,24 +20,17 @@ from platformdirs import user_cache_path
 
 T = TypeVar("T")
 
-TEMPORARY_PREFIX = "raster-harness-tmp-"
-"""Prefix of the temporary folder that `harness.supervisor` creates for a program."""
-
-HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", None)
-"""Signal for a closed terminal; None on Windows."""
+TEMPORARY_PREFIX = "raster-harness-tmp-"  # of the folder that `harness.supervisor` creates
+HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", None)  # closed terminal; None on Windows
 
 STOPPING = tuple(number for number in (signal.SIGINT, signal.SIGTERM, HANGUP) if number is not None)
 """Signals that request the end of a program."""
 
-BINARY: int = getattr(os, "O_BINARY", 0)
-"""Flag of os.open on Windows, without which each newline is written as two bytes; elsewhere 0."""
+BINARY: int = getattr(os, "O_BINARY", 0)  # without it, Windows writes "\n" as two bytes
 
 
 def get_database_path() -> Path:
-    """Return the path of the database of triangulations.
-
-    The path is the value of RASTER_HARNESS_CACHE; if unset, a file in the user's cache folder.
-    """
+    """Return the value of RASTER_HARNESS_CACHE, or if unset a file in the user's cache folder."""
     if file := os.environ.get("RASTER_HARNESS_CACHE"):
         return Path(file)
     if os.path.expanduser("~") == "~" and not os.environ.get("XDG_CACHE_HOME"):  # noqa: PTH111
@@ -59,10 +52,7 @@ def get_cache_file(name: str) -> Path:
 def handle_signals(
     handler: Callable[[int, Any], None], replaces: Callable[[Any], bool]
 ) -> Iterator[None]:
-    """Install `handler` for the `STOPPING` signals during the block.
-
-    replaces : function of a signal's present handler, which is replaced only if the result is True
-    """
+    """Install `handler` for `STOPPING` signals if `replaces(present handler)`, during the block."""
     before = {
         number: signal.signal(number, handler)
         for number in STOPPING
@@ -106,10 +96,7 @@ def set_variables(variables: Mapping[str, str]) -> Iterator[None]:
 
 
 def set_limits(memory_bytes: int | None, file_bytes: int) -> None:
-    """Limit the memory and the file size of this process, if the system supports limits.
-
-    Writing a larger file raises OSError (EFBIG).
-    """
+    """Limit this process's memory and file size; writing a larger file raises OSError (EFBIG)."""
     try:
         import resource
     except ImportError:
@@ -147,8 +134,8 @@ def is_suspended(leader: int) -> bool:
 
 
 cpu_clock: Callable[[], float] = time.perf_counter if os.name == "nt" else time.process_time
-"""CPU time of all threads of this process, in seconds; on Windows the wall clock, as CPU time has
-a resolution of 16 ms there."""
+"""CPU time in s of all threads of this process; on Windows, where CPU time has a resolution of
+16 ms, wall-clock time."""
 
 
 class RunQueueClock:
@@ -162,10 +149,7 @@ class RunQueueClock:
         self._files: dict[str, int] = {}
 
     def read(self) -> dict[str, int] | None:
-        """Return, by thread, the nanoseconds of waiting so far, or None if unavailable.
-
-        The time on a run queue is the second number in the thread's file `schedstat`.
-        """
+        """Return each thread's nanoseconds of waiting (in `schedstat`); None if unavailable."""
         if os.getpid() != self._owner:  # in a fork, the open files are about the parent's threads
             self.close()
             self._owner = os.getpid()
@@ -191,10 +175,7 @@ class RunQueueClock:
 
 
 def query_psutil(function: Callable[[], T]) -> T | None:
-    """Call a function that uses psutil; return its result, or None if it fails.
-
-    Some systems lack a quantity, and a container or a sandbox may have no /proc.
-    """
+    """Return the result of a function that uses psutil, or None if it fails, as in a sandbox."""
     try:
         return function()
     except (OSError, psutil.Error, NotImplementedError):
@@ -285,8 +266,8 @@ def read_umask() -> int:
 def lock_file(descriptor: int, *, wait: bool = True, required: bool = False) -> bool:
     """Lock an open file and return True; closing the file releases the lock.
 
-    wait : True to wait while another process holds the lock; False to return False in this case
-    required : if not `wait`, True to return False if the file system does not support locks
+    Without `wait`, return False if another process holds the lock, and with `required` also if the
+    file system does not support locks.
     """
     try:
         import fcntl

@@ -1,8 +1,7 @@
 """Import of the user's modules from the current folder, only if the user names such a module.
 
-A folder of data may contain an unrelated `typer.py` or `numpy.py`. So the current folder is not
-searched for modules, unless the user gives a function in it as `module:function`; then it is the
-last entry of `sys.path`.
+A folder of data may contain an unrelated `numpy.py`. So the current folder is searched only if the
+user gives a function in it as `module:function`, and then last.
 """
 
 import os
@@ -32,8 +31,7 @@ def hide_working_folder() -> AbstractContextManager[None]:
 def allow_user_module(reference: str) -> None:
     """Append the current folder to `sys.path` if `reference` is a "module:function" in that folder.
 
-    Raises UsageError if a package of this program has the module's name, or an installed module
-    hides it.
+    Raises UsageError if this program's package or an installed module has the module's name.
     """
     if FUNCTION.match(reference) is None:
         return

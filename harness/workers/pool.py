@@ -18,11 +18,8 @@ T = TypeVar("T")
 
 _LOG = logging.getLogger(__name__)
 
-MEMORY_SHARE = 0.75
-"""Share of the free memory that a third party's triangulator may allocate."""
-
-POLL_S = 0.1
-"""Interval at which a caller that waits for a task can handle a signal."""
+MEMORY_SHARE = 0.75  # of the free memory, for a third party's triangulator
+POLL_S = 0.1  # interval at which a waiting caller can handle a signal
 
 
 def get_third_party_limits() -> Limits:
@@ -33,11 +30,7 @@ def get_third_party_limits() -> Limits:
 
 @dataclass(frozen=True)
 class WorkerSpec:
-    """Description of a worker process.
-
-    environment : variables to set in the process
-    limits : limits of a process that runs third-party code, or None
-    """
+    """Description of a worker process; `limits` are for third-party code."""
 
     name: str
     environment: Mapping[str, str] = field(default_factory=dict)
@@ -45,12 +38,9 @@ class WorkerSpec:
 
 
 class WorkerPool:
-    """Worker processes by name, started on first use, replaced after a failure.
+    """Worker processes by name, started by `open_worker` on first use, replaced after a failure.
 
     A worker runs one task at a time; tasks of different workers run at the same time.
-
-    open_worker : starts a process
-    timeout_s : default time limit of a task
     """
 
     def __init__(self, open_worker: OpenWorker, timeout_s: float) -> None:
@@ -70,11 +60,7 @@ class WorkerPool:
     ) -> Future[T]:
         """Start running a function in a worker, after previously submitted tasks.
 
-        timeout_s : time limit, by default the pool's
-        tick : called while the function runs, with the seconds so far
-
-        `result()` of the future raises `TaskError` if the process crashed, hung or the function
-        raised.
+        `Worker.call` describes the options, and the errors that the future's `result()` raises.
         """
         if spec.name not in self._threads:
             self._threads[spec.name] = ThreadPoolExecutor(max_workers=1)
@@ -97,10 +83,9 @@ class WorkerPool:
             worker.close()
 
     def close(self, *, at_once: bool = False, abandoned: Sequence[str] = ()) -> None:
-        """End all workers after their tasks in progress; tasks that wait are cancelled.
+        """End all workers after their tasks in progress; cancel tasks that wait.
 
-        at_once : True to kill all workers without waiting for their tasks
-        abandoned : names of workers that are killed without waiting in any case
+        With `at_once` all workers, otherwise those named in `abandoned`, are killed at once.
         """
         for name, thread in self._threads.items():
             thread.shutdown(wait=not at_once and name not in abandoned, cancel_futures=True)
@@ -125,7 +110,6 @@ class WorkerPool:
         timeout_s: float,
         tick: Callable[[float], None] | None,
     ) -> T:
-        """Run a function in a worker, which is started first if necessary or after a failure."""
         if spec.name not in self._workers:
             worker = self._open_worker(spec.name, spec.environment, spec.limits)
             self._workers[spec.name] = worker

@@ -1,13 +1,11 @@
 """The fork server of worker processes, and the main loop of a worker.
 
-The server has imported all modules, and loads no driver. A worker that starts from scratch takes
-two seconds to import modules and load compiled code; a forked worker has both. Python's module
-`forkserver` starts the server, which ends with the process that started it. On systems without a
-safe fork (macOS, Windows) workers start from scratch.
+The server has imported all modules, and loads no driver, so a forked worker saves two seconds of
+imports and of loading compiled code. The server ends with the process that started it. On systems
+without a safe fork (macOS, Windows) workers start from scratch.
 
-A worker runs tasks one after another and returns the results. A worker for third-party code has two
-processes: one only waits, and its child runs the tasks. So a task that kills or suspends its parent
-does not affect the server, from which all other workers are forked.
+A worker for third-party code has two processes: one only waits, and its child runs the tasks. So a
+task that kills or suspends its parent does not affect the server.
 """
 
 import errno
@@ -30,11 +28,8 @@ from harness.errors import HarnessError
 from harness.machine import system
 from triangulators.errors import MAX_TRACEBACK, summarize_error, truncate
 
-MARK = "RASTER_HARNESS_SERVER"
-"""Environment variable that only the server has, by which `PRELOADED` recognises the server."""
-
-PRELOADED = "harness.measuring.preloading"
-"""Module that the server imports before it forks a worker."""
+MARK = "RASTER_HARNESS_SERVER"  # environment variable that only the server has, read by `PRELOADED`
+PRELOADED = "harness.measuring.preloading"  # module that the server imports before a fork
 
 SOURCES = str(Path(__file__).resolve().parents[2])
 
@@ -78,8 +73,7 @@ def start_server() -> ForkServerContext | SpawnContext:
 class Limits:
     """Limits of a process in which third-party code runs.
 
-    memory_bytes : maximum address space, or None; no limit with a driver, which maps more memory
-        than it uses
+    memory_bytes : maximum address space; None with a driver, which maps more memory than it uses
     file_bytes : maximum size of a written file, including the captured output
     """
 
@@ -88,10 +82,7 @@ class Limits:
 
 
 class TaskError(HarnessError):
-    """A task crashed, hung or raised an exception; the message quotes the last output.
-
-    detail : traceback in the worker, or ""
-    """
+    """A task crashed, hung or raised an exception; `detail` is the traceback in the worker."""
 
     detail = ""
 
@@ -109,11 +100,8 @@ def serve(
     """Run the tasks received from `connection` until a task is None; main function of a worker.
 
     Sends None when ready for a task, None again after unpickling a task, then (True, result) or
-    (False, error).
-
-    output : file to which standard output and standard error are appended
-    environment : all variables of the process
-    limits : None if the process runs only built-in code
+    (False, error). `output` is a file for standard output and standard error, `environment` all
+    variables of the process.
     """
     _set_up_process(output, environment, limits)
     if limits is not None and sys.platform == "linux":
@@ -150,7 +138,6 @@ def serve(
 
 
 def _set_up_process(output: str, environment: Mapping[str, str], limits: Limits | None) -> None:
-    """Set the environment, limits, process group, signals, output and log of a new process."""
     os.environ.clear()
     os.environ.update(environment)
     if limits is not None:

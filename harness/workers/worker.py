@@ -3,11 +3,10 @@
 A `Worker` has one process at a time, and starts another after a crash. Tasks are module-level
 functions; state that outlives a task (an open device) is a module global of the worker process.
 
-A task may be third-party code and is not trusted: it may exit, be killed, fork, or raise a
-`BaseException`. Whether the process runs is known from the operating system, not from a closed
-pipe, because a child that the task forked would keep the pipe open. The process group is killed
-with the process. A task may also suspend its process, kill its parent (see `serving`), or print
-without end.
+A task may be third-party code and is not trusted: it may exit, fork, raise a `BaseException`,
+suspend its process, kill its parent (see `serving`), or print without end. Whether the process runs
+is known from the operating system, because a child that the task forked keeps the pipe open. The
+process group is killed with the process.
 """
 
 import atexit
@@ -37,41 +36,22 @@ T = TypeVar("T")
 
 _LOG = logging.getLogger(__name__)
 
-MAX_OUTPUT_LINES = 5
-"""Maximum number of lines of a failed process's output in the error message."""
+MAX_OUTPUT_LINES = 5  # lines of a failed process's output in a message
 
 MAX_OUTPUT_CHARACTERS = 500
 
-SUSPENSION_CHECK_S = 4.0
-"""Interval of checks whether a process is suspended; after two successive such checks it is killed.
-"""
-
-POLL_S = 0.1
-"""Interval at which `tick` of a waiting caller is called."""
-
-START_TIMEOUT_S = 120.0
-"""Time limit for starting a process; imports take seconds, longer on a busy machine."""
-
-END_TIMEOUT_S = 2.0
-"""Time limit for a process to end on request."""
-
-_STARTING = threading.Lock()
-"""Held while a process is started, because that changes this process's environment for a moment."""
+SUSPENSION_CHECK_S = 4.0  # interval of checks; a process is killed if two find it suspended
+POLL_S = 0.1  # interval at which a waiting caller's `tick` is called
+START_TIMEOUT_S = 120.0  # limit for starting a process; imports take seconds
+END_TIMEOUT_S = 2.0  # limit for a process to end on request
+_STARTING = threading.Lock()  # held while this process's environment is changed to start another
 
 
 class Worker:
     """A process with its own environment variables that runs tasks one after another.
 
-    The process ends at the latest with the thread that constructed the worker.
-
-    Parameters
-    ----------
-    name : str
-        Name for messages.
-    environment : mapping of str to str, optional
-        Variables to set in the process before the first task.
-    limits : Limits, optional
-        Limits of a process that runs third-party code.
+    The process ends at the latest with the thread that constructed the worker. `limits` are for
+    third-party code.
     """
 
     def __init__(
@@ -102,9 +82,8 @@ class Worker:
         `tick` is called every tenth of a second with the seconds waited. `timeout_s` does not
         include the start of the process.
 
-        Raises TaskError if the process crashes or the function raises an exception; a HarnessError
-        is raised unchanged if `limits` is None. Raises TaskTimeoutError if the function exceeds
-        `timeout_s`; the process is then killed.
+        Raises TaskError if the process crashes or the function raises (but a HarnessError unchanged
+        if `limits` is None), and TaskTimeoutError after `timeout_s`; the process is then killed.
         """
         if self._process is not None and self._process.exitcode is not None:
             self._end(at_once=True)  # killed since its last task
@@ -175,10 +154,7 @@ class Worker:
     def _receive(
         self, written: int, timeout_s: float | None, tick: Callable[[float], None] | None
     ) -> Any:
-        """Return the next message of the process; raise `TaskError` if it crashes or is too slow.
-
-        written : size of the file of output before the task; errors quote what follows
-        """
+        """Return the process's next message; errors quote the output after `written` bytes."""
         assert self._process is not None
         start = time.monotonic()
         next_check_s, suspended = SUSPENSION_CHECK_S, False
@@ -209,7 +185,6 @@ class Worker:
             ) from error
 
     def _raise_crash(self, written: int) -> NoReturn:
-        """Raise TaskError with the exit code or signal of the process, which has ended."""
         assert self._process is not None
         self._process.join(END_TIMEOUT_S)
         cause = system.describe_exit(self._process.exitcode)
@@ -221,13 +196,11 @@ class Worker:
     def _raise_failure(
         self, reason: str, written: int, kind: type[TaskError] = TaskError
     ) -> NoReturn:
-        """Raise an error with the reason, and with the output of the process after `written`."""
         message = self._add_last_output(reason, written)
         _LOG.info("%s", message)
         raise kind(message)
 
     def _end(self, *, at_once: bool = False) -> None:
-        """End the process and all processes started by it."""
         process, self._process = self._process, None
         if process is None or process.pid is None:
             return
@@ -251,7 +224,6 @@ class Worker:
         )
 
     def _add_last_output(self, reason: str, written: int) -> str:
-        """Return the reason with the last lines of output after the first `written` bytes."""
         with contextlib.suppress(OSError), self._output.open("rb") as file:
             size = file.seek(0, os.SEEK_END)
             file.seek(max(written, size - 4 * MAX_OUTPUT_CHARACTERS))
@@ -269,17 +241,13 @@ class Worker:
         self.close()
 
 
-OpenWorker = Callable[[str, Mapping[str, str], Limits | None], Worker]
-"""Starts a worker process; has the signature of `Worker`."""
+OpenWorker = Callable[[str, Mapping[str, str], Limits | None], Worker]  # signature of `Worker`
 
 _shared = threading.local()
 
 
 def get_shared_worker(name: str, limits: Callable[[], Limits] | None = None) -> Worker:
-    """Return this thread's worker called `name`; start it on first use, end it at program exit.
-
-    limits : returns the limits of a worker that runs third-party code
-    """
+    """Return this thread's worker called `name`; start it on first use, end it at program exit."""
     workers: dict[str, Worker] = _shared.__dict__.setdefault("workers", {})
     if name not in workers:
         workers[name] = Worker(name, limits=limits() if limits else None)
