@@ -17,11 +17,8 @@ from triangulators.geometry.half_edges import link_half_edges
 from triangulators.many import triangulate_supported
 from triangulators.polygon_arrays import PolygonArray, offsets_of
 
-_ROUNDING = 1e-6
-"""Minimum relative gain; smaller differences may be caused by rounding a face's points."""
-
-WORK_NS = (1.0, 10.0, 20.0, 45.0)
-"""Measured ns of the optimum per cube of the vertex count, for 0, 1, 2 and 3 holes."""
+_ROUNDING = 1e-6  # minimum relative gain; smaller ones may be caused by rounding of points
+WORK_NS = (1.0, 10.0, 20.0, 45.0)  # measured per cubed vertex count, for 0, 1, 2 and 3 holes
 
 MAX_WORK_NS = 1e9
 """Maximum sum of the times that `WORK_NS` estimates for a part; the slowest faces get flips. Times
@@ -30,7 +27,6 @@ are estimated, not measured, so that a model gets the same diagonals on every ma
 
 @njit(nogil=True)
 def _compute_min_height(points: np.ndarray, a: int, b: int, c: int) -> float:
-    """Return the smallest of the three heights of triangle a, b, c."""
     ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
     vx, vy = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1]
     longest = max(ux * ux + uy * uy, vx * vx + vy * vy, (ux - vx) ** 2 + (uy - vy) ** 2)
@@ -58,21 +54,13 @@ def _reduces_cost(points: np.ndarray, a: int, b: int, c: int, d: int, cost: Cost
 def _flip_to_lower_cost(
     points: np.ndarray, corner: np.ndarray, twin: np.ndarray, cost: Cost
 ) -> int:
-    """Flip diagonals while the cost decreases; return the number of flips.
-
-    corner, twin: (3 t,) first vertex and opposite half-edge of each half-edge, changed in place
-    """
+    """Flip diagonals while the cost decreases; corner and twin, (3 t,), are changed in place."""
     return flip_while_gaining(points, corner, twin, _reduces_cost, _is_allowed_flip, cost)
 
 
 @dataclass
 class FaceDiagonals:
-    """New triangles of flat faces.
-
-    triangles : (t, 3) in the order of `Faces`
-    changed : (f,) whether a face's triangles changed
-    optimal : number of faces with a proven optimum
-    """
+    """New triangles (t, 3) of `Faces`, (f,) whether a face changed, and the number of optima."""
 
     triangles: Ints
     changed: NDArray[np.bool_]
@@ -80,10 +68,7 @@ class FaceDiagonals:
 
 
 def get_cost_function(criterion: str) -> Cost:
-    """Return the cost function of a criterion.
-
-    Raises UsageError if the criterion is unknown, or if its weights depend on the polygon.
-    """
+    """Return a criterion's cost function; raise UsageError unless it is a sum over triangles."""
     try:
         entry = criteria.find(criterion)
     except TriangulationError as error:
@@ -166,10 +151,7 @@ def find_cheaper_faces(
     triangle_offsets: np.ndarray,
     cost: Cost,
 ) -> np.ndarray:
-    """Return (f,) whether each face costs less with `after`, by more than the rounding of points.
-
-    before, after: (t, 3) triangles, face after face; triangle_offsets: (f + 1,) of the faces
-    """
+    """Return (f,) whether faces cost less, beyond rounding, with triangles `after`, (t, 3)."""
     cheaper_faces = np.zeros(len(triangle_offsets) - 1, dtype=np.bool_)
     for face in range(len(cheaper_faces)):
         first, last = triangle_offsets[face], triangle_offsets[face + 1]
@@ -196,7 +178,6 @@ class Outlines(NamedTuple):
 
 
 def _take_affordable(outlines: Outlines) -> Outlines:
-    """Return the outlines with the quickest optima, whose total estimate is up to `MAX_WORK_NS`."""
     sizes = outlines.polygons.vertex_counts
     factors = np.append(WORK_NS, 0.0)[np.minimum(outlines.polygons.ring_counts - 1, len(WORK_NS))]
     work = factors * sizes.astype(np.float64) ** 3

@@ -27,11 +27,8 @@ from scipy.sparse.csgraph import connected_components
 from triangulators.geometry.half_edges import link_half_edges
 from triangulators.polygon_arrays import offsets_of
 
-TOLERANCE_ULPS = 4.0
-"""Flatness tolerance, in rounding steps of single precision at the largest coordinate."""
-
-INDEX_BITS = 32
-"""Bits of a vertex index in the number of an edge."""
+TOLERANCE_ULPS = 4.0  # rounding steps of single precision at the largest coordinate
+INDEX_BITS = 32  # of a vertex index in the number of an edge
 
 
 @dataclass(frozen=True)
@@ -94,12 +91,8 @@ def number_sides(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
     return number_edges(np.stack([triangles, triangles[:, [1, 2, 0]]], axis=2).reshape(-1, 2))
 
 
-GRID_STEP = 0.25
-"""Grid step of a face's integer coordinates in the plane, in tolerances."""
-
-MIN_HEIGHT = 16.0
-"""Lower bound of a triangle's height, in grid steps, for a defined orientation."""
-
+GRID_STEP = 0.25  # of a face's integer coordinates in the plane, in tolerances
+MIN_HEIGHT = 16.0  # of a triangle, in grid steps, so that the orientation is defined
 BATCH_EDGES = 1 << 17  # edges tested at a time, to limit memory
 
 Ints = NDArray[np.int64]
@@ -152,12 +145,9 @@ def _has_height(mesh: ModelMesh) -> NDArray[np.bool_]:
 
 
 def _find_neighbours(mesh: ModelMesh) -> tuple[Ints, Counter[str]]:
-    """Return pairs (e, 2) of adjacent triangles in one flat face, and counts of skips by reason.
-
-    Degenerate triangles with a repeated vertex, which join strips, have no neighbours.
-    """
+    """Return pairs (e, 2) of adjacent triangles in one flat face, and counts of skips by reason."""
     a, b, c = mesh.triangles.T
-    proper = np.flatnonzero((a != b) & (b != c) & (c != a))
+    proper = np.flatnonzero((a != b) & (b != c) & (c != a))  # degenerate triangles join strips
     if len(proper) < len(mesh.triangles):
         pairs, skipped = _find_neighbours(replace(mesh, triangles=mesh.triangles[proper]))
         return proper[pairs], skipped
@@ -185,10 +175,7 @@ def _find_neighbours(mesh: ModelMesh) -> tuple[Ints, Counter[str]]:
 
 
 def _is_same_face(mesh: ModelMesh, edge: Ints, twin: Ints) -> NDArray[np.bool_]:
-    """Return flags (e,) of half-edges whose two adjacent triangles belong to one flat face.
-
-    edge, twin : (e,) half-edges and their opposite half-edges
-    """
+    """Return (e,) whether half-edges `edge` and `twin`, (e,) each, join triangles of one face."""
     corner = mesh.triangles.reshape(-1)
     before, after = edge - edge % 3 + (edge + 2) % 3, edge - edge % 3 + (edge + 1) % 3
     quads = corner[np.stack([before, edge, after, twin - twin % 3 + (twin + 2) % 3], axis=1)]
@@ -213,10 +200,7 @@ def _is_same_face(mesh: ModelMesh, edge: Ints, twin: Ints) -> NDArray[np.bool_]:
 
 
 def _check_faces(mesh: ModelMesh, slots: Ints, face: Ints) -> tuple[Faces, Counter[str]]:
-    """Return the flat faces among groups of triangles, and counts of rejected groups by reason.
-
-    slots, face : (t,) triangle and group numbers, sorted by group
-    """
+    """Return the flat faces, and rejections by reason, of triangles `slots` sorted by `face`."""
     count = int(face[-1]) + 1 if len(face) else 0
     keys, triangles = np.unique(
         face[:, None] * len(mesh.positions) + mesh.triangles[slots], return_inverse=True
@@ -260,10 +244,8 @@ def _check_faces(mesh: ModelMesh, slots: Ints, face: Ints) -> tuple[Faces, Count
 def _project_to_planes(positions: Floats, owner: Ints, normal: Floats) -> tuple[Floats, Floats]:
     """Return coordinates (p, 2) in the faces' planes, and distances (p,) from these planes.
 
-    owner : (p,) face of each position; normal : (f, 3) normal of each face, of any length
-
-    The origin of a plane is the mean of its face's positions. The axes are right-handed with the
-    normal; the first axis is horizontal if z is up.
+    owner : (p,) face of each position; normal : (f, 3), of any length. The origin is the mean of a
+    face's positions; the axes are right-handed, and the first is horizontal if z is up.
     """
     count = len(normal)
     unit = normal / np.linalg.norm(normal, axis=1, keepdims=True)
@@ -277,10 +259,7 @@ def _project_to_planes(positions: Floats, owner: Ints, normal: Floats) -> tuple[
 
 
 def _compute_affine_residuals(values: Floats, points: Floats, owner: Ints, count: int) -> Floats:
-    """Return each point's largest residual (p,), of values (p, k), from an affine fit per face.
-
-    points : (p, 2) in the planes of the faces; owner : (p,) face of each point
-    """
+    """Return each point's largest residual (p,), of values (p, k), from an affine fit per face."""
     if values.shape[1] == 0:
         return np.zeros(len(values))
     x, y = points.T
@@ -308,10 +287,8 @@ def _sum_groups(values: Floats, owner: Ints, count: int) -> Floats:
 
 
 def _average_groups(values: Floats, owner: Ints, count: int) -> Floats:
-    """Return the means (count, k) of the values (p, k) of each group; owner : (p,) groups."""
     return _sum_groups(values, owner, count) / np.bincount(owner, minlength=count)[:, None]
 
 
 def _flag_groups(flags: NDArray[np.bool_], owner: Ints, count: int) -> NDArray[np.bool_]:
-    """Return (count,) whether a group has a flagged member; owner : (p,) group of each member."""
     return np.bincount(owner[flags], minlength=count) > 0

@@ -16,17 +16,15 @@ _VARIANTS = "KHR_materials_variants"
 HARMLESS = (_VARIANTS, "EXT_mesh_features", "EXT_structural_metadata", "KHR_xmp_json_ld")
 """Extensions of a mesh or primitive that do not depend on the order of triangles."""
 
-_MIN_TOLERANCES = {
+_MIN_TOLERANCES = {  # invisible deviations from an affine function on the face
     "NORMAL": 1e-4,
     "TANGENT": 1e-4,
     "COLOR": 1e-4,
     "TEXCOORD": 2.0**-18,
     "POSITION": 0.0,
 }
-"""Minimum tolerance by attribute: an invisible deviation from an affine function on the face."""
 
-_MAX_INTEGER_STEP = 1e-4
-"""Upper bound of the tolerance for integer coordinates, as a share of the mesh's extent."""
+_MAX_INTEGER_STEP = 1e-4  # maximum tolerance of integer coordinates, as a share of the extent
 
 
 class GltfModel(GltfEditor):
@@ -63,7 +61,6 @@ class GltfModel(GltfEditor):
         self.replace_indices(part.source, triangles.reshape(-1))
 
     def _explain_unchanged(self, mesh: dict[str, Any], primitive: dict[str, Any]) -> str:
-        """Return the reason why a primitive's triangles must not change, or ""."""
         extensions = primitive.get("extensions", {})
         for name in (*mesh.get("extensions", {}), *extensions):
             if name not in HARMLESS:
@@ -83,7 +80,6 @@ class GltfModel(GltfEditor):
         placements: tuple[NDArray[np.float64], ...],
         reason_unchanged: str,
     ) -> ModelPart | None:
-        """Return the part that primitives draw, or None for lines, points and missing positions."""
         primitive = primitives[0]
         mode = primitive.get("mode", TRIANGLES)
         if mode not in (TRIANGLES, STRIP, FAN) or "POSITION" not in primitive["attributes"]:
@@ -104,12 +100,9 @@ class GltfModel(GltfEditor):
     def _read_attributes(
         self, primitive: dict[str, Any], count: int, used: NDArray[np.int64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the affine and the fixed attributes of `ModelMesh` for `count` vertices.
+        """Return the affine and the fixed attributes of `ModelMesh`; `used` sets the tolerance.
 
-        Fixed attributes are joints, weights and non-standard attributes: a skinned vertex moves by
-        products of weights and position, which are not affine.
-
-        used : indices of vertices in triangles, whose values determine the tolerance
+        Joints and weights are fixed, because products of weights and position are not affine.
         """
         affine, fixed = [np.empty((count, 0))], [np.empty((count, 0))]
         accessors = sorted(

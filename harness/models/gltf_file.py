@@ -37,9 +37,7 @@ from scenes.scene import SceneError
 ELEMENT_ARRAY_BUFFER = 34963
 _SPARSE = ("indices", "values")
 
-MAX_GLB_BYTES = 2**32 - 1
-"""Maximum size of a GLB file, whose header has 32 bits for the length."""
-
+MAX_GLB_BYTES = 2**32 - 1  # a GLB file's header has 32 bits for the length
 _COPIED_BYTES = 1 << 20
 
 
@@ -156,7 +154,6 @@ class GltfEditor(GltfFile):
             ) from error
 
     def _require_referenced_files(self, out: Path) -> None:
-        """Raise UsageError if the output's folder lacks files that the model refers to."""
         if out.parent.resolve() == self.path.parent.resolve():
             return
         buffers = enumerate(self.json.get("buffers", []))
@@ -186,7 +183,6 @@ class GltfEditor(GltfFile):
         return renamed
 
     def _make_chunks(self, text: bytes) -> list[tuple[bytes, IO[bytes]]]:
-        """Return the chunks of the GLB file, with the new JSON and the first buffer."""
         new = {JSON: text}
         buffers = self.json.get("buffers")
         if buffers and "uri" not in buffers[0]:

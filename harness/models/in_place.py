@@ -26,18 +26,15 @@ from harness.models.views import PIXELS, DrawnPart, ViewCounts, count_views
 from scenes.readers import guard
 from scenes.readers.guard import check_path
 
-CRITERION = "edge-length"
-"""Default criterion; edge length is proportional to half-perimeter averaged over all rotations."""
+CRITERION = "edge-length"  # proportional to half-perimeter averaged over all rotations
 
 Model = GltfModel | ObjModel
-"""A model with replaceable triangles."""
 
-FORMATS: dict[str, type[GltfModel] | type[ObjModel]] = {
+FORMATS: dict[str, type[GltfModel] | type[ObjModel]] = {  # reader and writer by suffix
     ".glb": GltfModel,
     ".gltf": GltfModel,
     ".obj": ObjModel,
 }
-"""Reader and writer of models by suffix."""
 
 _KIND = "a model"
 
@@ -46,14 +43,11 @@ _KIND = "a model"
 class Changes:
     """Statistics of a model's flat faces, and of the new diagonals.
 
-    triangles : number of triangles; flat : number in flat faces of two or more triangles
-    faces : number of flat faces
-    changed : number of flat faces with new diagonals; optimal : number with a proven optimum
-    area, flat_area : in the model's units
-    before, after : total side length of the changed faces' triangles, in the model's units
+    triangles, flat : number of triangles, and of those in flat faces of two or more
+    faces, changed, optimal : number of flat faces; with new diagonals; with a proven optimum
+    area, flat_area, before, after : areas, and side lengths of the changed faces' triangles
     unchanged : number of unchanged faces and parts by reason
     views : counters before and after in views from several directions, if no file is written
-    files : written files
     """
 
     triangles: int = 0
@@ -80,14 +74,8 @@ def retriangulate(
 ) -> Changes:
     """Choose the diagonals of a model's flat faces by a criterion, and write the model to `out`.
 
-    Vertices and attributes, the number of triangles and the visible surface stay the same.
-
-    out : None to compute the changes only
-    tick : called with the number of finished parts, then of finished placements
-
-    Raises SceneError if the file is missing, damaged, or has compressed triangles; UsageError if
-    the output cannot be written or has another suffix than the source, or the criterion is not a
-    sum over triangles.
+    Vertices, attributes and the visible surface stay the same. Without `out`, the changes are only
+    computed. `tick` gets the number of finished parts, then of finished placements.
     """
     model, groups = open_model(source)
     if out is not None and out.suffix.lower() != source.suffix.lower():
@@ -116,11 +104,7 @@ def retriangulate(
 
 @np.errstate(all="ignore")
 def open_model(source: Path) -> tuple[Model, list[list[ModelPart]]]:
-    """Return a model and its parts, in groups of parts that may touch.
-
-    Raises SceneError if the file is missing, damaged, or has compressed triangles; UsageError if
-    the suffix is not that of a model.
-    """
+    """Return a model and its parts, in groups that may touch; raises SceneError or UsageError."""
     kind = FORMATS.get(source.suffix.lower())
     if kind is None:
         raise UsageError(f"{source}: unsupported model format; export it as {', '.join(FORMATS)}")
@@ -185,9 +169,8 @@ def _retriangulate_part(part: ModelPart, criterion: str, changes: Changes) -> _N
 def _revert_shared(parts: list[ModelPart], new_parts: list[_NewPart], changes: Changes) -> None:
     """Restore faces with a new diagonal that is also an edge of other triangles.
 
-    On a sheet with two sides, both sides could get the same edge, and the model would no longer be
-    watertight. Coincident positions count as one vertex. Faces that stay changed are added to
-    `changes`.
+    Otherwise both sides of a sheet could get the same edge, and the model would not be watertight.
+    Coincident positions count as one vertex. Faces that stay changed are added to `changes`.
     """
     if not parts:
         return
@@ -214,6 +197,5 @@ def _revert_shared(parts: list[ModelPart], new_parts: list[_NewPart], changes: C
 
 
 def _sum_lengths(mesh: ModelMesh, triangles: Ints) -> float:
-    """Return the total side length of triangles."""
     sides = mesh.positions[triangles] - mesh.positions[triangles[:, [1, 2, 0]]]
     return float(np.linalg.norm(sides, axis=2).sum())

@@ -21,11 +21,9 @@ _NEW_PART = (  # keywords after which a new part begins
     *(b"usemtl", b"usemap", b"mtllib", b"maplib", b"g", b"mg", b"o", b"s"),
     *(b"lod", b"bevel", b"c_interp", b"d_interp", b"shadow_obj", b"trace_obj"),
 )
-_MIN_TOLERANCE = {b"v": 1e-4, b"vt": 2.0**-18, b"vn": 1e-4}
-"""Lower bound of the tolerance of colours, texture coordinates and normals on a flat face."""
+_MIN_TOLERANCE = {b"v": 1e-4, b"vt": 2.0**-18, b"vn": 1e-4}  # on a flat face; v is for colours
 
-MAX_DECIMAL_STEP = 1e-6
-"""Upper bound of the tolerance derived from the text's decimals, relative to a model's size."""
+MAX_DECIMAL_STEP = 1e-6  # maximum tolerance from the decimals, relative to the size
 
 Triple = tuple[int, int, int]
 

@@ -1,8 +1,7 @@
-"""A 3D model as a scene: flat faces, seen from several directions.
+"""A 3D model as a scene: flat faces, in the views of `harness.models.views`.
 
-Camera, distance and images are as in `harness.models.views`. A face is drawn if its
-front points to the camera, decided once for the face, so that all triangulations draw the same
-faces, even if snapping to 1/256 px inverts triangles of a face that is seen at an angle.
+A face is drawn if its front points to the camera, decided once for all triangulations, because
+snapping to 1/256 px may invert triangles of a face that is seen at an angle.
 """
 
 from collections.abc import Iterator
@@ -111,24 +110,15 @@ def find_part_faces(part: ModelPart) -> PartFaces:
     )
 
 
-DEPTHS = ("none", "file", "front")
-"""Values of `depth`: no depth test; depth test, triangles in the file's order or front to back."""
-
-MIN_DISTANCE, MAX_DISTANCE = 1.1, 1000.0
-"""Range of the camera's distance from the centre, in radii."""
-
-MIN_REPORTED_SHARE = 0.005
-"""Minimum share of a model's area at which the area outside flat faces is reported."""
-
-MAX_VERTICES, MAX_PIECES = 20_000_000, 500_000
-"""Limits of vertices and faces of all views together; criteria take about 50 us per face."""
-
-_DEPTH_RADIUS = 1.05
-"""Half of the depth range around the centre, in radii."""
+DEPTHS = ("none", "file", "front")  # no depth test; in the file's order; front to back
+MIN_DISTANCE, MAX_DISTANCE = 1.1, 1000.0  # of the camera from the centre, in radii
+MIN_REPORTED_SHARE = 0.005  # of a model's area outside flat faces
+MAX_VERTICES, MAX_PIECES = 20_000_000, 500_000  # of all views; criteria take 50 us per face
+_DEPTH_RADIUS = 1.05  # half of the depth range around the centre, in radii
 
 
 def load(text: str) -> Scene:
-    """Load "model.glb:views=24,pixels=512,distance=3,depth=file"; raises as `read` does."""
+    """Load "model.glb:views=24,pixels=512,distance=3,depth=file"; raises SceneError."""
     name, arguments = parse_name(text)
     return read(name, **convert_arguments(name, read, dict(arguments)))
 
@@ -145,11 +135,7 @@ def read(
     """Read a model as a scene of perspective views from the first `views` of 24 directions.
 
     pixels : side of each image, which contains the model's bounding sphere
-    distance : distance of the camera from the centre of the sphere, in radii
-    depth : one of `DEPTHS`
-
-    Raises SceneError if the file is missing, damaged or compressed, if no triangle is visible, or
-    if a parameter is invalid.
+    distance : of the camera from the sphere's centre, in radii
     """
     _check_parameters(views, pixels, distance, depth)
     try:
@@ -251,7 +237,6 @@ class _PlacedPart(NamedTuple):
 def _place_part(
     part: ModelPart, flat: PartFaces, first: tuple[int, int], matrix: Floats
 ) -> _PlacedPart:
-    """Return the part transformed by a placement's `matrix`, with normals that point outwards."""
     points = transform_points(part.mesh.positions, matrix)
     corners = points[part.mesh.triangles]
     fronts = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -265,7 +250,6 @@ def _place_part(
 
 
 def _describe_coverage(placed_parts: list[_PlacedPart], faces: int, views: int) -> str:
-    """Return a note about the shares of the model's area inside and outside flat faces."""
     valid = invalid = total = 0.0
     for placed_part in placed_parts:
         area = np.nan_to_num(np.linalg.norm(placed_part.triangle_fronts, axis=1))
@@ -309,10 +293,7 @@ def _list_pieces(
     pixels: int,
     polygon_count: int,
 ) -> Iterator[_ViewPieces]:
-    """Yield the pieces of a view part by part, then the loose triangles, if any.
-
-    direction, distance : of the camera, as for `project_points`
-    """
+    """Yield the pieces of a view part by part, then the loose triangles, if any."""
     eye = sphere.middle + sphere.radius * distance * direction
     near, far = distance - _DEPTH_RADIUS, distance + _DEPTH_RADIUS
     # Loose triangles of all parts, with consecutive vertex numbers.

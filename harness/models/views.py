@@ -17,11 +17,8 @@ from harness.models.flat_faces import ModelMesh
 from harness.rasterisers.reference import count_per_triangle
 
 VIEWS = 24
-PIXELS = (256, 1024)
-"""Default sides of the square viewport in pixels."""
-
-DISTANCE = 3.0
-"""Distance of the camera from the centre, in radii of the model."""
+PIXELS = (256, 1024)  # default sides of the square viewport
+DISTANCE = 3.0  # of the camera from the centre, in radii of the model
 
 _STEPS_PER_PIXEL = 256.0
 _CHUNK_TRIANGLES = 1 << 18
@@ -51,10 +48,7 @@ class BoundingSphere(NamedTuple):
 
 
 def list_integer_directions() -> NDArray[np.int64]:
-    """Return directions to the camera (24, 3): the vector (1, 2, 3) in all rotations of a cube.
-
-    The first four, eight, ... directions sum to zero.
-    """
+    """Return the vector (1, 2, 3) in all 24 rotations of a cube; the first 4, 8, ... sum to 0."""
     rotated = []
     for order in permutations(range(3)):
         parity = np.linalg.det(np.eye(3)[list(order)])
@@ -74,12 +68,7 @@ def count_views(
     sizes: Sequence[int] = PIXELS,
     tick: Callable[[int], None] = lambda _: None,
 ) -> list[ViewCounts]:
-    """Count helper lanes and quads of the parts' front faces, before and after, at each size.
-
-    Returns [] if no part has a finite extent.
-
-    tick : called with the number of finished placements
-    """
+    """Count helper lanes and quads of front faces at each size; [] if no part has an extent."""
     points: list[NDArray[np.float64]] = []
     sets: tuple[list[NDArray[np.int64]], ...] = ([], [], [])  # unchanged, old, new triangles
     count = 0
@@ -138,10 +127,7 @@ def find_bounding_sphere(placed_points: Sequence[NDArray[np.float64]]) -> Boundi
 def project_points(
     local: NDArray[np.float64], direction: NDArray[np.float64], distance: float = DISTANCE
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Project points (n, 3) of the unit sphere; return (n, 2) in 0..1, y up, and distances (n,).
-
-    direction : unit vector to the camera; distance : in radii
-    """
+    """Project points (n, 3) of the unit sphere; return (n, 2) in 0..1, y up, and distances (n,)."""
     x, y, z = direction.tolist()
     level = float(np.sqrt(x * x + y * y))
     right = np.array([-y / level, x / level, 0.0])
@@ -153,7 +139,6 @@ def project_points(
 
 
 def _dot(points: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return scalar products (n,) of points (n, 3) with an axis (3,)."""
     products = points[:, 0] * axis[0] + points[:, 1] * axis[1] + points[:, 2] * axis[2]
     return np.asarray(products)
 

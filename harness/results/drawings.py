@@ -13,11 +13,8 @@ from harness.results.run_writer import RunFolder
 from triangulators.polygon_arrays import PolygonArray
 
 FOLDER = "frames"
-
 _TRIANGLES = "triangles "
-
-_COLUMNS = ("points", "offsets", "source", "ring_ends")
-"""Arrays of a file (docs/reference/files.md)."""
+_COLUMNS = ("points", "offsets", "source", "ring_ends")  # docs/reference/files.md
 
 
 @dataclass(frozen=True)
@@ -40,11 +37,7 @@ class Geometry:
 
 
 def write(writer: RunFolder, frame: Frame, triangles: Mapping[str, NDArray[np.int32]]) -> None:
-    """Store a frame and its triangulations in the run folder.
-
-    triangles : triangulator -> (m, 3) vertex indices into `frame.points`; other triangulations of
-        the same frame that are already stored are retained
-    """
+    """Store a frame and triangulations (m, 3) by name; others of the same frame are retained."""
     stored = read(Run(writer.path, {}, []), frame.view)
     if stored is not None and np.array_equal(stored.points, frame.points):
         triangles = {**stored.triangles, **triangles}

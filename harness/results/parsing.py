@@ -34,14 +34,9 @@ class FieldError(ValueError):
 
 
 def parse_json(content: bytes) -> Any:
-    """Parse JSON into values that can be written as JSON.
+    """Parse JSON into values that can be written as JSON; raise ValueError if it is invalid.
 
     NaN and infinite numbers become None, unpaired surrogates question marks.
-
-    Raises
-    ------
-    ValueError
-        if `content` is invalid JSON, or nested too deeply
     """
     try:
         value = json.loads(content, parse_float=_parse_finite, parse_constant=lambda _: None)
@@ -59,15 +54,10 @@ def _parse_finite(text: str) -> float | None:
 
 
 def parse_record(values: Mapping[str, Any]) -> Record:
-    """Return the record of a line of `cases.jsonl`.
+    """Return the record of a line of `cases.jsonl`; raise FieldError if a field is invalid.
 
     Unknown fields, which other versions write, are ignored. In older records a triangulator's name
     ends with its number and `@0`, and a device's with its host; these become separate fields.
-
-    Raises
-    ------
-    FieldError
-        if a field is missing or invalid
     """
     if not _KEY.fullmatch(str(values.get("key"))):
         raise FieldError("key: is not 16 hexadecimal digits")
@@ -113,7 +103,6 @@ def _arrange_fields(line: dict[str, Any]) -> dict[str, Any]:
 
 
 def _select_fields(kind: Any, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values of the fields that a dataclass has."""
     return {field.name: values[field.name] for field in fields(kind) if field.name in values}
 
 
@@ -125,10 +114,7 @@ def _drop_nulls(value: Any) -> Any:
 
 
 def validate_json(kind: Any, values: Any) -> Any:
-    """Return JSON values as the type `kind`, without conversions of types.
-
-    Raises FieldError for the first invalid value.
-    """
+    """Return JSON values as type `kind` without conversions; raise FieldError if invalid."""
     from pydantic import ValidationError  # slow to import, and a measurement reads no record
 
     try:
@@ -147,24 +133,19 @@ def _get_adapter(kind: Any) -> Any:
 
 
 def identify_rounds(reference_s: Iterable[float]) -> str:
-    """Return the `round_group` of cases timed with these reference draws, "" if there are none.
-
-    It is a digest of the reference draws' times in s, so that records of older versions, which have
-    no identifier, get one when read.
-    """
+    """Return the `round_group`, a digest, of cases timed with these reference draws; "" if none."""
     values = list(reference_s)
     if not values:
         return ""
     return hashlib.sha256(json.dumps(values).encode()).hexdigest()[:16]
 
 
-_MEASURED_FIELDS = (
+_MEASURED_FIELDS = (  # in the order of the file
     *("polygons", "polygons_skipped", "polygons_failed", "vertices", "triangles", "predicted"),
     *("counters", "triangulate_s", "triangulate_samples_s", "polygons_cached", "conforming"),
     *("t_junctions", "proven", "largest_gap", "coverage_error", "outline_quads"),
 )
-_OPTIONAL_FIELDS = ("triangulate_samples_s", "proven", "largest_gap")
-"""Fields of measured cases in the order of the file, and fields that are omitted if empty."""
+_OPTIONAL_FIELDS = ("triangulate_samples_s", "proven", "largest_gap")  # omitted if empty
 
 
 def record_to_json(record: Record) -> dict[str, Any]:
@@ -228,7 +209,7 @@ class _Device:
     timer: dict[str, Any] = field(default_factory=dict)
 
 
-_PARTS: dict[str, Any] = {
+_PARTS: dict[str, Any] = {  # parts of `run.json` that are read; others are not checked
     "plan": _Plan,
     "environment": _Environment,
     "devices": dict[str, _Device],
@@ -236,14 +217,10 @@ _PARTS: dict[str, Any] = {
     **dict.fromkeys(("scene", "seconds", "beside", "state", "written"), dict[str, Any]),
     **dict.fromkeys(("frames", "resumed", "merged"), list[Any]),
 }
-"""Types of the parts of `run.json` that are read; the other parts are not checked."""
 
 
 def select_valid_facts(facts: dict[str, Any], problems: list[str]) -> RunFacts:
-    """Return the content of `run.json` without its invalid parts.
-
-    problems : receives a line for each invalid part
-    """
+    """Return `run.json` without its invalid parts, each of which adds a line to `problems`."""
     usable: dict[str, Any] = {"environment": {}, "devices": {}, "warnings": []}
     for name, part in facts.items():
         try:

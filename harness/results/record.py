@@ -17,22 +17,19 @@ from annotated_types import Ge, Interval
 from harness.frame import View
 from harness.rasterisers.base import Options
 
-MAX_NUMBER = 2**63
-"""Upper limit of the numbers of a record, because readers compute with 64 bits."""
+MAX_NUMBER = 2**63  # limit of a record's numbers, because readers compute with 64 bits
 
 Number = Annotated[float, Interval(gt=-MAX_NUMBER, lt=MAX_NUMBER)]
 Integer = Annotated[int, Interval(gt=-MAX_NUMBER, lt=MAX_NUMBER)]
 
-Status = Literal["ok", "skipped", "failed", "counted"]
-"""Status of a case; "counted": not yet timed."""
+Status = Literal["ok", "skipped", "failed", "counted"]  # "counted": not yet timed
 
-Version = Literal["", "base"]
-"""Version of the code that triangulated: the current version, or the other of `run --beside`."""
+Version = Literal["", "base"]  # of the code that triangulated: current, or of `run --beside`
 
 NUMBER_MARK, UPRIGHT_MARK, HOST_MARK, BASE_MARK = "#", "@0", "@", "BASE "
 _NAME = re.compile(r"(?P<base>.*?)(?:#(?P<number>\d+))?(?P<upright>@0)?", re.DOTALL)
 
-_UNUSUAL = {
+_UNUSUAL = {  # field of a view or of options -> default value, text for another value
     "rotation": (0.0, "turned {:g}°"),
     "fit": ("box", "fit to a {}"),
     "samples": (1, "{} samples per pixel"),
@@ -41,7 +38,6 @@ _UNUSUAL = {
     "order": ("native", "{} order"),
     "seed": (0, "seed {}"),
 }
-"""Field of a view or of options -> default value, and the text for another value."""
 
 
 def make_printable(text: object) -> str:
@@ -66,10 +62,7 @@ def split_name(name: str) -> tuple[str, int | None, bool]:
 
 @dataclass(frozen=True, order=True)
 class CaseGroup:
-    """Comparable cases, which differ in the triangulator alone.
-
-    host : machine of the device, "" unless runs of several hosts were merged
-    """
+    """Cases that differ in the triangulator alone; host is "" unless runs were merged."""
 
     scene: str
     rasteriser: str
@@ -209,8 +202,7 @@ class Time:
 class LeastQuads:
     """Sums over the polygons whose minimum quad count is known.
 
-    polygons : number of these polygons
-    quads : sum of the minimum quad counts
+    quads : sum of these polygons' minimum quad counts
     shaded, fragments : quads shaded and pixels covered by the record's triangles of these polygons
     """
 
@@ -222,10 +214,7 @@ class LeastQuads:
 
 @dataclass(frozen=True)
 class ViewCounters:
-    """Sums of counters over each map tile or view of a model, (v,) each.
-
-    names : names of a model's views, () for map tiles
-    """
+    """Sums of counters over each map tile or view (v,); names is () for map tiles."""
 
     counters: Mapping[str, tuple[Integer | Number, ...]]
     names: tuple[str, ...] = ()

@@ -30,27 +30,17 @@ from harness.results.record import CaseId, Record, RunFacts
 SCHEMA_VERSION = 1
 
 FACTS = "run.json"
-CASES = "cases.jsonl"
-COUNTED = "counted.jsonl"
-"""Names of the files of finished records (`CASES`), and of counted but not timed records."""
+CASES = "cases.jsonl"  # finished records
+COUNTED = "counted.jsonl"  # counted but not timed records
+STORED_PROFILE = "profile.json"  # of `run --profile`
+WRITTEN = "written"  # key of `run.json` in a complete run: size and digest of records, `ARRAYS`
+ARRAYS = "arrays"  # key in `WRITTEN` of the array files' digests
+POLYGONS = "polygons"  # folder of each case's per-polygon columns
 
-STORED_PROFILE = "profile.json"
-"""File with the profile of `run --profile`."""
-
-WRITTEN = "written"
-"""Key of `run.json` in a complete run: length and digest of the file of records, and `ARRAYS`."""
-
-ARRAYS = "arrays"
-"""Key in `WRITTEN` of the array files' digests."""
-
-POLYGONS = "polygons"
-"""Folder of each case's per-polygon columns."""
-
-UNREADABLE = (
+UNREADABLE = (  # errors of numpy and zipfile for damaged files: empty, truncated, or changed
     *(OSError, EOFError, ValueError, KeyError, RuntimeError, TypeError, AttributeError),
     *(MemoryError, zipfile.BadZipFile, zlib.error),
 )
-"""Errors of numpy and zipfile for damaged files: empty, truncated, or with bytes changed."""
 
 
 @dataclass(frozen=True)
@@ -173,7 +163,6 @@ def read_digests(facts: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _find_modified(folder: Path, digests: Mapping[str, str]) -> Iterator[str]:
-    """Yield the names of array files whose checksum differs."""
     for name, digest in digests.items():
         try:
             with os.fdopen(atomic.open_inside(folder, name), "rb") as file:
@@ -187,10 +176,7 @@ def _find_modified(folder: Path, digests: Mapping[str, str]) -> Iterator[str]:
 
 
 def read_facts(folder: Path, problems: list[str]) -> RunFacts:
-    """Return the content of a run's `run.json`, {} if it is missing.
-
-    problems : receives a line for each invalid part
-    """
+    """Return a run's `run.json`, {} if missing; each invalid part adds a line to `problems`."""
     file = folder / FACTS
     if not os.path.lexists(file):
         return {}
@@ -216,10 +202,7 @@ def read_counted(path: Path) -> dict[str, Record]:
 
 
 def _parse_lines(content: bytes, file: Path, problems: list[str]) -> list[Record]:
-    """Return the valid records of a file's complete lines, the last one of each key.
-
-    A case that failed and was measured again on resume has two records.
-    """
+    """Return the records of complete lines; of a case measured again on resume, the last."""
     end = content.rfind(b"\n") + 1
     records: dict[str, Record] = {}
     for number, line in enumerate(content[:end].split(b"\n")[:-1], start=1):
@@ -280,10 +263,7 @@ def make_file_stem(text: str) -> str:
 
 @contextlib.contextmanager
 def translate_errors(path: Path, remedy: str = "") -> Iterator[None]:
-    """Turn an OSError about the folder into a `StorageError` of one line.
-
-    remedy : advice after a full disk, by default --resume
-    """
+    """Turn an OSError about the folder into a `StorageError`; `remedy` is by default --resume."""
     try:
         yield
     except OSError as error:

@@ -42,13 +42,7 @@ class _RecordFile:
         self._bytes = 0
 
     def open(self) -> None:
-        """Lock the file and open it for appending; remove an incomplete last line.
-
-        Raises
-        ------
-        StorageError
-            if another process has locked the file
-        """
+        """Lock the file, open it for appending, and remove an incomplete last line."""
         folder, name = self.path.parent, self.path.name
         flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND
         self._descriptor = atomic.open_inside(folder, name, flags)
@@ -63,7 +57,6 @@ class _RecordFile:
 
     @property
     def written(self) -> dict[str, Any]:
-        """Length and digest of the file's content."""
         return {"bytes": self._bytes, "sha256": self._digest.hexdigest()}
 
     def append(self, record: Record, *, forced: bool) -> None:
@@ -87,17 +80,13 @@ class _RecordFile:
         self._bytes += len(line)
 
     def close(self) -> None:
-        """Close the file, which unlocks it."""
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1
 
 
 class RunFolder:
-    """The folder of a run, open for writing.
-
-    remedy : advice in the error about a full disk, by default --resume
-    """
+    """The folder of a run, open for writing; `remedy` is advice about a full disk."""
 
     def __init__(self, path: Path, remedy: str = "") -> None:
         self.path = path
@@ -108,15 +97,7 @@ class RunFolder:
 
     @classmethod
     def create(cls, path: Path, remedy: str = "") -> "RunFolder":
-        """Make a new folder at `path`.
-
-        Raises
-        ------
-        UsageError
-            if the folder already has a run
-        StorageError
-            if the folder cannot be written, or is in use
-        """
+        """Make a new folder; raise UsageError if it has a run, StorageError if it is unusable."""
         writer = cls(path, remedy)
         with translate_errors(path, remedy):
             path.mkdir(parents=True, exist_ok=True)
@@ -131,15 +112,7 @@ class RunFolder:
 
     @classmethod
     def resume(cls, path: Path) -> "RunFolder":
-        """Open the run at `path` for more records.
-
-        Raises
-        ------
-        InputError
-            if the folder has no run
-        StorageError
-            if the folder cannot be written, or is in use
-        """
+        """Open the run at `path` for more records; raises InputError or StorageError."""
         if not (path / FACTS).is_file():
             raise InputError(f"{path} has no run to resume ({FACTS} is missing)")
         writer = cls(path)
@@ -173,18 +146,12 @@ class RunFolder:
         self._arrays[name] = hashlib.sha256(content.getvalue()).hexdigest()
 
     def append(self, record: Record) -> None:
-        """Add one record and force it to the disk.
-
-        Raises
-        ------
-        StorageError
-            if the disk is full or gone; earlier records stay readable
-        """
+        """Add one record and force it to the disk."""
         with translate_errors(self.path, self._remedy):
             self._cases.append(record, forced=True)
 
     def append_counted(self, record: Record) -> None:
-        """Add the record of a case that is counted but not timed; raises as `append` does."""
+        """Add the record of a case that is counted but not timed."""
         with translate_errors(self.path, self._remedy):
             self._counted.append(record, forced=False)
 

@@ -35,9 +35,7 @@ from scenes.slices import Slices, Tile, TileSelection, cut_file, cut_tiles, read
 from scenes.tiles.read import note_rounding
 from triangulators.polygon_arrays import PolygonArray
 
-PERIOD_PX = 4
-"""Translations by multiples of this many pixels preserve 2x2 and 4x4 blocks, and all counters."""
-
+PERIOD_PX = 4  # translations by multiples preserve 2x2 and 4x4 blocks, and all counters
 TOO_THIN = "thinner than the grid of 1/256 px"
 
 
@@ -88,10 +86,7 @@ class Census(Counting):
 
 @dataclass(frozen=True)
 class TileCensus(Counting):
-    """A census of map tiles.
-
-    selection : zooms, layers and a tile's side in pixels
-    """
+    """A census of map tiles; `selection` has zooms, layers and a tile's side in pixels."""
 
     unit: ClassVar[str] = "tiles"
     noun: ClassVar[str] = "polygons"
@@ -135,7 +130,6 @@ class _Counter:
     waiting: list[_Batch] = field(default_factory=list)
 
     def add_chunk(self, chunk: Chunk, census: Census) -> None:
-        """Count the footprints of a chunk, and sum them by map cells of the source."""
         self.noted.note("dropped", chunk.cleaned.dropped)
         self.noted.note("repaired", chunk.cleaned.repaired)
         self.notes += chunk.notes
@@ -156,12 +150,7 @@ class _Counter:
         self.counted.cells.append(pd.DataFrame(rows.T, columns=names))
 
     def add_tile(self, tile: Tile, side: int) -> list[Any]:
-        """Add a tile's polygons to `waiting`, and count these once there are `CHUNK_ROWS`.
-
-        side : side of a tile in pixels
-
-        Returns the tile's layers that have polygons.
-        """
+        """Add a tile's polygons to `waiting`, counted from `CHUNK_ROWS` on; return its layers."""
         self.counted.layers.update(tile.content.layer_names)
         if tile.damage:
             self.counted.damaged.append((tile.name, tile.damage))
@@ -201,8 +190,6 @@ class _Counter:
     ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
         """Triangulate p polygons by each of t triangulators, and add the counts to the groups.
 
-        margin, window : as for `scale_to_pixels`, and as `Frame.window`
-
         Returns flags (p,) of the polygons that every triangulator triangulated, and the counts of
         all polygons, (t, p, len(MEASURES)).
         """
@@ -237,7 +224,6 @@ class _Counter:
         return counted, counts
 
     def save(self, part: FilePart, path: Path) -> PartResult:
-        """Write the counts as the part's file."""
         zero = Sums.empty(len(self.triangulators))
         sums = self.counted.sum_groups() if self.counted.groups else zero
         done = PartResult(
@@ -259,10 +245,8 @@ def scale_to_pixels(
 ) -> tuple[NDArray[Any], NDArray[np.int64]]:
     """Scale polygons to pixels, move each near the origin, and snap it to 1/256 px.
 
-    margin : translation of all polygons in pixels, if their positions in a window matter
-
-    Returns the pieces (p,), in px, and the index of each piece's polygon; polygons that vanish on
-    the grid have no piece. Positions modulo `PERIOD_PX` are preserved.
+    Returns the pieces (p,), in px, and each piece's polygon; vanished polygons have none. Positions
+    modulo `PERIOD_PX` are preserved; `margin` translates all alike, if positions matter.
     """
     # Near the origin, doubles represent 1/256 px exactly, as the reference's integers do.
     scaled = shapely.transform(polygons, lambda xy: xy / units_per_pixel)
@@ -279,10 +263,7 @@ def scale_to_pixels(
 def _sum_counts(
     table: NDArray[np.float64], polygons: NDArray[Any], times: NDArray[np.int64], dropped: int
 ) -> Sums:
-    """Sum the counts (t, p, len(MEASURES)) of p polygons.
-
-    times : (p,) multiplicity of each polygon; dropped : number of vanished polygons
-    """
+    """Sum the counts (t, p, len(MEASURES)) of p polygons, which occur `times` (p,) times."""
     corners = shapely.get_num_coordinates(polygons) - 1 - shapely.get_num_interior_rings(polygons)
     sums = Sums.empty(
         len(table),
@@ -315,7 +296,6 @@ def _count_shading(
     """Triangulate polygons by a triangulator, and sum `MEASURES` over each polygon's triangles.
 
     polygons, owners : p pieces on the pixel grid, and the index (0 to count - 1) of their polygons
-    window : drawn window, as `Frame.window`
 
     Returns the sums (count, len(MEASURES)), and the reason of each failure by the polygon's index.
     """

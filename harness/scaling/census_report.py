@@ -21,23 +21,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.table import Table
 
-SHARES = (0.01, 0.05, 0.10, 0.20, 0.30, 0.50)
-"""Gains g for which the table has a column: the share of footprints that gain at least g."""
-
+SHARES = (0.01, 0.05, 0.10, 0.20, 0.30, 0.50)  # columns: share that gains as much
 QUANTILES = (0.05, 0.25, 0.50, 0.75, 0.95)
 
-EDGES = np.linspace(-1.0, 1.0, BINS + 1)
-"""(BINS + 1,) bounds of the bins of a gain."""
-
-MAX_CELLS = 4000
-"""Upper bound of the cells along a side of the map; a larger map is drawn coarser."""
+EDGES = np.linspace(-1.0, 1.0, BINS + 1)  # bounds of the bins of a gain
+MAX_CELLS = 4000  # along a side of the map; a larger map is drawn coarser
 
 
 def make_gain_rows(sums: Sums, triangulators: Sequence[str]) -> pd.DataFrame:
     """Return a row for each triangulator and measure: totals, total gain, distribution of gains.
 
-    Shares and quantiles are exact to the width of a bin, 0.5 %: a quantile is the lower bound of
-    its bin.
+    Shares and quantiles are exact to a bin's width, 0.5 %; a quantile is its bin's lower bound.
     """
     index = pd.MultiIndex.from_product([triangulators, GAINED], names=["triangulator", "measure"])
     table = index.to_frame(index=False)
@@ -62,10 +56,7 @@ def make_gain_rows(sums: Sums, triangulators: Sequence[str]) -> pd.DataFrame:
 
 
 def write_census(folder: Path, counted: CensusCounts, census: Census | TileCensus) -> list[str]:
-    """Write census.csv and plots into `folder`; return the names written; raises OSError.
-
-    Footprints also get cells.csv and a map, damaged tiles damaged.csv.
-    """
+    """Write census.csv, other tables and plots into `folder`; return the names; raises OSError."""
     names = census.triangulators
     written = {"census.csv": _make_census_table(counted, census)}
     if counted.damaged:
@@ -85,7 +76,6 @@ def write_census(folder: Path, counted: CensusCounts, census: Census | TileCensu
 
 
 def _make_census_table(counted: CensusCounts, census: Census | TileCensus) -> pd.DataFrame:
-    """Return the content of census.csv, for map tiles with rows for each zoom and layer."""
     tables = []
     for (zoom, layer), sums in _sort_groups(counted):
         table = make_gain_rows(sums, census.triangulators)
@@ -103,7 +93,6 @@ def _make_census_table(counted: CensusCounts, census: Census | TileCensus) -> pd
 
 
 def _sort_groups(counted: CensusCounts) -> list[tuple[Group, Sums]]:
-    """Return the groups sorted by zoom, then by layer."""
     return sorted(counted.groups.items(), key=lambda item: (item[0][0] or 0, item[0][1]))
 
 

@@ -42,9 +42,7 @@ MANIFEST = "manifest.json"
 LEFT_OUT = "left_out.csv"
 VERSION = 1
 
-CHUNK_ROWS = 12_500
-"""Rows in memory at a time, for which a process takes 450 MB."""
-
+CHUNK_ROWS = 12_500  # in memory at a time, for which a process takes 450 MB
 SHAPEFILE_PARTS = {".shx", ".dbf", ".prj", ".cpg", ".qpj", ".sbn", ".sbx", ".qix"}
 """Suffixes of a Shapefile's files other than .shp."""
 
@@ -85,10 +83,8 @@ class PartResult:
     """Result of a part whose file is in the folder.
 
     counts : [kind, reason, number of polygons] of dropped, repaired and failed polygons
-    proven : polygons whose optimum is proven
     certified : fields of `Certified`, or None if not requested
     about : identity of the part, as in `FilePart`
-    notes : messages about the file, such as the choice of a layer
     left_out : (kind, polygon, reason) of the first dropped and the first failed polygons
     seconds : duration, or None if the file existed already
     """
@@ -106,14 +102,7 @@ class PartResult:
 
 @dataclass(frozen=True)
 class PartWork:
-    """Processing of a part of a data set.
-
-    The fields of a subclass are the options on which the results depend.
-
-    title : shown with the progress
-    unit : unit of the sizes of parts
-    suffix : suffix of a part's file
-    """
+    """Processing of a part of a data set; a subclass's fields are options that affect results."""
 
     title: ClassVar[str]
     unit: ClassVar[str] = "footprints"
@@ -133,15 +122,7 @@ class PartWork:
         raise NotImplementedError
 
     def process(self, part: FilePart, out: str, threads: int | None = 1) -> PartResult:
-        """Write a part's file into the folder `out`, unless the file exists; return the result.
-
-        threads : number of threads, or None for one per core
-
-        Raises
-        ------
-        IncompatibleRunsError, InputError, StorageError
-            if the part cannot be read, the file cannot be written, or the code has another version
-        """
+        """Write a part's file into the folder `out`, unless the file exists; return the result."""
         begun = time.perf_counter()
         version, code = _code_version(), part.about["code"]
         if version != code:
@@ -165,7 +146,6 @@ class PartWork:
 
 
 def _release_memory() -> None:
-    """Return cached memory of libraries to the system."""
     with contextlib.suppress(ImportError):
         import pyarrow as pa
 
@@ -202,12 +182,10 @@ def list_files(pattern: str) -> list[Path]:
 class Summary:
     """State of the folder after a command.
 
-    parts, parts_done : number of parts, and of parts with a result
     fresh : parts that this command processed
     counts : number of dropped, repaired and failed polygons by (kind, reason)
     set_aside : reason by file or part that has no result
     pruned : rows skipped because the row group's statistics exclude the condition
-    seconds : wall time of this command
     certified : fields of `Certified` of each part that has them
     left_out : (file, kind, polygon, reason) of the first dropped and failed polygons of each part
     """
@@ -227,19 +205,11 @@ class Summary:
 
 
 class Dataset:
-    """Files, cut into parts, and the folder of results.
+    """Files, cut into parts, and the folder of results, made if missing.
 
-    pattern : a file, a folder of files, or a pattern
-    out : the folder of results, made if missing
-    work : the processing, with options
+    parts : in the order of files and rows; done : results in the folder, by the part's key
 
-    The attribute `parts` has the parts in the order of files and rows; `done` has the results in
-    the folder, by the part's key.
-
-    Raises
-    ------
-    UsageError
-        if no file matches, the folder cannot be written, or has incompatible results
+    Raises HarnessError if no file can be read, or the folder is unusable or has other results.
     """
 
     def __init__(self, pattern: str, out: Path, work: PartWork) -> None:
@@ -262,7 +232,6 @@ class Dataset:
         self._read_results({part.key for part in self.parts})
 
     def _cut_files(self, paths: Iterable[Path]) -> None:
-        """Cut files into parts; record the files that cannot be read."""
         seen: Counter[str] = Counter()
         for file in paths:
             try:
@@ -285,7 +254,6 @@ class Dataset:
                 self.parts.append(FilePart(str(file), rows, size, about | self._about))
 
     def _read_results(self, part_keys: set[str]) -> None:
-        """Read the results in `out` into `done`; raise an error if a result is incompatible."""
         identities: dict[str, set[str]] = {}
         for part in self.parts:
             identities.setdefault(part.about["source"], set()).add(part.about["identity"])
@@ -330,10 +298,7 @@ class Dataset:
     ) -> Summary:
         """Process the missing parts, write the manifest, and return a summary.
 
-        A part that fails repeatedly is listed in `Summary.set_aside`. The manifest is written even
-        if parts fail or the command is interrupted.
-
-        on_success : called when a part succeeds
+        The manifest is written even if parts fail or the command is interrupted.
         """
         begun, before = time.perf_counter(), len(self.done)
         missing = {part.key: part for part in self.missing}
@@ -389,7 +354,6 @@ class Dataset:
         )
 
     def _write_manifest(self, summary: Summary) -> None:
-        """Write manifest.json and, if polygons were left out, left_out.csv."""
         fields = ("polygons", "triangles", "proven", "counts", "seconds")
         parts = [
             {"file": f"{key}{self.work.suffix}"}
@@ -411,10 +375,7 @@ class Dataset:
                 atomic.write(self.out / LEFT_OUT, rows.encode(), forced=True)
 
     def _remove_temporary_folders(self) -> None:
-        """Remove temporary folders that killed processes left for parts that are now finished.
-
-        Folders of unfinished parts may belong to a running command, and are retained.
-        """
+        """Remove temporary folders of finished parts; others may belong to a running command."""
         for folder in self.out.glob(f"{TEMPORARY_PREFIX}*"):
             if folder.name.removeprefix(TEMPORARY_PREFIX).partition("-")[0] in self.done:
                 shutil.rmtree(folder, ignore_errors=True)

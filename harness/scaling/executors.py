@@ -25,17 +25,10 @@ from harness.errors import INCONCLUSIVE, HarnessError, UsageError
 if TYPE_CHECKING:
     from harness.workers.worker import Worker
 
-MAX_ATTEMPTS = 3
-"""Number of failures after which a task is not repeated."""
-
+MAX_ATTEMPTS = 3  # failures after which a task is not repeated
 TASK_TIMEOUT_S = 3600.0
-"""Time limit of a task; a task that exceeds it has failed."""
-
-CONNECT_TIMEOUT_S = 60.0
-"""Time limit for connecting to a scheduler."""
-
-QUEUED_TASKS = 2
-"""Tasks queued at each busy worker thread; queued tasks are lost with their worker."""
+CONNECT_TIMEOUT_S = 60.0  # to a scheduler
+QUEUED_TASKS = 2  # at each busy worker thread; they are lost with their worker
 
 SETTINGS = {
     # a worker starts a process for its tasks, which a daemon may not
@@ -49,8 +42,7 @@ SETTINGS = {
 
 _LOG = logging.getLogger(__name__)
 
-Task = tuple[Callable[..., Any], tuple[Any, ...]]
-"""A function and the arguments."""
+Task = tuple[Callable[..., Any], tuple[Any, ...]]  # a function and the arguments
 
 
 class TaskResult(NamedTuple):
@@ -67,12 +59,9 @@ class SchedulerUnreachableError(HarnessError):
 
 
 class Executor:
-    """Executor that runs tasks in this process, one after another.
+    """Executor that runs tasks in this process, one after another."""
 
-    threads_per_task : threads that a task may use; one for each core if None
-    """
-
-    threads_per_task: int | None = None
+    threads_per_task: int | None = None  # one for each core
 
     def run_all(self, tasks: Mapping[str, Task]) -> Iterator[tuple[str, TaskResult]]:
         """Run named tasks; yield the name and the result of each task when it ends.
@@ -96,15 +85,7 @@ class Executor:
 class DaskExecutor(Executor):
     """Runs tasks as futures of Dask's distributed scheduler, one per worker thread.
 
-    address : `local` for a process on each core, `local:N` for N processes, or the address of a
-        scheduler
-
-    Raises
-    ------
-    UsageError
-        if Dask is not installed, or `address` is invalid
-    SchedulerUnreachableError
-        if no scheduler answers at the address
+    address : `local` for a process per core, `local:N` for N processes, or a scheduler's address
     """
 
     threads_per_task = 1
@@ -147,9 +128,7 @@ class DaskExecutor(Executor):
     def _start_cluster(self, address: str, number: int) -> str:
         """Start a local cluster of `number` workers; return its scheduler's address.
 
-        A signal that stops the command is delayed until the cluster has started.
-
-        A cluster that is interrupted while it starts cannot be closed, and prints errors at exit.
+        Signals are delayed: a cluster that is interrupted while it starts cannot be closed.
         """
         from harness.machine import system
         from harness.machine.user_modules import hide_working_folder

@@ -17,8 +17,7 @@ from harness.results.record import HOST_MARK, CaseGroup, Record, RunFacts
 from harness.results.run_folder import POLYGONS, Run, make_file_stem, read_arrays
 from harness.results.run_writer import RunFolder
 
-STATUSES = ("ok", "skipped", "failed")
-"""Statuses by priority: a measured record replaces a skipped or a failed record of the case."""
+STATUSES = ("ok", "skipped", "failed")  # by priority: a measured record replaces another
 
 
 @dataclass(frozen=True)
@@ -30,15 +29,7 @@ class _Source:
 
 
 def set_host(run: Run, host: str) -> Run:
-    """Return the run with all devices on `host`, which changes the identities of the cases.
-
-    Raises
-    ------
-    UsageError
-        if the host's name is invalid
-    IncompatibleRunsError
-        if a device has a host already
-    """
+    """Return the run with all devices on `host`, which changes the identities of the cases."""
     if not host or make_file_stem(host) != host:
         raise UsageError(f"host {host!r}: invalid name; give letters, digits, hyphens and dots")
     for record in run.records:
@@ -53,15 +44,7 @@ def set_host(run: Run, host: str) -> Run:
 
 
 def merge_runs(runs: Sequence[Run], out: Path) -> int:
-    """Merge runs into a new run folder; return the number of records.
-
-    Raises
-    ------
-    IncompatibleRunsError
-        if a software device was timed on several processors, measured records of a case differ,
-        counters of a device differ between hosts, the scenes differ or are unknown, or a run is
-        given with two hosts
-    """
+    """Merge compatible runs into a new run folder; return the number of records."""
     _refuse_differing_scenes(runs)
     _refuse_one_run_twice(runs)
     if mixed := find_mixed_processors(runs):
@@ -117,7 +100,6 @@ def _get_priority(source: _Source) -> tuple[int, str]:
 
 
 def _refuse_differing_counters(records: Iterable[Record]) -> None:
-    """Raise IncompatibleRunsError if counters, which are exact, differ between hosts."""
     first: dict[str, Record] = {}
     for record in sorted(records, key=lambda record: record.id.device_name):
         if not record.is_ok:
@@ -134,7 +116,6 @@ def _refuse_differing_counters(records: Iterable[Record]) -> None:
 
 
 def _refuse_differing_scenes(runs: Sequence[Run]) -> None:
-    """Raise an error if no run has a record, or the runs' scenes differ or are unknown."""
     if not any(run.records for run in runs):
         raise InputError("runs: no records to merge; give complete runs")
     hashes = {(run.facts.get("scene") or {}).get("hash") for run in runs}
@@ -146,7 +127,6 @@ def _refuse_differing_scenes(runs: Sequence[Run]) -> None:
 
 
 def _refuse_one_run_twice(runs: Sequence[Run]) -> None:
-    """Raise IncompatibleRunsError if a run is given with two hosts."""
     first: dict[str, tuple[str, Run]] = {}
     for run in runs:
         host = next((record.id.host for record in run.records), "")
@@ -195,13 +175,11 @@ def _merge_facts(runs: Sequence[Run]) -> RunFacts:
     }
 
 
-_HOST_FACTS = ("created", "environment", "cpu", "state", "seconds", "warnings")
-_PLAN_LISTS = ("rasterisers", "devices", "views", "options")
-"""Facts that are stored for each run, and lists of the plans that are united."""
+_HOST_FACTS = ("created", "environment", "cpu", "state", "seconds", "warnings")  # of each run
+_PLAN_LISTS = ("rasterisers", "devices", "views", "options")  # united
 
 
 def _list_distinct(lists: Iterable[Any]) -> list[Any]:
-    """Return the distinct entries of several lists, sorted by their JSON."""
     unique = {_format_value(entry): entry for entries in lists for entry in entries or []}
     return [unique[text] for text in sorted(unique)]
 
@@ -211,13 +189,11 @@ def _format_value(value: Any) -> str:
 
 
 def _sort_key(record: Record, names: Sequence[str]) -> tuple[CaseGroup, int, str]:
-    """Return the sort key of records: the group, then the plan's triangulators."""
     position = names.index(record.name) if record.name in names else len(names)
     return record.id.group, position, record.id.key
 
 
 def _store_drawings(store: RunFolder, runs: Iterable[Run]) -> None:
-    """Store the frames and triangulations of all runs."""
     columns: dict[str, dict[str, Any]] = {}
     for run in sorted(runs, key=lambda run: str(run.path)):
         for file in sorted((run.path / drawings.FOLDER).glob("*.npz")):

@@ -24,21 +24,15 @@ GAINED = (
 )
 """Measures that depend on the triangulation: exact counters, then criteria in px and px^2."""
 
-MEASURES = ("fragments", "triangles", *GAINED)
-"""Sums over a footprint's triangles."""
-
-BINS = 400
-"""Number of bins of a gain's histogram, 0.5 % each, from -100 % (or less) to 100 %."""
+MEASURES = ("fragments", "triangles", *GAINED)  # sums over a footprint's triangles
+BINS = 400  # of a gain's histogram, 0.5 % each, from -100 % (or less) to 100 %
 
 COUNTS = ("polygons", "vertices", "tiles", "dropped", "repaired")
 """Counts of `Sums`. `tiles` are tiles with a polygon; `dropped` polygons cannot be drawn;
 `repaired` polygons were invalid."""
 
-Group = tuple[int | None, str]
-"""Zoom and layer of polygons of map tiles; all footprints are one group."""
-
-FOOTPRINTS: Group = (None, "")
-"""The group of all footprints."""
+Group = tuple[int | None, str]  # zoom and layer of polygons of map tiles
+FOOTPRINTS: Group = (None, "")  # the group of all footprints
 
 
 class Sums(NamedTuple):
@@ -76,7 +70,6 @@ class CensusCounts:
     groups : sums by zoom and layer
     cells : tables of map cells: indices `x` and `y`, `footprints`, helper lanes by triangulator
     damaged : (tile, reason) of unreadable tiles
-    layers : names of all layers
     """
 
     groups: dict[Group, Sums] = field(default_factory=dict)

@@ -14,8 +14,7 @@ from harness.scaling.dataset import CHUNK_ROWS, FilePart, PartResult, PartWork
 from scenes.files import read_chunks
 from scenes.slices import Slices, cut_file
 
-FOOTER = "raster_harness_part"
-"""Key of the part's result, as JSON, in the footer of a file."""
+FOOTER = "raster_harness_part"  # key of the part's result, as JSON, in the footer
 
 
 @dataclass(frozen=True)

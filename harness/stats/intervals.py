@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 CONFIDENCE = 0.95
 
-MIN_VALUES = 6
-"""Minimum number of polygons or groups for an interval: fewer cannot bound a median with 95 %."""
+MIN_VALUES = 6  # fewer polygons or groups cannot bound a median with 95 %
 
 TAIL = 0.01
 """Share of a studentised bootstrap's resamples beyond either end of an interval. The usual 2.5 %
@@ -24,8 +23,7 @@ suit many values with little skew. The sums behind ratios and regrets have a few
 
 RESAMPLES = 1999
 
-UNKNOWN = (float("nan"), float("nan"))
-"""Interval whose ends cannot be determined from the values."""
+UNKNOWN = (float("nan"), float("nan"))  # ends that the values do not determine
 
 
 def compute_median_interval(
@@ -53,13 +51,7 @@ def compute_median_interval(
 def compute_student_interval(
     values: Sequence[float] | NDArray[np.float64], confidence: float = CONFIDENCE
 ) -> tuple[float, float, float]:
-    """Return the mean of independent values and the ends of Student's interval.
-
-    Raises
-    ------
-    ValueError
-        if there are fewer than two values
-    """
+    """Return the mean of two or more independent values and the ends of Student's interval."""
     from scipy.special import stdtrit  # slow to import
 
     count = len(values)
@@ -122,11 +114,7 @@ def compute_ratio_interval(
 
 
 def _find_interval_ends(value: float, error: float, t: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the studentised bootstrap's interval of an estimate.
-
-    error : standard error of the estimate
-    t : Student's t of each resample; NaN (0 / 0) counts as 0
-    """
+    """Return the studentised bootstrap's interval; a t of NaN (0 / 0) counts as 0."""
     low, high = np.quantile(np.where(np.isnan(t), 0.0, t), [TAIL, 1 - TAIL], method="inverted_cdf")
     if not (np.isfinite(low) and np.isfinite(high)):
         return UNKNOWN
@@ -138,9 +126,8 @@ def _estimate_errors(
 ) -> NDArray[np.float64]:
     """Return the jackknife standard errors (k,) of k ratios sum(values) / sum(base), row by row.
 
-    residuals, base : (k, n), the values less ratio * base, and the base
-
-    A factor common to all rows is omitted, as it cancels in the studentised bootstrap.
+    residuals : (k, n), the values less ratio * base; a factor common to all rows is omitted, as it
+    cancels in the studentised bootstrap
     """
     remainder = base.sum(axis=1, keepdims=True) - base
     errors: NDArray[np.float64] = np.sqrt(((residuals / remainder) ** 2).sum(axis=1))
@@ -190,11 +177,8 @@ load of a shared host changes. Measured by 20 equal runs; tested on runs of four
 another CPU, and on the runs of docs/findings-tables.md, "What do other programs do to an answer?".
 """
 
-MIN_EPOCHS = 4
-"""Minimum number of epochs to estimate the scatter between epochs."""
-
-SINGLE_EPOCH_PARTS = 6
-"""Number of parts into which the rounds of a single epoch are divided."""
+MIN_EPOCHS = 4  # to estimate the scatter between epochs
+SINGLE_EPOCH_PARTS = 6  # into which the rounds of a single epoch are divided
 
 
 def split_rounds(
@@ -204,8 +188,6 @@ def split_rounds(
 
     A part is a process if there are several; otherwise an epoch if there are `MIN_EPOCHS`;
     otherwise every sixth round (`SINGLE_EPOCH_PARTS`). Returns the indices of each part's rounds.
-
-    processes, epochs : number of rounds of each process, and of each epoch
     """
     for parts, minimum in ((processes, 2), (epochs, MIN_EPOCHS)):
         if len(parts) >= minimum and sum(parts) == rounds:
@@ -285,10 +267,7 @@ def compute_paired_ratio(
 
 
 def _count_rounds(mask: NDArray[np.bool_], parts: Sequence[int] | None) -> list[int]:
-    """Return the number of rounds in `mask` of each part with such rounds, or [] without parts.
-
-    parts : number of rounds of each epoch or process
-    """
+    """Return the number of rounds in `mask` of each part with such rounds, or [] without parts."""
     if parts is None or sum(parts) != len(mask):
         return []
     counts = [int(part.sum()) for part in np.split(mask, np.cumsum(parts)[:-1])]
@@ -300,8 +279,6 @@ def add_run_scatter(ratio: Ratio, candidates: int = 1) -> Ratio:
 
     The new half-width, of the log ratio, is the root of the sum of squares of the old half-width
     and the half-width that `RUN_SCATTER` alone would give.
-
-    candidates : number of ratios, as for `compute_paired_ratio`
     """
     middle, low, high = np.log([ratio.value, ratio.low, ratio.high])
     quantile = NormalDist().inv_cdf(0.5 + CONFIDENCE ** (1 / max(1, candidates)) / 2)

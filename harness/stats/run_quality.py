@@ -27,25 +27,17 @@ State = Literal["quiet", "disturbed", "not to be trusted"]
 QUIET: Final = "quiet"
 DISTURBED: Final = "disturbed"
 UNTRUSTED: Final = "not to be trusted"
-STATES: tuple[State, ...] = get_args(State)
-"""The states of a machine, from the best to the worst."""
+STATES: tuple[State, ...] = get_args(State)  # from the best to the worst
 
-MAX_WAITED_SHARE = 0.02
-"""Maximum share of an undisturbed sample's time spent waiting for a core."""
-
-UNDISTURBED_QUANTILE = 0.1
-"""Quantile of the samples' ratios of wall time to CPU time that is taken for the ratio of an
-undisturbed sample."""
-
-MIN_QUIET_ROUNDS = 12
-"""Minimum number of undisturbed rounds; if there are fewer, disturbed rounds are used as well."""
+MAX_WAITED_SHARE = 0.02  # of an undisturbed sample's time spent waiting for a core
+UNDISTURBED_QUANTILE = 0.1  # of the samples' wall time per CPU time, taken as undisturbed
+MIN_QUIET_ROUNDS = 12  # if there are fewer undisturbed rounds, disturbed ones are used as well
 
 MAX_DISTURBED_SHARE = 0.10
 """Maximum of three shares on a quiet machine: the share of disturbed samples (the operating system
 disturbs some), of drawings whose times have two modes, and of a core that other programs use."""
 
-MAX_STOLEN_SHARE = 0.05
-"""Maximum share of a core's time that the host takes from a quiet virtual machine."""
+MAX_STOLEN_SHARE = 0.05  # of a core's time that the host takes from a quiet virtual machine
 
 MAX_REFERENCE_RATIO = 1.35
 """Maximum, on a quiet machine, of the reference draw's time relative to the fastest one on this
@@ -108,11 +100,6 @@ def select_rounds(time: Time, base: Time) -> NDArray[np.bool_]:
 
     These are the rounds in which both samples are undisturbed, or all rounds if there are fewer
     than `MIN_QUIET_ROUNDS` of these.
-
-    Raises
-    ------
-    ValueError
-        if the numbers of rounds differ
     """
     first, second = find_undisturbed(time), find_undisturbed(base)
     if len(first) != len(second):
@@ -185,10 +172,7 @@ def assess_records(records: Iterable[Record], draws: Sequence[Mapping[str, Any]]
 
 
 def _find_disturbances(drawings: Mapping[str, Time]) -> dict[str, State]:
-    """Return a clause for each disturbance of a device's samples, with the implied state.
-
-    drawings : times by label of the drawing
-    """
+    """Return a clause for each disturbance of a device's samples, with the implied state."""
     problems: dict[str, State] = {}
     masks = {name: find_undisturbed(time) for name, time in drawings.items()}
     count = sum(len(quiet) for quiet in masks.values())
@@ -228,10 +212,7 @@ def _find_disturbances(drawings: Mapping[str, Time]) -> dict[str, State]:
 
 
 def _equalise_process_medians(time: Time) -> NDArray[np.float64]:
-    """Return the samples (r,), scaled so that the samples of each process have the same median.
-
-    Processes differ in memory layout, which must not count as two modes.
-    """
+    """Scale each process's samples (r,) to one median, as processes differ in memory layout."""
     samples = np.array(time.samples_s, np.float64)
     if len(time.processes) < 2 or sum(time.processes) != len(samples):
         return samples
@@ -250,10 +231,7 @@ def get_run_state(run: Run) -> RunState:
 
 
 def explain_incomparable(base: Time, head: Time, *, machines_differ: bool) -> str:
-    """Return the reason for which a case's times in two separate runs are incomparable, or "".
-
-    machines_differ : True if the machines differ, so that different reference draws are expected
-    """
+    """Return why a case's times in two separate runs are incomparable, or "" if they are not."""
     for name, time in (("BASE", base), ("HEAD", head)):
         if problems := _find_disturbances({"the case": time}):
             return f"{name} was disturbed ({next(iter(problems))}); use run --beside"

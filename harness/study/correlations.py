@@ -37,33 +37,23 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 
-EXACT_PREDICTORS = {
+EXACT_PREDICTORS = {  # exact counts by the CPU: rasteriser and counter
     "exact_quads": ("reference", "quads"),
     "exact_tiles_16": ("binning", "tiles_16"),
     "exact_tiles_32": ("binning", "tiles_32"),
     "exact_tiles_64": ("binning", "tiles_64"),
 }
-"""Exact counts by the CPU, used as predictions: rasteriser and counter."""
 
-TIME = "time_work_"
-"""Prefix of the columns of draw times; the work per fragment follows, e.g. "8"."""
-
+TIME = "time_work_"  # prefix of the columns of draw times; the work per fragment follows
 VIEW = ("resolution", "rotation", "samples")
 KEYS = ("polygon", *VIEW, "rasteriser", "device", "triangulator")
 
-ENDS = ("ci_low", "ci_high", "polygons")
-"""Columns that follow an estimate: the ends of its interval, and the number of polygons."""
-
-MIN_TRIANGULATIONS = 5
-"""Minimum number of different triangulations for a correlation within a polygon."""
+ENDS = ("ci_low", "ci_high", "polygons")  # columns that follow an estimate
+MIN_TRIANGULATIONS = 5  # different ones, for a correlation within a polygon
 
 
 class Estimate(NamedTuple):
-    """A statistic with its 95 % interval over polygons.
-
-    low, high : NaN if there are too few polygons
-    polygons : number of polygons; the value is NaN if it is 0
-    """
+    """A statistic with its 95 % interval over polygons, NaN if there are too few polygons."""
 
     value: float
     low: float
@@ -92,10 +82,7 @@ def estimate_median(values: ArrayLike) -> Estimate:
 def correlate_within_polygons(
     table: pd.DataFrame, criterion: str, measure: str
 ) -> pd.Series[float]:
-    """Return the rank correlation of two columns of `table` within each polygon.
-
-    A polygon with several views has the mean over views, NaN if a view has no rank correlation.
-    """
+    """Return the rank correlation of two columns within each polygon, as a mean over views."""
     views = ["polygon", *(name for name in VIEW if name in table)]
     values: dict[str, list[float]] = {}
     for (polygon, *_), rows in table.dropna(subset=[criterion, measure]).groupby(views):
@@ -161,7 +148,6 @@ def make_measure_table(records: Sequence[Record]) -> pd.DataFrame:
 
 
 def _add_exact_counts(table: pd.DataFrame) -> pd.DataFrame:
-    """Add the exact counts by the CPU, from the rows of the rasterisers that count them."""
     keys = ["polygon", "resolution", "rotation", "triangulator"]
     for name, (rasteriser, counter) in EXACT_PREDICTORS.items():
         if counter not in table.columns:
@@ -173,10 +159,7 @@ def _add_exact_counts(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _iterate_measures(table: pd.DataFrame) -> Iterator[tuple[tuple[Any, ...], pd.DataFrame, str]]:
-    """Yield ((rasteriser, device), rows, measure) for each device and measure.
-
-    Measures are, in this order, the main counter, the other counters and the times.
-    """
+    """Yield ((rasteriser, device), rows, measure): the main counter, other counters, then times."""
     columns = [str(name) for name in table.columns]
     times = [name for name in columns if name.startswith(TIME)]
     excluded = {*KEYS, *times, *list_predictors(), *AUXILIARY_FEATURES}
@@ -188,10 +171,7 @@ def _iterate_measures(table: pd.DataFrame) -> Iterator[tuple[tuple[Any, ...], pd
 
 
 def make_correlation_table(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the content of correlations.csv: a row per device, criterion, measure and statistic.
-
-    table : result of `make_measure_table`
-    """
+    """Return the content of correlations.csv, by device, criterion, measure and statistic."""
     names = ["rasteriser", "device", "criterion", "measure", "statistic", "value"]
     rows: list[tuple[Any, ...]] = []
     for device, part, measure in _iterate_measures(table):
@@ -207,10 +187,7 @@ def make_correlation_table(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def compare_criteria(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the content of criteria_compared.csv: paired differences of every two criteria.
-
-    Both use the same polygons, so the difference has a smaller error than either coefficient.
-    """
+    """Return the content of criteria_compared.csv: paired differences of every two criteria."""
     names = ["rasteriser", "device", "measure", "criterion", "other", "difference"]
     rows = []
     for device, part, measure in _iterate_measures(table):
@@ -236,10 +213,7 @@ def correlate_by_resolution(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def write_correlations(table: pd.DataFrame, folder: Path) -> pd.DataFrame:
-    """Write the tables of a study into `folder`; return the correlations.
-
-    table : result of `make_measure_table`
-    """
+    """Write the tables of a study into `folder`; return the correlations."""
     tables = {
         "measured": table,
         "correlations": make_correlation_table(table),
@@ -252,8 +226,7 @@ def write_correlations(table: pd.DataFrame, folder: Path) -> pd.DataFrame:
     return tables["correlations"]
 
 
-PAPER = "overdraw"
-"""Criterion that the paper proposes."""
+PAPER = "overdraw"  # criterion that the paper proposes
 
 
 def print_matrix(correlations: pd.DataFrame, console: Console) -> None:
@@ -290,7 +263,6 @@ def plot_study(correlations: pd.DataFrame, table: pd.DataFrame, folder: Path) ->
 
 
 def _group_within_polygons(correlations: pd.DataFrame) -> Iterable[tuple[Any, pd.DataFrame]]:
-    """Yield (rasteriser, device) with the rows of rank correlations within polygons."""
     within = correlations[correlations["statistic"] == "spearman_within"]
     return within.groupby(["rasteriser", "device"], sort=False)
 

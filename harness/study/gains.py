@@ -17,25 +17,21 @@ from harness.style import choose_looks, draw_figure, make_figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-AXES = {
+AXES = {  # conditions that a study of gains may vary, with labels for plots
     "resolution": "viewport (px)",
     "rotation": "rotation of the view (degrees)",
     "work": "work per fragment (iterations)",
     "samples": "samples per pixel",
 }
-"""Conditions that a study of gains may vary, with labels for plots."""
 
 SCENE_KEYS = ("scene", "rasteriser", "device")
-KEYS = (*AXES, "fit", "order")
-"""Columns that identify a view, in addition to `SCENE_KEYS`."""
+KEYS = (*AXES, "fit", "order")  # columns that identify a view, in addition to `SCENE_KEYS`
 
 
 def make_gain_table(runs: Sequence[Run], bases: Sequence[str]) -> pd.DataFrame:
     """Return one row per case and base: the paired ratio of times, and the ratio of helper lanes.
 
-    runs : if several runs have the same view, the first is used, because times of different runs
-        are not paired
-
+    Of runs with the same view the first is used, because times of different runs are not paired.
     Cases that skipped polygons have no ratio; textured cases are omitted.
     """
     rows = []
@@ -59,7 +55,6 @@ def make_gain_table(runs: Sequence[Run], bases: Sequence[str]) -> pd.DataFrame:
 def _make_row(
     group: RecordGroup, record: Record, base: Record | None, name: str
 ) -> dict[str, object] | None:
-    """Return the row of a record and the base called `name`, or None without a usable ratio."""
     ratio = group.compute_ratio(record, base)
     if ratio is None or base is None or not ratio.quiet:
         return None
@@ -84,10 +79,7 @@ def _make_row(
 
 
 def list_faster(table: pd.DataFrame, base: str) -> pd.DataFrame:
-    """Return one row per scene, device, view and shading, with a column `faster`.
-
-    The column `faster` lists the triangulators significantly faster than `base`, and their gains.
-    """
+    """Return a row per view, whose column `faster` has the triangulators faster than `base`."""
     rows = table[(table["base"] == base) & (table["triangulator"] != base)]
     columns = zip(rows["triangulator"], rows["time_ratio"], rows["verdict"], strict=True)
     faster = [f"{name} {1 - ratio:.1%}" * (verdict == FASTER) for name, ratio, verdict in columns]

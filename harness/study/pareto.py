@@ -34,45 +34,29 @@ from triangulators.criteria import predict
 from triangulators.methods.exhaustive import enumerate_triangulations
 from triangulators.methods.pareto import MAX_VERTICES, pareto_front
 
-COMPARED = (
+COMPARED = (  # with the front, if installed
     *("fan", "ear-clipping", "delaunay", "sweep", "greedy", "max-area"),
     *("optimal:overdraw", "optimal:shape", "optimal:half-perimeter", "optimal:edge-length"),
 )
-"""Triangulators that are compared with the front, if installed."""
 
-STEPS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
-"""Ratios of D's weight (beta) to A's weight (alpha); the sweep also has A alone and D alone."""
-
-MAX_POINTS = 15
-"""Maximum number of points of a front that are measured; a longer front is sampled evenly."""
-
-ALL = "all"
-"""Value in the column `polygon` of rows about the complete scene."""
-
-NORMALISED = ("overdraw_over_area", "shape_a_triangle")
-"""Columns that the mixture weighs: means over polygons of A over the area, and of D/T."""
-
-TOLERANCE = 1e-9
-"""Relative difference up to which costs are equal."""
+STEPS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)  # of D's weight to A's weight
+MAX_POINTS = 15  # of a front that are measured; a longer front is sampled evenly
+ALL = "all"  # polygon of rows about the complete scene
+NORMALISED = ("overdraw_over_area", "shape_a_triangle")  # the measures that the mixture weighs
+TOLERANCE = 1e-9  # relative difference up to which costs are equal
 
 
 def name_mixture(alpha: float, beta: float, gamma: float = 0.0) -> str:
-    """Return the name of the triangulator that minimises alpha A + beta D + gamma C.
-
-    A, D and C are the paper's criteria: overdraw, shape and complexity.
-    """
+    """Return the name of the triangulator that minimises alpha A + beta D + gamma C."""
     return f"optimal:{criteria.mixed(alpha, beta, gamma).name}"
 
 
 SWEEP = (name_mixture(1, 0), *(name_mixture(1, step) for step in STEPS), name_mixture(0, 1))
 """Names of the sweep's mixtures, from A alone to D alone."""
 
-WITH_C = name_mixture(1, 1, 1)
-"""Mixture with the paper's criterion C (complexity), whose weight has no effect on the result."""
-
+WITH_C = name_mixture(1, 1, 1)  # the paper's C (complexity) has no effect on the result
 
 CRITERIA = ("overdraw", "shape", "complexity", "half_perimeter", "edge_length", "triangles")
-"""Criteria of `make_triangulation_table`."""
 
 FRONTS = ("polygon", "k", "overdraw", "shape", "measured")
 """Columns of fronts.csv, with a row for each point of a polygon's front; k is its rank by A."""
@@ -91,11 +75,6 @@ def make_parts(
     """Return the parts to measure, and each single polygon's front (`FRONTS`) by its part's name.
 
     polygons : number of single polygons; a scene of one polygon is always that polygon
-
-    Raises
-    ------
-    InputError
-        if no polygon is suitable
     """
     is_single = len(scene.polygons) == 1
     fronts = {}
@@ -180,10 +159,7 @@ def _make_row(run: Run, group: RecordGroup, record: Record, base: Record) -> dic
 
 
 def _normalise_criteria(run: Run, record: Record, base: Record) -> tuple[float, float]:
-    """Return A over the area and D per triangle (degrees), each a mean over polygons.
-
-    Areas and numbers of triangles are the base's, so that all records have the same divisors.
-    """
+    """Return means over polygons of A over area and D per triangle, with the divisors of `base`."""
     columns, base_columns = read_columns(run, record), read_columns(run, base)
     if columns is None or base_columns is None:  # a single polygon: totals are its columns
         sums, scale = record.predicted, base.predicted
@@ -210,10 +186,7 @@ def mark_undominated(
 
 
 def print_pareto_table(table: pd.DataFrame, scene: str, console: Console) -> None:
-    """Print for each polygon, rasteriser and device how many points are faster or slower.
-
-    The points of a complete scene are the steps of its sweep.
-    """
+    """Print for each polygon, rasteriser and device how many points are faster or slower."""
     title = f"{scene}: time relative to the minimum of A on the front of A and D"
     headings = ("polygon", "rasteriser", ">points", ">slower", ">faster", "fastest triangulator")
     printed = make_plain_table(title, *headings)
@@ -236,11 +209,6 @@ def make_triangulation_table(
 
     conforming : whether the triangulation has no T-junctions
     diagonals : pairs of vertex numbers, "1-3 3-5"
-
-    Raises
-    ------
-    triangulators.TriangulationError
-        if the polygon has holes, or too many triangulations to list
     """
     points = vertices(polygon)
     rows = []

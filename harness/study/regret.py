@@ -34,11 +34,8 @@ from harness.study.correlations import (
 from harness.study.subjects import MIN_QUADS
 from harness.style import format_latex_table, format_markdown_table, get_family
 
-QUAD_COUNTERS = ("quads", "helper_lanes")
-"""Counters whose minimum follows from the minimum number of quads, as fragments are equal."""
-
-NOT_CHOSEN = ("worst", "listed")
-"""Families of triangulators that only widen the range of costs; no program would choose them."""
+QUAD_COUNTERS = ("quads", "helper_lanes")  # have their minimum together: fragments are equal
+NOT_CHOSEN = ("worst", "listed")  # only widen the range of costs; no program would choose them
 
 VIEW = ("rasteriser", "device", "resolution", "rotation", "samples")
 KEYS = (*VIEW, "measure", "kind", "name")
@@ -73,18 +70,13 @@ def estimate_regret(values: Column, selected: int) -> tuple[float, float]:
 
 
 def compute_regret_interval(low: Column, high: Column) -> tuple[float, float]:
-    """Return the 95 % interval of the mean regret; NaN if unknown.
-
-    low, high : lower and upper estimates of each polygon, (p,)
-    """
+    """Return the 95 % interval of the mean regret from lower and upper estimates (p,)."""
     ends = compute_mean_interval(low)[0], compute_mean_interval(high)[1]
     return (max(0.0, ends[0]), ends[1]) if np.isfinite(ends).all() else UNKNOWN
 
 
 def make_regret_table(records: Sequence[Record]) -> pd.DataFrame:
     """Return one row for each polygon, measure, and criterion or triangulator.
-
-    Columns (`COLUMNS`) are
 
     kind : "criterion" or "triangulator", with `name`; `triangulator` is the selected triangulator
     best : the triangulator with the minimum, for times over all rounds
@@ -139,20 +131,14 @@ def _list_choices(records: Sequence[Record]) -> Iterator[tuple[str, str, int]]:
 
 
 def _compare_counts(values: Sequence[float]) -> tuple[int, list[tuple[float, float]]]:
-    """Return the index of the minimum, and lower and upper estimate of each regret, here equal.
-
-    Regrets of values above a minimum of 0 are NaN.
-    """
+    """Return the index of the minimum, and (low, high) of each regret; NaN above a minimum of 0."""
     best = min(values)
     regrets = [0.0 if v == best else v / best - 1.0 if best else np.nan for v in values]
     return values.index(best), [(regret, regret) for regret in regrets]
 
 
 def _compare_times(times: Sequence[Time]) -> tuple[int, list[tuple[float, float]]]:
-    """Return the index of the minimum time, and lower and upper estimate of each regret.
-
-    times : times of the candidates, from the same rounds
-    """
+    """Return the index of the minimum time, and (low, high) of each regret, in the same rounds."""
     rounds, first = min(len(time.samples_s) for time in times), times[0]
     samples = np.array([time.samples_s[:rounds] for time in times])
     relative = samples / np.array(first.reference_s[:rounds])
@@ -166,10 +152,7 @@ def summarise_regret(table: pd.DataFrame) -> pd.DataFrame:
     """Return columns `SUMMARY`: regret over polygons, with the 95 % interval of the mean.
 
     Triangulations of one family, such as random ones, count once per polygon, by their mean.
-
-    least_known : share of polygons whose minimum is proven over all possible triangulations, not
-        only over the measured ones
-    ci_low, ci_high : `compute_regret_interval`
+    `least_known` is the share of polygons whose minimum is proven over all triangulations.
     """
     rows = []
     columns = ["regret", "regret_low", "regret_high", "least_known"]
@@ -194,8 +177,7 @@ def write_regret(records: Sequence[Record], folder: Path) -> pd.DataFrame:
     return summary
 
 
-PAPER_TABLE = "criteria"
-"""Stem of the files of the table for a paper."""
+PAPER_TABLE = "criteria"  # stem of the files of the table for a paper
 
 
 def write_paper_table(correlations: pd.DataFrame, regrets: pd.DataFrame, folder: Path) -> None:

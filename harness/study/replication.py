@@ -19,16 +19,14 @@ from harness.stats.intervals import MIN_VALUES
 from harness.study.correlations import TIME, TOO_FEW
 
 H_OPTIMAL, EAR_CLIPPING, DELAUNAY = "optimal:half-perimeter", "ear-clipping", "delaunay"
-UPRIGHT_SUFFIX = "@0"
-"""Suffix of triangulators that triangulate at 0 degrees, before the scene is rotated."""
+UPRIGHT_SUFFIX = "@0"  # triangulated at 0 degrees, before the scene is rotated
 
 TIMED_TRIANGULATORS = (EAR_CLIPPING, DELAUNAY, "refined", "optimal:overdraw", H_OPTIMAL)
 """Triangulators of the study of draw times, from which a user may choose."""
 
-ROTATED_TRIANGULATORS = tuple(
+ROTATED_TRIANGULATORS = tuple(  # of the study of rotation
     f"{name}{UPRIGHT_SUFFIX}" for name in (EAR_CLIPPING, "optimal:overdraw", H_OPTIMAL)
 )
-"""Triangulators of the study of rotation: triangulated at 0 degrees, then turned."""
 
 RANKED = ("overdraw", "half-perimeter", "expected-quads", "edge-length", "shape")
 """Criteria that findings.md compares, and that differ between triangulations of a polygon."""
@@ -50,10 +48,9 @@ H_TURNED = "0.92 at the worst angle (city, 512 px)"
 A_TURNED = "0.99 at the worst angle (city, 512 px)"
 
 
-Evidence = dict[str, pd.DataFrame]
-"""Available tables of a data set's studies, by name in `TABLES`."""
+Evidence = dict[str, pd.DataFrame]  # tables of a data set's studies, by name in `TABLES`
 
-TABLES = {
+TABLES = {  # gains.csv: triangles in native order, in walk order, and rotated
     "correlations": "validate/correlations.csv",
     "compared": "validate/criteria_compared.csv",
     "regret": "validate/regret.csv",
@@ -61,7 +58,6 @@ TABLES = {
     "walked": "walked/gains.csv",
     "turned": "turned/gains.csv",
 }
-"""Files of the studies; gains.csv is of triangles in native order, in walk order, and rotated."""
 
 
 @dataclass(frozen=True)
@@ -95,11 +91,7 @@ class Finding:
 
 
 class Claim(NamedTuple):
-    """A sentence of docs/findings.md.
-
-    reference : result in docs/findings.md
-    check : evidence -> the same result on other data, or None if not available
-    """
+    """A sentence of docs/findings.md, its result there, and the check of the result elsewhere."""
 
     sentence: str
     reference: str
@@ -126,10 +118,7 @@ def _find_row(
 
 
 def _make_finding(row: pd.Series[Any] | None, *names: str, **fields: Any) -> Finding | None:
-    """Return the finding in a row, or None without a row.
-
-    names : columns of the value and of its interval's lower and upper end
-    """
+    """Return the finding in a row; `names` are columns of the value and its interval's ends."""
     if row is None:
         return None
     too_few = row.get("polygons", MIN_VALUES) < MIN_VALUES
@@ -140,7 +129,6 @@ def _make_finding(row: pd.Series[Any] | None, *names: str, **fields: Any) -> Fin
 def _check_correlation(
     evidence: Evidence, criterion: str, measure: str, minimum: float = -1.0, *, boxes: bool = False
 ) -> Finding | None:
-    """Check that a rank correlation within polygons is at least `minimum`."""
     table = evidence.get("correlations")
     if table is not None:
         table = table[(table["statistic"] == "spearman_within") & table["value"].notna()]
@@ -150,10 +138,7 @@ def _check_correlation(
 
 
 def _check_h_against_a(evidence: Evidence, measure: str) -> Finding | None:
-    """Check that half-perimeters H have a higher rank correlation than overdraw A.
-
-    The difference of both correlations is taken within each polygon.
-    """
+    """Check that H has a higher rank correlation than A, by differences within polygons."""
     h, a = "half-perimeter", "overdraw"
     of_h, of_a = (_check_correlation(evidence, name, measure) for name in (h, a))
     if of_h is None or of_a is None:
@@ -180,10 +165,7 @@ def _check_shape_is_last(evidence: Evidence) -> Finding | None:
 
 
 def _check_faster(table: pd.DataFrame | None, base: str) -> Finding | None:
-    """Check that triangulations with minimum half-perimeter (H) are drawn faster than `base`.
-
-    table : content of gains.csv, of which the largest viewport is used
-    """
+    """Check that triangulations with minimum half-perimeter (H) are drawn faster than `base`."""
     row = _find_row(table, triangulator=H_OPTIMAL, base=base)
     finding = _make_finding(row, *(f"time_ratio{end}" for end in ("", "_low", "_high")))
     return finding and replace(finding, holds=finding.high < 1)
@@ -201,10 +183,7 @@ def _check_regret(evidence: Evidence, criterion: str, measure: str, limit: float
 
 
 def _check_rotation(evidence: Evidence, triangulator: str, *, below: bool) -> Finding | None:
-    """Check helper lanes of rotated triangles relative to rotated ear clipping, at the worst angle.
-
-    below : True if the claim is a ratio of at most 0.95, False if it is a larger ratio
-    """
+    """Check helper lanes of rotated triangles relative to ear clipping's, at the worst angle."""
     table = evidence.get("turned")
     if table is None:
         return None
@@ -293,11 +272,7 @@ def read_evidence(folder: Path) -> Evidence:
 
 
 def format_page(data_sets: Sequence[tuple[str, Evidence]], conditions: str) -> str:
-    """Return a page in Markdown with the finding for each claim and data set.
-
-    data_sets : (name, evidence) of each data set
-    conditions : text about the machine and device
-    """
+    """Return a page in Markdown with the finding for each claim and (name, evidence)."""
     lines = ["# Findings on other data", "", conditions, ""]
     lines += ["| data | hold | do not hold | undecided |", "|---|---|---|---|"]
     results = [(name, evaluate_claims(evidence)) for name, evidence in data_sets]

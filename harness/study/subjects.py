@@ -4,9 +4,8 @@ A criterion is evaluated within a polygon, so each polygon is a separate scene t
 viewport. The polygon is triangulated in many ways: by common methods, with the minimum and the
 maximum of each criterion, and at random, uniformly over all triangulations.
 
-An ordinary run has too few triangulations of each polygon to evaluate a criterion. For the run's
-report, `evaluate_triangulations` makes about 25 triangulations of some polygons of a view. The
-exact CPU reference counts the triangulations at the polygons' positions in the frame, untimed.
+An ordinary run has too few triangulations of each polygon. For the run's report,
+`evaluate_triangulations` makes and counts about 25 of some polygons, untimed.
 """
 
 from collections.abc import Iterator, Sequence
@@ -33,26 +32,18 @@ from triangulators.errors import TriangulationError
 NOT_METHODS = ("exhaustive", "optimal", "worst", "random", "pareto", "listed")
 """Triangulators that are not methods for use in programs."""
 
-MIN_VERTICES = 8
-"""Smaller polygons have too few triangulations to rank (at most 42 with seven vertices)."""
-
+MIN_VERTICES = 8  # smaller polygons have too few triangulations to rank (at most 42 for 7)
 OPTIMISED = ("overdraw", "shape", "half-perimeter", "expected-quads", "edge-length")
 """Criteria for which the best and worst triangulations are measured."""
 
-MIN_QUADS = "optimal:exact-quads"
-"""Triangulator with the minimum number of quads, for regret; large polygons are skipped."""
+MIN_QUADS = "optimal:exact-quads"  # minimum of quads, for regret; large polygons are skipped
 
 
 def choose_polygons(scene: Scene, design: StudySize) -> list[tuple[int, Scene]]:
     """Return (number in the scene, scene of that polygon only), from few to many vertices.
 
     Polygons have no holes, so that optima are exact and random triangulations uniform. They are
-    sampled evenly by size.
-
-    Raises
-    ------
-    InputError
-        if the scene has no suitable polygon
+    sampled evenly by size. Raises InputError if none is suitable.
     """
     sizes = shapely.get_num_coordinates(np.array(scene.polygons, dtype=object)) - 1
     simple = np.array([not polygon.interiors for polygon in scene.polygons])
@@ -70,10 +61,7 @@ def choose_polygons(scene: Scene, design: StudySize) -> list[tuple[int, Scene]]:
 
 
 def _select_by_size(sizes: NDArray[Any], simple: NDArray[np.bool_], limit: int) -> list[int]:
-    """Return indices of suitable polygons by ascending size: `MIN_VERTICES` to `limit` vertices.
-
-    sizes, simple : (p,) number of vertices, and whether the polygon has no holes
-    """
+    """Return indices of simple polygons with `MIN_VERTICES` to `limit` vertices, by size."""
     numbers = np.flatnonzero(simple & (sizes >= MIN_VERTICES) & (sizes <= limit))
     return [int(number) for number in numbers[np.argsort(sizes[numbers], kind="stable")]]
 
@@ -109,22 +97,17 @@ MAX_VERTICES = 60
 """Limits of `evaluate_triangulations`: polygons, random triangulations of each polygon, and
 vertices of a polygon, because random triangulations of larger polygons are slow."""
 
-COUNTED = (
+COUNTED = (  # in addition to random triangulations
     "ear-clipping",
     "delaunay",
     *(f"{end}:{name}" for name in ("half-perimeter", "overdraw") for end in ("optimal", "worst")),
 )
-"""Triangulators of `evaluate_triangulations`, in addition to random triangulations."""
 
-MEASURES = Reference.counters
-"""Counters of the reference rasteriser, with which criteria can be correlated."""
+MEASURES = Reference.counters  # with which criteria can be correlated
 
 
 def evaluate_triangulations(geometry: drawings.Geometry, view: View) -> list[dict[str, Any]]:
-    """Return a row with criteria and counters for each triangulation of polygons sampled by size.
-
-    At most `POLYGONS` polygons are triangulated, each by `COUNTED` and at random.
-    """
+    """Return a row of criteria and counters for each triangulation of some polygons."""
     sizes = geometry.grid.vertex_counts
     simple = geometry.grid.ring_counts == 1
     rows = []
