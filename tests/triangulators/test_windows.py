@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+import shapely
 
 from harness.frame import View, make_frame
 from scenes import load
@@ -57,3 +58,19 @@ def test_refined_quads_are_within_one_percent(scene):
             sums[name] += criterion.total(vertices(polygon), triangulate(polygon, name))
     refined, optimal = sums.values()
     assert optimal <= refined <= 1.01 * optimal
+
+
+@pytest.mark.parametrize("turn", [False, True])
+def test_hole_that_touches_the_exterior_at_a_vertex_leaves_no_single_ring(turn):
+    shell = [(0, 0), (4, 0), (9, 0.5), (9, 6), (0, 6)]
+    polygon = shapely.Polygon(shell, [[(4, 0), (6, 2), (5, 4), (3, 3)][:: -1 if turn else 1]])
+    if turn:
+        polygon = polygon.reverse()
+    assert polygon.is_valid
+    criterion = criteria.find("expected-quads")
+    refined, optimal = (
+        triangulate(polygon, f"{name}:expected-quads") for name in ("refined", "optimal")
+    )
+    assert verify(polygon, refined).conforming
+    points = vertices(polygon)
+    assert criterion.total(points, refined) == pytest.approx(criterion.total(points, optimal))

@@ -31,16 +31,20 @@ _MAX_OVERLAP = 15  # triangles of a window that are in earlier windows
 def _optimise_ring(points: np.ndarray, triangles: np.ndarray, twin: np.ndarray, cost: Cost) -> bool:
     """Replace the triangles of a single ring of either orientation by the optimum, in place.
 
-    Returns False, without a change, if the polygon has holes. The ring's vertices are the cycle of
-    the dynamic program, so nothing needs to be unfolded.
+    Returns False, without a change, if the polygon has holes, or if its ring touches itself. The
+    ring's vertices are the cycle of the dynamic program, so nothing needs to be unfolded.
     """
     n = len(points)
     if len(triangles) != n - 2:
         return False
-    corner, e = triangles.reshape(-1), 0
-    while twin[e // 3, e % 3] >= 0:
-        e += 1
-    is_reversed = corner[next_edge(e)] != (corner[e] + 1) % n
+    corner, ascending, descending = triangles.reshape(-1), 0, 0
+    for e in range(len(corner)):
+        if twin[e // 3, e % 3] < 0:
+            ascending += corner[next_edge(e)] == (corner[e] + 1) % n
+            descending += corner[e] == (corner[next_edge(e)] + 1) % n
+    is_reversed = descending == n
+    if ascending < n and not is_reversed:
+        return False  # a ring that touches itself: triangles have one vertex for several
     if is_reversed:
         points = points[::-1].copy()
         _reverse_vertices(corner, n)
