@@ -163,11 +163,7 @@ def _run_triangulator(
 
 
 def _check_triangles(outline: Boundary, raw: Any, choice: Choice, criterion: Any) -> np.ndarray:
-    """Return a triangulator's triangles (m, 3) as int32, counter-clockwise, all with an area.
-
-    raw: the unchecked result. Raises `TriangulationError` unless `raw` is an array (m, 3) of vertex
-    indices, or if the sum of a user's criterion over the triangles is not finite.
-    """
+    """Return a triangulator's triangles (m, 3) as int32, counter-clockwise, all with an area."""
     try:
         triangles = orient_triangles(outline.points, check_triangle_indices(raw, outline.points))
     except ValueError as error:

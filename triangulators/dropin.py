@@ -158,11 +158,7 @@ def triangulate_int64(
 def _improve_triangles(
     raw: np.ndarray, vertices: np.ndarray, ring_end_indices: np.ndarray, method: str, order: str
 ) -> np.ndarray:
-    """Return the triangles (3 m,) of `method`, or earcut's triangles `raw` if rings are invalid.
-
-    raw (3 m,): three vertex indices per triangle, which "flips:l1" overwrites; ring_end_indices
-    (r,): see `triangulate_float64`.
-    """
+    """Return the triangles (3 m,) of `method`, or earcut's triangles `raw` if rings are invalid."""
     method = SHORT_NAMES.get(method, method)
     if method not in METHODS:
         raise UnknownNameError(f"unknown method {method!r}; {suggest(method, METHODS)}")

@@ -23,9 +23,7 @@ def find_initial_triangulations(outline: Boundary) -> Iterator[np.ndarray]:
     """Yield the triangulations (m, 3) of ear clipping and Delaunay that conform after repair.
 
     If neither conforms, because slivers within rounding error are missing, yield the greedy
-    triangulation by exact orientations, for up to 1,000 vertices. Raises `TriangulationError` if
-    there is no conforming triangulation. Triangles index sites, one for vertices at the same point
-    (see `Boundary`).
+    triangulation, for up to 1,000 vertices. Raises `TriangulationError` if nothing conforms.
     """
     is_found = False
     for method in (ear_clipping, delaunay):
@@ -61,10 +59,7 @@ def _is_triangulation(outline: Boundary, triangles: np.ndarray) -> bool:
 
 
 def find_best_initial(outline: Boundary, cost: Cost) -> np.ndarray:
-    """Return the triangulation (m, 3) of lowest cost that `find_initial_triangulations` yields.
-
-    Raises `TriangulationError` if there is none; see `find_initial_triangulations`.
-    """
+    """Return the triangulation (m, 3) of lowest cost that `find_initial_triangulations` yields."""
     return min(
         find_initial_triangulations(outline),
         key=lambda triangles: compute_total_cost(outline.points, triangles, cost),
@@ -90,10 +85,7 @@ class Cycle(NamedTuple):
 
 
 def make_cycle(outline: Boundary, who: str) -> Cycle:
-    """Return the ring of a polygon without holes, with its visible pairs.
-
-    Raises `SkippedError` for holes. who: the triangulator's name, for the message.
-    """
+    """Return the ring of a polygon and its visible pairs; raise `SkippedError` if it has holes."""
     if outline.holes:
         raise SkippedError(f"{who}: the polygon has holes")
     cycle = outline.edges[:, 0].copy()
@@ -104,10 +96,7 @@ def make_cycle(outline: Boundary, who: str) -> Cycle:
 
 
 def find_ring_triangulation(outline: Boundary, cycle: np.ndarray) -> np.ndarray:
-    """Return an arbitrary triangulation (n - 2, 3) of a polygon without holes.
-
-    The vertices of triangles are positions in `cycle` (n,), the polygon's sites counter-clockwise.
-    """
+    """Return any triangulation (n - 2, 3) of a polygon without holes, as positions in `cycle`."""
     n = len(cycle)
     position = np.empty(len(outline.points), dtype=np.int32)
     position[cycle] = np.arange(n, dtype=np.int32)

@@ -25,10 +25,7 @@ def ear_clipping(outline: Boundary) -> np.ndarray:
 
 
 def delaunay(outline: Boundary) -> np.ndarray:
-    """Return the constrained Delaunay triangulation (m, 3) of GEOS, through shapely.
-
-    The coordinates that GEOS returns are mapped back to vertex indices.
-    """
+    """Return the constrained Delaunay triangulation (m, 3) of GEOS, through shapely."""
     try:
         pieces = shapely.constrained_delaunay_triangles(
             polygon_of_rings(outline.points, outline.ring_offsets)
@@ -64,10 +61,7 @@ def is_sweep_installed() -> bool:
 
 
 def sweep(outline: Boundary) -> np.ndarray:
-    """Return the triangles (m, 3) of a sweep-line decomposition into monotone pieces.
-
-    Uses the GLU tessellator through PyOpenGL, which needs the library libGLU but no GL context.
-    """
+    """Return the triangles (m, 3) of the GLU tessellator, by a sweep-line decomposition."""
     from OpenGL import GLU
 
     indices: list[int] = []

@@ -178,10 +178,7 @@ def find_ring_orientation(coordinates: np.ndarray) -> int:
 
 @njit(nogil=True)
 def _meets_no_later_edge(coordinates: np.ndarray, a: int, n: int) -> bool:
-    """Whether edge a of a ring of n edges certainly meets none of the edges a + 2, a + 3, ....
-
-    coordinates: (n + 1, 2), see `find_ring_orientation`.
-    """
+    """Whether edge a of a ring of n edges certainly meets none of the edges a + 2, a + 3, ...."""
     ax, ay = coordinates[a, 0], coordinates[a, 1]
     bx, by = coordinates[a + 1, 0], coordinates[a + 1, 1]
     low_x, high_x = min(ax, bx), max(ax, bx)
@@ -268,11 +265,7 @@ def make_boundary(points: np.ndarray, ring_offsets: np.ndarray) -> Boundary:
 def find_vertices_on_edges(
     outline: Boundary, edges: np.ndarray, allowed: float
 ) -> dict[tuple[int, int], list[int]]:
-    """Return a dictionary from each edge a-b to the boundary's vertices on it, from a to b.
-
-    edges (k, 2) int32; allowed: tolerance, see `predicates.is_on_segment`. The ends a and b are not
-    listed, and edges without other vertices are omitted.
-    """
+    """Return the vertices on each edge a-b, from a to b without these; omit edges without any."""
     points, candidates = outline.points, np.unique(outline.edges)
     candidates = candidates[np.argsort(points[candidates, 0])]
     incidences = find_touching_vertices(points, edges, candidates, allowed)

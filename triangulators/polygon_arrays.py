@@ -136,7 +136,6 @@ class PolygonArray(Sequence[shapely.Polygon]):
     @overload
     def __getitem__(self, index: slice) -> PolygonArray: ...
     def __getitem__(self, index: int | slice) -> shapely.Polygon | PolygonArray:
-        """Return a polygon, or the polygons of a slice as an array."""
         if isinstance(index, slice):
             return self.take(np.arange(len(self))[index])
         if "geometries" in vars(self):
@@ -237,10 +236,7 @@ class Batch(NamedTuple):
 
 
 def allocate_batch(polygons: PolygonArray) -> Batch:
-    """Return a `Batch` for polygons, with uninitialised triangles; `done` is False for all.
-
-    Reserves n + 2 h - 2 triangles for n vertices and h holes, the maximum.
-    """
+    """Return a `Batch` for polygons, with uninitialised triangles; `done` is False for all."""
     max_triangles = polygons.vertex_counts - 2 + 2 * (polygons.ring_counts - 1)
     triangle_offsets = offsets_of(np.maximum(max_triangles, 0))
     return Batch(
@@ -258,9 +254,6 @@ def allocate_batch(polygons: PolygonArray) -> Batch:
 def rings_at(
     index: int, coords: np.ndarray, ring_offsets: np.ndarray, geom_offsets: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return polygon `index`: vertices (n, 2), and offsets of the rings in them, (h + 2,).
-
-    See `PolygonArray` for the arrays.
-    """
+    """Return polygon `index`: vertices (n, 2), and offsets of the rings in them, (h + 2,)."""
     offsets = ring_offsets[geom_offsets[index] : geom_offsets[index + 1] + 1]
     return coords[offsets[0] : offsets[-1]], offsets - offsets[0]

@@ -22,33 +22,13 @@ Function = Callable[..., np.ndarray]
 class Entry:
     """A registered triangulator.
 
-    Parameters
-    ----------
-    name, description : str
-        Texts that `raster-harness list triangulators` prints.
-    function : str
-        "module:function"; built-in functions take (boundary, **parameters), third-party functions
-        the polygon.
-    handles_holes : bool
-        False if polygons with holes are skipped.
-    criteria : bool
-        True if a criterion can follow the name, as in "optimal:overdraw".
-    default_criterion : str
-        The criterion if none is given.
-    tests : tuple of str
-        Names of flip tests that can follow the name in place of a criterion, as in "flips:l1".
-    with_gap : str or None
-        "module:function" of a function like `function` that returns (triangles, gap to the
-        optimum).
-    needs : str or None
-        A module that must be importable, or a "module:function" that must return True.
-    install : str or None
-        The command that installs the module in `needs`.
-    builtin : bool
-        False for entry points and `module:function` strings.
-    order : "walk" or "native"
-        The default order of the triangles: from neighbour to neighbour, or as the function returns
-        them.
+    function : "module:function"; built-in functions take (boundary, **parameters), third-party
+        functions the polygon
+    criteria : True if a criterion can follow the name, as in "optimal:overdraw"
+    tests : flip tests that can follow the name in place of a criterion, as in "flips:l1"
+    with_gap : "module:function" of a function that returns (triangles, gap to the optimum)
+    needs : a module that must be importable, or a "module:function" that must return True
+    order : the default order of triangles, "walk" from neighbour to neighbour, or "native"
     """
 
     name: str
@@ -65,11 +45,7 @@ class Entry:
     order: str = "native"
 
     def uses_walk(self, order: str | None) -> bool:
-        """Return whether triangles are to be put in walk order.
-
-        order: "walk", "native", or None for the entry's default. Raises `UnknownNameError` for any
-        other order.
-        """
+        """Return whether to put triangles in walk order; None is the entry's default order."""
         from triangulators.geometry.order import is_walk  # imported late: compiled code
 
         return is_walk(self.order if order is None else order)
@@ -84,11 +60,7 @@ class Entry:
         return None if importlib.util.find_spec(self.needs) else self.install
 
     def load(self) -> Function:
-        """Import and return the triangulator's function.
-
-        Raises `UnavailableError`, with the command that installs a missing package, and
-        `UnknownNameError` if a third-party module cannot be imported or has no such function.
-        """
+        """Import the triangulator's function; raise `UnavailableError` if a package is missing."""
         missing = self.find_install_command()
         if missing:
             raise UnavailableError(
@@ -110,10 +82,7 @@ class Entry:
 def _make_method_entry(
     name: str, description: str, reference: str = "", *, holes: bool = True, **fields: Any
 ) -> Entry:
-    """Return an entry for a function in `methods`.
-
-    reference: "module:function" in that package, or "" for "NAME:triangulate".
-    """
+    """Return an entry for "module:function" in `methods`, by default for "NAME:triangulate"."""
     function = f"triangulators.methods.{reference or f'{name}:triangulate'}"
     return Entry(name, description, function, handles_holes=holes, **fields)
 
@@ -365,11 +334,7 @@ def _split_name(text: str) -> tuple[str, str]:
 
 
 def check_criterion(text: str, criterion: Any) -> None:
-    """Raise `ArgumentError` if a criterion cannot be given in addition to a triangulator's name.
-
-    text: the name, for example "optimal:overdraw", which contains a criterion already, or "fan",
-    which takes none; criterion: the additional argument, or None. Only built-in names are checked.
-    """
+    """Raise `ArgumentError` unless a name permits an additional criterion."""
     name, in_name = _split_name(text)
     if name not in BUILTIN or criterion is None:
         return

@@ -163,9 +163,8 @@ def find_unmatched_edges(outline: Boundary, triangles: np.ndarray) -> Counter[Ed
 def find_unconfirmed(polygons: PolygonArray, triangles: Mapping[int, np.ndarray]) -> list[int]:
     """Return the indices of polygons whose triangles a fast check does not confirm.
 
-    triangles: (m, 3) of some polygons, by index in `polygons`. Confirmed triangles are a conforming
-    triangulation. Triangles that are not confirmed may still cover the polygon, for example with
-    T-junctions: `verify` decides.
+    triangles: (m, 3) of some polygons, by index. Triangles that are not confirmed may still cover
+    the polygon, for example with T-junctions: `verify` decides.
     """
     if not triangles:
         return []
@@ -182,11 +181,7 @@ def _list_unconfirmed_polygons(
     triangles: np.ndarray,
     row_offsets: np.ndarray,
 ) -> list[int]:
-    """Return the polygon indices among `indices` (k,) whose triangles `is_triangulation` rejects.
-
-    polygons: the arrays of a `PolygonArray`; polygon indices[i] has the triangles
-    triangles[row_offsets[i]:row_offsets[i + 1]].
-    """
+    """Return the indices among `indices` (k,) whose triangles `is_triangulation` rejects."""
     coords, ring_offsets, geom_offsets = polygons
     unconfirmed = [0 for _ in range(0)]
     for k in range(len(indices)):
@@ -245,10 +240,7 @@ def insert_dropped_vertices(outline: Boundary, triangles: np.ndarray) -> np.ndar
 
 
 def _split_triangle(chains: list[list[int]], result: list[tuple[int, int, int]]) -> None:
-    """Append the triangles into which a triangle is split to `result`.
-
-    chains: the vertices along each of its three edges, including both ends.
-    """
+    """Append the triangles into which a triangle is split to `result`."""
     for first in range(3):
         edge, second, third = chains[first], chains[first - 2], chains[first - 1]
         if len(edge) > 2:

@@ -17,11 +17,7 @@ CUT, UNUSED, POCKET, BRIDGE = range(4)
 def find_annulus_rings(
     candidates: Candidates, ring_offsets: np.ndarray, hole: int, cut: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the outer ring (m,) of the cut polygon, and the ring (q,) of the last unmerged hole.
-
-    hole: number of that hole in `ring_offsets`; its ring begins with the leftmost site. cut (e,):
-    flags of the edges along which the other holes are joined to the exterior.
-    """
+    """Return the cut polygon's outer ring (m,), and the hole's ring (q,) from its leftmost site."""
     points, edges, side = candidates.points, candidates.edges, candidates.side
     first, last = ring_offsets[hole], ring_offsets[hole + 1]
     root = inner_root = len(edges)
@@ -103,11 +99,7 @@ def classify_edges(
 def _find_hole_position(
     points: np.ndarray, outer_end: int, end: int, inner: np.ndarray, index: int
 ) -> int:
-    """Return a bridge's position on the hole, counted from the turn that its outer end is in.
-
-    Each turn around the hole adds the number of its sites. outer_end, end: the sites on the outer
-    ring and on the hole; index: position of `end` in `inner`, which runs clockwise around the hole.
-    """
+    """Return a bridge's position on the hole, counted from the turn that its outer end is in."""
     tip, q = inner[0], len(inner)
     if index == 0:
         return q if _is_above(points, outer_end, tip, inner[1]) else 0
@@ -116,11 +108,7 @@ def _find_hole_position(
 
 @njit(nogil=True)
 def _count_turns(points: np.ndarray, a: int, b: int, i: int, j: int, tip: int, upper: int) -> int:
-    """Return how often the hole's ring from i to j, then the edge b-a, turns around the hole.
-
-    a, b: the sites at positions i and j of the ring. At the leftmost vertex `tip`, the ring runs
-    upwards; upper: the next site of the ring.
-    """
+    """Return how often the hole's ring from i to j, then the edge b-a, turns around the hole."""
     around = _count_crossings(points, b, a, tip)
     if i == 0:
         return around if _is_above(points, b, tip, upper) else around - 1

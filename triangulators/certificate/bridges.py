@@ -1,7 +1,5 @@
 """The optimum of a polygon with holes for any cost, by shortest closed walks over bridges.
 
-Each triangle's weight is computed once (see `candidates`); this module only adds weights.
-
 One hole. A *bridge* is an edge between the outer ring and the hole. Any other edge has both ends on
 one ring and cuts off a *pocket*, the side without the hole. A triangle with a bridge has exactly
 two bridges, and its third side closes a pocket, or is a side of a ring:
@@ -130,9 +128,8 @@ def _list_bridges(
 ) -> tuple[int, int]:
     """Write the outward bridges of a hole's extreme vertex to `bridges`; return count and hole.
 
-    Of the vertices of all holes not in `merged`, the vertex is extreme: leftmost, rightmost, lowest
-    or highest. Outward bridges are the `usable` edges from it that lead further in that direction;
-    every triangulation contains at least one. Of the four, the vertex with the fewest is taken.
+    The vertex is the leftmost, rightmost, lowest or highest of all holes not in `merged`. Outward
+    bridges are the `usable` edges from the vertex that lead further in that direction.
     """
     points, edges = candidates.points, candidates.edges
     min_count, tip_owner = len(edges) + 1, 0
@@ -219,10 +216,8 @@ def _minimise_pockets(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the minimum weight (e,) of each edge's pocket, and the triangle (e,) at the edge.
 
-    An edge's pocket is the part of the polygon that it cuts off, without the hole. kind, length
-    (e,), pocket_of (t,): see `_find_pockets_and_steps`; weights (t,): weights of triangles. The
-    weight is 0 for sides and cuts, and `none` for bridges, for unused edges, and for pockets
-    without a triangulation.
+    The weight is 0 for sides and cuts, and `none` for bridges, for unused edges, and for pockets
+    without a triangulation. Arguments: see `_find_pockets_and_steps`.
     """
     sides, count = candidates.sides, len(kind)
     pocket = np.full(count, none, dtype=weights.dtype)
@@ -263,9 +258,8 @@ def _solve_annulus(
 ) -> tuple[Any, np.ndarray]:
     """Return the minimum weight of a cut polygon with one hole, and the indices (m,) of triangles.
 
-    hole: number of the unmerged hole; cut, usable (e,): flags of cuts, and of edges that cross no
-    cut; starts: bridges of which each triangulation has at least one. See `solve_by_bridges` for
-    other arguments. The weight is `none` if there is no triangulation.
+    starts: bridges of which each triangulation has at least one. The weight is `none` if there is
+    no triangulation.
     """
     c, (outer, inner) = candidates, find_annulus_rings(candidates, ring_offsets, hole, cut)
     m, q = len(outer), len(inner)
@@ -385,11 +379,7 @@ def _list_walk_triangles(
     via: np.ndarray,
     start: int,
 ) -> np.ndarray:
-    """Return the triangles (m,) of the lightest closed walk from bridge `start` and its pockets.
-
-    kind (e,), steps (s, 4): see `_find_pockets_and_steps`; via (e,): last step of the lightest walk
-    to each bridge; apex (e,): triangle of each pocket.
-    """
+    """Return the triangles (m,) of the lightest closed walk from bridge `start` and its pockets."""
     triangles = np.empty(len(apex), dtype=np.int64)
     stack = np.empty(len(apex), dtype=np.int64)
     size, height, b = 0, 0, start

@@ -44,11 +44,7 @@ class Candidates(NamedTuple):
 def find_candidates(
     outline: Boundary, triangles: np.ndarray, max_triples: int
 ) -> Candidates | None:
-    """Return the candidates of a polygon, or None if there are too many visible triples.
-
-    triangles: (m, 3), any triangulation whose vertices are sites; visibility is computed from it.
-    max_triples: limit of triples of sites that see each other.
-    """
+    """Return the candidates, from any triangulation (m, 3), or None above `max_triples` triples."""
     points = outline.points
     triangles = np.ascontiguousarray(triangles, dtype=np.int32)
     pairs = find_visible_sites(points, triangles, find_twins(triangles))
@@ -71,12 +67,7 @@ def find_candidates(
 
 
 def _sample_holes(outline: Boundary) -> np.ndarray:
-    """Return up to four sites of each hole, (h, 4); the last is repeated if there are fewer.
-
-    A hole meets a triangle of candidate edges only at the triangle's vertices, so the hole is
-    entirely inside or entirely outside. Of the four sites, the first that is not a vertex of the
-    triangle decides.
-    """
+    """Return up to four sites of each hole, (h, 4); the last is repeated if there are fewer."""
     samples = np.zeros((outline.holes, 4), dtype=np.int32)
     for number, (begin, end) in enumerate(pairwise(outline.ring_offsets[1:])):
         ring = list(dict.fromkeys(outline.site[begin:end].tolist()))[:4]
@@ -95,9 +86,8 @@ def _list_triangles(
 ) -> tuple[int, np.ndarray]:
     """Return the number of mutually visible triples, and the empty triangles, (t, 6).
 
-    first (n + 1,): edges first[a] to first[a + 1] - 1 begin at a; edges (e, 2), side (e,): see
-    `Candidates`; rings (h, 4): see `_sample_holes`. A row has the indices of a triangle's three
-    vertices and three sides. Stops when there are more than `max_triples` triples.
+    A row has the indices of a triangle's three vertices and three sides. Edges first[a] to
+    first[a + 1] - 1 begin at a. Stops when there are more than `max_triples` triples.
     """
     n = len(points)
     edge_to = np.full(n, -1, dtype=np.int32)
@@ -158,9 +148,10 @@ def weigh_candidates(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> n
 
 @njit(nogil=True)
 def contains_hole(points: np.ndarray, rings: np.ndarray, a: int, b: int, c: int, sign: int) -> bool:
-    """Whether a hole is inside the triangle a-b-c; rings (h, 4): see `_sample_holes`.
+    """Whether a hole is inside the triangle a-b-c, counter-clockwise if sign is 1, clockwise if -1.
 
-    sign: 1 if the triangle is counter-clockwise, -1 if clockwise.
+    rings (h, 4): see `_sample_holes`. No hole crosses the sides, so the first of a hole's four
+    sites that is not a vertex of the triangle decides.
     """
     low_x = min(points[a, 0], points[b, 0], points[c, 0])
     high_x = max(points[a, 0], points[b, 0], points[c, 0])

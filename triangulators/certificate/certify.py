@@ -119,12 +119,7 @@ def certify(
 def _make_ring_evidence(
     outline: Boundary, triangles: np.ndarray, cost: Cost, units: Units
 ) -> Evidence:
-    """Return evidence of the minimum cost of a polygon without holes.
-
-    triangles: (m, 3), any triangulation, whose vertices are sites; units: those of the certificate.
-    The minimum costs of all sub-polygons are potentials of the visible pairs (see
-    `compute_far_costs`).
-    """
+    """Return evidence of the optimum of a polygon without holes, from any triangulation (m, 3)."""
     ring = outline.edges[:, 0].copy()
     position = np.empty(len(outline.points), dtype=np.int32)
     position[ring] = np.arange(len(ring), dtype=np.int32)
@@ -141,10 +136,7 @@ def _make_ring_evidence(
 def make_certificate(
     outline: Boundary, triangles: np.ndarray, cost: Cost, evidence: Evidence
 ) -> Certificate:
-    """Check evidence; return the certificate of a triangulation (m, 3), whose vertices are sites.
-
-    Raises `CertificateError` if the evidence is invalid.
-    """
+    """Check evidence; return the certificate of a triangulation (m, 3) of sites."""
     units = find_units(outline, triangles, cost)
     total = compute_exact_total(outline, triangles, cost, units)
     # Weights contain hashes of edges, which break ties (see `checking.units`) and sum to less than
@@ -161,10 +153,7 @@ def make_certificate(
 
 
 def _require_conforming(outline: Boundary, triangles: np.ndarray) -> np.ndarray:
-    """Return triangles (m, 3) with each vertex replaced by its site (see `Boundary`).
-
-    Raises `TriangulationError` unless the triangles are a conforming triangulation.
-    """
+    """Return the triangles (m, 3) of sites; raise `TriangulationError` unless they conform."""
     verification = verify_boundary(outline, triangles)
     if not verification.conforming:
         problem = (
@@ -181,11 +170,7 @@ def _require_conforming(outline: Boundary, triangles: np.ndarray) -> np.ndarray:
 def _certify_exact_sums(
     outline: Boundary, triangles: np.ndarray, cost: Cost, units: Units
 ) -> Certificate:
-    """Return a certificate without evidence, for costs whose sums in doubles are exact.
-
-    triangles: the triangulation (m, 3) to certify, of a polygon without holes. The dynamic program
-    finds the optimum, whose cost is the bound.
-    """
+    """Return a certificate without evidence, by a dynamic program with exact sums in doubles."""
     ring = outline.edges[:, 0]
     optimal = ring[find_optimum(outline.points[ring], find_ring_triangulation(outline, ring), cost)]
     total = compute_exact_total(outline, triangles, cost, units)

@@ -65,11 +65,7 @@ _MAX_POTENTIAL = np.int64(TOO_LARGE)
 def exclude_edges(
     candidates: Candidates, weights: np.ndarray, cost: Cost, units: Units
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the edges (k,) in order of exclusion, and flags (t,) of the remaining triangles.
-
-    weights (t,): weights of the candidate triangles, by `compute_weights` with `units`. The flags
-    are True for candidates without an excluded edge.
-    """
+    """Return the edges (k,) in order of exclusion, and flags (t,) of the remaining triangles."""
     points, edges = candidates.points, candidates.edges
     spans = np.abs(points[edges[:, 0]] - points[edges[:, 1]]).sum(axis=1)
     queue = np.argsort(-spans, kind="stable")  # excluding a long edge removes many triangles
@@ -191,10 +187,7 @@ def _requeue_sides(
     stack: np.ndarray,
     height: int,
 ) -> int:
-    """Push the sides of an excluded triangle t that may now be excluded; return the new height.
-
-    at_left, waiting (e,): see `_exclude_queued_edges`.
-    """
+    """Push the sides of an excluded triangle t that may now be excluded; return the new height."""
     for edge in candidates.sides[t]:
         # If no pair of triangles remains to be examined, the edge has been excluded.
         is_open = at_left[edge] < candidates.start[2 * edge + 1]
@@ -211,12 +204,7 @@ def extend_potentials(
     excluded: np.ndarray,
     potentials: np.ndarray,
 ) -> np.ndarray | None:
-    """Return potentials (e,) that are also valid for triangles with excluded edges, or None.
-
-    weights (t,): of the candidate triangles; excluded (k,): edges in order of exclusion;
-    potentials (e,): those of excluded edges are ignored. None if a potential would reach
-    `TOO_LARGE`.
-    """
+    """Return potentials (e,) also valid for triangles with excluded edges, or None if too large."""
     extended = potentials.copy()
     is_set = np.ones(len(extended), dtype=np.bool_)
     is_set[excluded] = False

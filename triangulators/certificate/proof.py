@@ -74,10 +74,7 @@ class Proof:
 
 
 class _Search:
-    """Search for the triangulation of minimum weight, and a lower bound of all weights.
-
-    incumbent: the best triangulation so far, as indices of candidate triangles.
-    """
+    """Search for the triangulation of minimum weight, and a lower bound of all weights."""
 
     def __init__(self, candidates: Candidates, weights: np.ndarray, units: Units) -> None:
         self.candidates, self.weights, self.units = candidates, weights, units
@@ -85,11 +82,7 @@ class _Search:
         self.min_weight = np.inf
 
     def update_incumbent(self, selection: np.ndarray) -> None:
-        """Make a triangulation the incumbent if its weight is lower.
-
-        selection (m,): indices of candidates. The triangulation is ignored if a triangle is not a
-        candidate (index -1), because the weight is unknown.
-        """
+        """Make a lighter `selection` (m,) the incumbent, unless an index is -1 (no candidate)."""
         if (selection < 0).any():
             return
         total = sum(self.weights[selection].tolist())
@@ -99,11 +92,9 @@ class _Search:
     def solve(self, alive: np.ndarray, cost: Cost, seconds: float) -> tuple[np.ndarray, int]:
         """Optimise over the candidates flagged in `alive` (t,); return potentials and a lift <= 0.
 
-        The potentials give a lower bound of every triangulation that consists of these triangles.
-        If the dynamic program applies, the bound equals the optimum. Otherwise the linear program's
-        bound equals the optimum if the solution is integral, and leaves a gap if not. A linear
-        program is solved if `seconds`, the time limit, is finite and positive, or if it is infinite
-        and the program has at most 100,000 rows.
+        The bound equals the optimum if the dynamic program applies, or if the linear program's
+        solution is integral. A linear program is solved if `seconds` is finite and positive, or
+        infinite and there are at most 100,000 rows.
         """
         c = self.candidates
         optimum = solve_skeleton(c, alive, cost, self.units)
@@ -136,11 +127,7 @@ class _Search:
     def _evaluate_solution(
         self, alive: np.ndarray, potentials: np.ndarray, share: np.ndarray
     ) -> tuple[np.ndarray, int]:
-        """Return a linear program's potentials as integers, and the lift; update the incumbent.
-
-        alive (t,): flags of the program's triangles; share (t,): primal solution. The triangles
-        with a share above 1/2 become the incumbent if they are a triangulation that weighs less.
-        """
+        """Return a linear program's potentials as integers, and the lift; update the incumbent."""
         c = self.candidates
         selection = np.flatnonzero(share > 0.5)
         is_forward = c.triangles[selection] < np.roll(c.triangles[selection], -1, axis=1)
@@ -193,11 +180,7 @@ def prove(
 
 
 def minimise_cost(outline: Boundary, cost: Cost, seconds: float) -> tuple[np.ndarray, float] | None:
-    """Return the best triangulation found (m, 3) and the gap to the optimum, without evidence.
-
-    seconds, None: as for `prove`. If `solve_by_bridges` finds the optimum, neither potentials nor
-    linear programs are computed.
-    """
+    """Return the best triangulation found (m, 3) and its gap, without evidence; see `prove`."""
     reduced = _find_reduced_candidates(outline, find_any_triangulation(outline), cost, seconds)
     if reduced is None:
         return None
@@ -222,10 +205,7 @@ triangles: those without an excluded edge."""
 def _find_reduced_candidates(
     outline: Boundary, triangles: np.ndarray, cost: Cost, seconds: float
 ) -> _Reduced | None:
-    """Return a polygon's candidates after excluding edges, or None if there are too many triples.
-
-    triangles: any triangulation (m, 3); seconds: decides the limit of triples (see `prove`).
-    """
+    """Return candidates after excluding edges, or None if there are too many visible triples."""
     units = find_units(outline, triangles, cost)
     max_triples = MAX_TRIPLES if 0.0 < seconds < np.inf else _MAX_UNTIMED_TRIPLES
     candidates = find_candidates(outline, triangles, max_triples)
@@ -260,10 +240,7 @@ def _prove_reduced(
 def _compute_gap(
     outline: Boundary, triangles: np.ndarray, cost: Cost, units: Units, total: int, bound: int
 ) -> float:
-    """Return the gap of a triangulation (m, 3) to the optimum, relative to the cost; 0 if proven.
-
-    total, bound: weight of the triangulation, and lower bound of all weights.
-    """
+    """Return the relative gap of a triangulation (m, 3) to the optimum; 0 if proven optimal."""
     exact, factor = compute_exact_total(outline, triangles, cost, units), units.factor
     if proves_optimality(exact, bound // factor, len(triangles), units):
         return 0.0

@@ -72,12 +72,7 @@ def solve_skeleton(
 def _connect_rings(
     points: np.ndarray, edges: np.ndarray, side: np.ndarray, remaining: np.ndarray, cut: np.ndarray
 ) -> int:
-    """Mark in `cut` (e,) uncrossed diagonals that connect rings; return the number of components.
-
-    edges (e, 2), side (e,): see `Candidates`; remaining (e,): flags of edges that are not excluded.
-    If there is one component, all rings are connected. The sites of a component have the same root
-    in `parent`.
-    """
+    """Mark uncrossed diagonals that connect rings in `cut`; return the number of components."""
     parent = np.arange(len(points))
     # Flags of sites: if rings touch, one of several equal points is the site.
     on_boundary = np.zeros(len(points), dtype=np.bool_)
@@ -124,11 +119,7 @@ def _is_crossed(
     position: int,
     widest: float,
 ) -> bool:
-    """Whether a remaining edge crosses edge `order[position]`.
-
-    edges (e, 2), remaining (e,): see `_connect_rings`; low_x (e,): lowest x of each edge; order
-    (e,): edges by ascending `low_x`; widest: largest extent along x of a remaining edge.
-    """
+    """Whether a remaining edge crosses edge `order[position]`; low_x (e,): their lowest x."""
     e = order[position]
     a, b = edges[e, 0], edges[e, 1]
     max_x = max(points[a, 0], points[b, 0])
@@ -203,11 +194,7 @@ def find_ring_position(
     site: int,
     other: int,
 ) -> int:
-    """Return the position of `site` in the ring whose interior angle contains `other`, or -1.
-
-    A site at the end of a cut has several positions. start, items: the positions of each site in
-    the ring, as `group_by_key` returns them.
-    """
+    """Return the position in the ring at which the angle of `site` contains `other`, or -1."""
     n = len(ring)
     for item in range(start[site], start[site + 1]):
         position: int = items[item]
@@ -221,11 +208,7 @@ def find_ring_position(
 def _find_ring_positions_of_edges(
     candidates: Candidates, selected: np.ndarray, ring: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ring positions of the ends a and b, a < b, of the `selected` edges.
-
-    selected (e,): flags, k of them set; the results are (k,) each. A position is -1 if no position
-    of that end has the other end in its angle.
-    """
+    """Return the ring positions of the ends a and b, a < b, of the `selected` edges."""
     points, edges = candidates.points, candidates.edges
     start, items = group_by_key(ring, len(points))
     positions = np.empty((selected.sum(), 2), dtype=np.int64)

@@ -40,11 +40,7 @@ _SLICES = 16  # number of subsets of the edges that threads check at the same ti
 def compute_lower_bound(
     outline: Boundary, triangles: np.ndarray, cost: Cost, evidence: Evidence
 ) -> int:
-    """Check evidence; return the lower bound that it proves, as a weight.
-
-    triangles: (m, 3), the triangulation that the evidence is about; the vertices are sites. Raises
-    `CertificateError` if the evidence is invalid.
-    """
+    """Return the bound that evidence proves, as a weight; raise `CertificateError` if invalid."""
     units = find_units(outline, triangles, cost)
     if evidence.weight_parameters != units[:3]:
         raise CertificateError(
@@ -78,8 +74,6 @@ def _check_potentials(
     edges: Edges, potential: np.ndarray, lift: int, cost: Cost, units: Units
 ) -> None:
     """Check y(ab) + y(bc) + y(ca) + lift <= weight(abc) for every empty triangle.
-
-    Raises `CertificateError` if a triangle violates the inequality.
 
     potential (e,), lift and weights are below 2^60, so that sums of five fit 64 bits. Triangles are
     enumerated without being stored, by merging the sorted neighbours of both ends of each edge: the

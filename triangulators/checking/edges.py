@@ -36,10 +36,7 @@ class Edges(NamedTuple):
     holes: np.ndarray
 
     def find_indices(self, pairs: np.ndarray) -> np.ndarray:
-        """Return the edge index (k,) of each pair of sites, -1 if the pair is not an edge.
-
-        pairs: (k, 2), or any shape that can be reshaped to it.
-        """
+        """Return the edge index (k,) of each pair of sites (k, 2), -1 if there is no such edge."""
         pairs = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
         sought = pairs.min(axis=1) * len(self.points) + pairs.max(axis=1)
         nearest = np.minimum(np.searchsorted(self.keys, sought), len(self.keys) - 1)
@@ -249,11 +246,7 @@ def _move_to_front(hiding: np.ndarray, index: int, c: int, d: int) -> None:
 
 @njit(nogil=True)
 def _list_diagonals(sides: _Sides, sites: np.ndarray) -> np.ndarray:
-    """Return the pairs (k, 2) of sites that see each other, except boundary edges.
-
-    sites: in ascending order. `hiding` has boundary edges that met an earlier segment from the same
-    site, the most recent first; testing them only saves searches of the tree.
-    """
+    """Return the pairs (k, 2) of sites that see each other, except boundary edges."""
     points, edges = sides.points, sides.edges
     scale = np.abs(points).max()
     diagonals = np.empty((16 + 4 * len(sites), 2), dtype=np.int32)

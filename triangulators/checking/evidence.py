@@ -78,11 +78,7 @@ class Certificate:
 def make_claim(
     polygon: shapely.Polygon, triangles: np.ndarray, criterion: str, certificate: Certificate
 ) -> dict[str, Any]:
-    """Return the certificate of a polygon's triangles (m, 3) as plain data for JSON.
-
-    A checker of the data compares only integers; coordinates and costs are doubles. If the
-    certificate has no evidence, `potentials`, `gap` and `lower_bound` are None.
-    """
+    """Return a certificate of triangles (m, 3) as data for JSON; without evidence, no bounds."""
     points, ring_offsets = rings_of(polygon)
     claim: dict[str, Any] = {
         "format": FORMAT,

@@ -72,10 +72,7 @@ class Units(NamedTuple):
 
 
 def find_units(outline: Boundary, triangles: np.ndarray, cost: Cost) -> Units:
-    """Return the units for certifying a polygon's triangulation (m, 3), whose vertices are sites.
-
-    See `Boundary` for sites. cost: the criterion's `Cost` on this polygon.
-    """
+    """Return the units for certifying a polygon's triangulation (m, 3) of sites."""
     total = math.fsum(np.abs(compute_costs(outline.points, triangles, cost)).tolist())
     count = outline.expected_triangles
     scale, is_integer, _ = find_exact_scale(outline.points, cost)
@@ -108,10 +105,7 @@ def has_exact_sums(outline: Boundary, cost: Cost) -> bool:
 def compute_exact_total(
     outline: Boundary, triangles: np.ndarray, cost: Cost, units: Units
 ) -> Fraction:
-    """Return the cost of a triangulation (m, 3): the exact sum of triangle costs in doubles.
-
-    The triangle costs themselves are exact if `units.exact` is set, otherwise rounded to doubles.
-    """
+    """Return the cost of a triangulation (m, 3): the exact sum of triangle costs in doubles."""
     costs = compute_costs(outline.points, triangles, cost)
     if units.exact:
         total: int = sum((costs * units.scale).astype(np.int64).tolist())

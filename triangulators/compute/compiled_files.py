@@ -121,10 +121,7 @@ def compute_digest(file: Path) -> str:
 
 
 def find_sources(file: Path) -> set[Path]:
-    """Return a module's file, and the files of all modules of the project that it imports.
-
-    Indirect imports are included.
-    """
+    """Return a module's file and those of all modules of the project that it imports."""
     sources, pending = set(), {file}
     while pending:
         source = pending.pop()

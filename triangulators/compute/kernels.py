@@ -12,10 +12,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 class Kernel:
-    """A function that Numba compiles on the first call.
-
-    py_func : the Python function; the attribute has the same name in Numba's dispatchers
-    """
+    """A function that Numba compiles on the first call."""
 
     def __init__(self, source: Callable[..., Any], options: dict[str, Any]) -> None:
         update_wrapper(self, source)
@@ -34,7 +31,6 @@ class Kernel:
         return self.compiled._numba_type_
 
     def __call__(self, *arguments: Any) -> Any:
-        """Run the compiled function."""
         return self.compiled(*arguments)
 
 
@@ -61,10 +57,7 @@ def njit(**options: Any) -> Callable[[F], F]: ...
 
 
 def njit(function: Any = None, **options: Any) -> Any:
-    """Declare a kernel: like `numba.njit`, but compiled on the first call, and cached on disk.
-
-    options: see `numba.njit`.
-    """
+    """Declare a kernel: like `numba.njit`, but compiled on the first call, and cached on disk."""
     if function is not None:
         return Kernel(function, options)
     return lambda source: Kernel(source, options)

@@ -55,10 +55,7 @@ def group_by_key(keys: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 @njit
 def find_root(parent: np.ndarray, v: int) -> int:
-    """Return the root of v's tree in a union-find forest; halve the path to the root.
-
-    parent (n,): parent of each element, the element itself at a root.
-    """
+    """Return the root of v's tree in a union-find forest; halve the path to the root."""
     while parent[v] != v:
         parent[v] = parent[parent[v]]
         v = parent[v]

@@ -260,10 +260,7 @@ def predict_many(
     triangles: np.ndarray,
     triangle_offsets: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """Return the sums of `predict` for p polygons, as columns (p,) by name.
-
-    See `polygon_arrays.Batch` for the arrays.
-    """
+    """Return the sums of `predict` for p polygons, as columns (p,) by name; arrays: see `Batch`."""
     from triangulators.criteria.features import sum_features_of_many
 
     sums = sum_features_of_many(coords, vertex_offsets, triangles, triangle_offsets)

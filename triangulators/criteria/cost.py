@@ -97,20 +97,14 @@ def require_finite_total(criterion: Criterion, points: np.ndarray, triangles: np
 
 @lru_cache(maxsize=256)
 def find_plain_cost(criterion: Criterion, sign: float = 1.0) -> Cost | None:
-    """Return a criterion's `Cost` if the cost is the same for all polygons, otherwise None; cached.
-
-    None for users' functions, and for criteria that are normalised by a polygon's area.
-    """
+    """Return a criterion's `Cost` if it is the same for all polygons, otherwise None; cached."""
     if criterion.normalise is not None or criterion.function is not None:
         return None
     return make_cost(criterion, 1.0, 1, sign)
 
 
 def make_cost(criterion: Criterion, polygon_area: float, triangles: int, sign: float = 1.0) -> Cost:
-    """Return the `Cost` of a criterion on a polygon with that area and number of triangles.
-
-    sign: 1 to minimise the criterion, -1 to maximise it.
-    """
+    """Return the `Cost` of a criterion on a polygon; sign: 1 to minimise it, -1 to maximise it."""
     if criterion.function is not None:
         return _make_record(
             custom=True, function=_compile_c_function(criterion.function).address, sign=sign

@@ -133,19 +133,13 @@ def make_weighted_criterion(
     unit: str,
     **coefficients: float,
 ) -> Criterion:
-    """Return a criterion that is a weighted sum of features.
-
-    coefficients: weight of each feature, by name, 0 by default; other arguments: see `Criterion`.
-    """
+    """Return a criterion that is a weighted sum of features."""
     weights = tuple(float(coefficients.get(feature, 0.0)) for feature in FEATURES)
     return Criterion(name, description, weights, label=label, symbol=symbol, unit=unit)
 
 
 def _normalise_per_polygon(weights: np.ndarray, polygon_area: float, triangles: int) -> np.ndarray:
-    """Return the weights of `mixed` for a polygon: areas per polygon area, all others per triangle.
-
-    polygon_area: in px^2; triangles: number of triangles.
-    """
+    """Return `mixed` weights for a polygon: areas per polygon area, all others per triangle."""
     result = weights / triangles
     areas = [FEATURES.index("area"), FEATURES.index("bbox_area")]
     result[areas] = weights[areas] / polygon_area
@@ -252,10 +246,7 @@ def calibrated(coefficients: Mapping[str, float]) -> Criterion:
 
 
 def read_weights(text: str) -> dict[str, float]:
-    """Return weights of `mixed` by name, from text such as "1/0.5/0".
-
-    Raises `ArgumentError` unless there are three numbers; `mixed` checks the values.
-    """
+    """Return weights of `mixed` by name, from text such as "1/0.5/0" with exactly three numbers."""
     try:
         weights = [float(part) for part in text.split(WEIGHTS_SEPARATOR)]
         return dict(zip(MIXED_WEIGHTS, weights, strict=True))

@@ -44,10 +44,7 @@ def bbox_area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) 
 
 @njit
 def edge_length(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Return the perimeter of a triangle (E).
-
-    In the sum over a triangulation boundary edges count once and diagonals twice.
-    """
+    """Return the perimeter of a triangle (E)."""
     ab = math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
     bc = math.sqrt((cx - bx) ** 2 + (cy - by) ** 2)
     ca = math.sqrt((ax - cx) ** 2 + (ay - cy) ** 2)
@@ -56,10 +53,7 @@ def edge_length(ax: float, ay: float, bx: float, by: float, cx: float, cy: float
 
 @njit
 def shape(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Return the deviation from an equilateral triangle (D), in degrees: 0 to 240.
-
-    |60 - q| + |60 - r| + |60 - n| for the angles q, r and n.
-    """
+    """Return |60 - q| + |60 - r| + |60 - n| for the angles q, r, n in degrees (D): 0 to 240."""
     cross = twice_area(ax, ay, bx, by, cx, cy)
     q = math.atan2(cross, (bx - ax) * (cx - ax) + (by - ay) * (cy - ay))
     r = math.atan2(cross, (ax - bx) * (cx - bx) + (ay - by) * (cy - by))
@@ -77,20 +71,14 @@ def beauty(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> 
 
 @njit(forceinline=True, error_model="numpy")
 def _find_common_share(lost: float, doubled_area: float) -> float:
-    """Return the fraction of a triangle's area that it has in common with shifted copies.
-
-    lost: the sum L over the edges of how far the copies shift an edge (see `_average_blocks`).
-    """
+    """Return the fraction of a triangle's area that it has in common with shifted copies."""
     side = 1.0 - lost / doubled_area
     return side * side if side > 0.0 else 0.0
 
 
 @njit(forceinline=True)
 def _sum_triple(p: float, q: float, u: float, v: float, x: float, y: float) -> float:
-    """Return L of a triple in `_average_blocks`: the sum of max(0, -first, -second) over edges.
-
-    p, q; u, v; x, y: first and second number of the three edges.
-    """
+    """Return L of a triple in `_average_blocks`: the sum of max(0, -first, -second) over edges."""
     return -(min(0.0, p, q) + min(0.0, u, v)) - min(0.0, x, y)
 
 
@@ -158,29 +146,19 @@ def _average_blocks(
 
 @njit(forceinline=True, error_model="numpy")
 def expected_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Return the number of 2x2 pixel quads with a covered pixel centre (Q), on average.
-
-    The average is over all positions of the triangle on the pixel grid.
-    """
+    """Return the mean number of 2x2 pixel quads with a covered pixel centre (Q)."""
     return _average_blocks(2.0, ax, ay, bx, by, cx, cy)
 
 
 @njit(forceinline=True, error_model="numpy")
 def expected_blocks(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Return the number of 4x4 pixel blocks with a covered pixel centre (P), on average.
-
-    The average is over all positions of the triangle on the pixel grid.
-    """
+    """Return the mean number of 4x4 pixel blocks with a covered pixel centre (P)."""
     return _average_blocks(4.0, ax, ay, bx, by, cx, cy)
 
 
 @njit
 def expected_setups(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Return the probability that the bounding box contains a pixel centre (R).
-
-    All positions of the triangle on the pixel grid are equally likely. Rasterisers discard a
-    triangle without a centre in its box before the setup stage.
-    """
+    """Return the probability that a randomly placed bounding box contains a pixel centre (R)."""
     width = max(ax, bx, cx) - min(ax, bx, cx)
     height = max(ay, by, cy) - min(ay, by, cy)
     return min(width, 1.0) * min(height, 1.0)
@@ -286,12 +264,7 @@ def sum_features_of_many(
     triangles: np.ndarray,
     triangle_offsets: np.ndarray,
 ) -> np.ndarray:
-    """Return the sums (p, k) of each feature over the triangles of each of p polygons.
-
-    coords (n, 2), vertex_offsets (p + 1,): vertices; triangles (m, 3), triangle_offsets (p + 1,):
-    vertex indices, which start at 0 in each polygon. The order of summation is that of
-    `sum_features`.
-    """
+    """Return the sums (p, k) of features of p polygons' triangles, added as by `sum_features`."""
     sums = np.empty((len(vertex_offsets) - 1, FEATURE_COUNT))
     for polygon in range(len(sums)):
         points = coords[vertex_offsets[polygon] : vertex_offsets[polygon + 1]]

@@ -25,11 +25,7 @@ _SINGLE_START = np.zeros(1, np.int64)  # argument `starts` of `find_far_offsets`
 
 
 def run_earcut(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Return the vertex indices (3 m,) uint32 of mapbox_earcut's triangles, three per triangle.
-
-    points : (n, 2) float64, int32 or int64; ends : (r,) uint32, the end of each ring in `points`.
-    Raises the errors of mapbox_earcut.
-    """
+    """Return mapbox_earcut's triangles (3 m,) uint32; ends (r,) uint32: ends of the rings."""
     if isinstance(points, np.ndarray) and points.ndim == 2 and len(points):
         offsets = find_far_offsets(points, _SINGLE_START)
         if offsets[0, 0] or offsets[0, 1]:

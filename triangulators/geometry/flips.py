@@ -52,11 +52,7 @@ def flip_edge(
     waiting: np.ndarray,
     size: int,
 ) -> int:
-    """Flip the diagonal of half-edge e, push the quadrilateral's sides; return the stack's size.
-
-    Updates corner, twin (3 m,) in place. Sides on the boundary and sides that are on the stack
-    already, marked in `waiting`, are not pushed.
-    """
+    """Flip the diagonal of half-edge e, push the quadrilateral's sides; return the stack's size."""
     f: Any = np.int64(twin[e])
     e2, f2 = previous_edge(e), previous_edge(f)
     corner[e], corner[f] = corner[f2], corner[e2]
@@ -125,10 +121,7 @@ def _are_all_integers(points: np.ndarray, a: int, b: int, c: int, d: int) -> boo
 
 @njit(nogil=True)
 def is_convex(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
-    """Whether the triangles a, b, d and a, d, c certainly have the same nonzero orientation.
-
-    The filter is Shewchuk's bound on the error of a determinant (see `predicates`).
-    """
+    """Whether the triangles a, b, d and a, d, c certainly have the same nonzero orientation."""
     ax, ay = points[a, 0], points[a, 1]
     x, y = points[d, 0] - ax, points[d, 1] - ay
     p, q = (points[b, 0] - ax) * y, (points[b, 1] - ay) * x
@@ -232,10 +225,7 @@ def flip_by_length(points: np.ndarray, corner: np.ndarray, twin: np.ndarray) -> 
 
 @njit(nogil=True)
 def flip_by_delaunay(points: np.ndarray, corner: np.ndarray, twin: np.ndarray) -> int:
-    """Flip until no vertex is certainly inside an adjacent triangle's circumcircle.
-
-    See `flip_while_gaining`.
-    """
+    """Flip until no vertex is certainly inside an adjacent triangle's circumcircle."""
     return flip_while_gaining(
         points, corner, twin, _is_in_circle, is_convex, _find_first_orientation(points, corner)
     )
@@ -251,10 +241,7 @@ def flip_as_earcut(points: np.ndarray, corner: np.ndarray, twin: np.ndarray) -> 
 
 @njit(nogil=True)
 def shorten_diagonals(points: np.ndarray, indices: np.ndarray, in_walk: bool) -> None:
-    """Apply `flip_by_l1` in place to the triangles `indices` (3 m,), of any integer type.
-
-    in_walk: True to put the result in walk order (see `order`).
-    """
+    """Apply `flip_by_l1` in place to the triangles `indices` (3 m,), of any integer type."""
     corner = indices.astype(np.int32)
     twin = link_half_edges(corner)
     flip_by_l1(points, corner, twin)

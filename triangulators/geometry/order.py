@@ -52,11 +52,7 @@ def is_walk(order: str) -> bool:
 
 @njit(nogil=True)
 def put_in_walk_order(triangles: np.ndarray, count: int) -> np.ndarray:
-    """Return triangles (m, 3) in walk order, rotated so that a new vertex is last.
-
-    Walk order: a triangle follows a neighbour, so that GPUs reuse shaded vertices. count: number of
-    points that the triangles index.
-    """
+    """Return triangles (m, 3) of `count` points in walk order, rotated: the new vertex is last."""
     return put_in_walk_order_by_twins(triangles, link_half_edges(triangles.reshape(-1)), count)
 
 
@@ -150,8 +146,7 @@ def _walk_component(
 def _find_leaf(twin: np.ndarray, first: int, entry: np.ndarray, queue: np.ndarray) -> int:
     """Return a triangle of first's component with at most one neighbour, or else `first`.
 
-    Searches breadth first. entry (m,), queue (m,): workspaces; entry is _UNREACHED before and
-    after.
+    entry (m,), queue (m,): workspaces; entry is _UNREACHED before and after.
     """
     queue[0] = first
     entry[first] = _ROOT
@@ -232,11 +227,7 @@ def _order_by_tipsify(triangles: np.ndarray, count: int, cache_size: int) -> np.
 def _choose_next_fan(
     emitted: np.ndarray, remaining: np.ndarray, entered: np.ndarray, time: int, cache_size: int
 ) -> int:
-    """Return the vertex of the next fan, among the vertices of the fan just emitted, or -1.
-
-    A fan has all remaining triangles around a vertex. remaining, entered (n,), time: see
-    `_order_by_tipsify`.
-    """
+    """Return the vertex of the next fan, among the vertices of the fan just emitted, or -1."""
     fan, best = -1, -1
     for vertex in emitted:
         if remaining[vertex] > 0:

@@ -39,10 +39,7 @@ def _multiply_exactly(a: float, b: float) -> tuple[float, float]:
 
 @njit(nogil=True)
 def _add_to_expansion(expansion: np.ndarray, length: int, value: float) -> int:
-    """Add `value` in place to an expansion of `length` terms; return the new number of terms.
-
-    Shewchuk's GROW-EXPANSION, which omits terms that are zero.
-    """
+    """Add `value` in place to an expansion; return its new length (Shewchuk's GROW-EXPANSION)."""
     carry = value
     size = 0
     for index in range(length):
@@ -108,11 +105,7 @@ def _have_exact_differences(a: float, b: float, c: float, d: float) -> bool:
 def _orient_in_doubt(
     ax: float, ay: float, bx: float, by: float, cx: float, cy: float, plus: float, minus: float
 ) -> float:
-    """Return the value of `orient` if the rounded determinant may have the wrong sign.
-
-    plus, minus: the two rounded products, whose difference is the determinant. A separate function,
-    so that `orient` is short enough for LLVM to inline.
-    """
+    """Evaluate `orient` in doubt; separate, so that `orient` is short enough for LLVM to inline."""
     if (
         _have_exact_differences(ax, cx, by, cy)
         and _have_exact_differences(ay, cy, bx, cx)
@@ -175,10 +168,7 @@ ALL_LEFT, NOT_ALL_LEFT, OUTSIDE = range(3)
 
 @njit(nogil=True)
 def classify_orientations(points: np.ndarray, triangles: np.ndarray) -> int:
-    """Return ALL_LEFT if all triangles (m, 3) are counter-clockwise, otherwise NOT_ALL_LEFT.
-
-    Returns OUTSIDE if a triangle has an index outside `points` (n, 2).
-    """
+    """Return ALL_LEFT, NOT_ALL_LEFT, or OUTSIDE if a triangle has an index outside `points`."""
     count = len(points)
     result = ALL_LEFT
     for row in range(len(triangles)):

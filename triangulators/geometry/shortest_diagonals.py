@@ -11,10 +11,7 @@ from triangulators.geometry.predicates import do_segments_cross, orientation
 
 
 def triangulate_greedily(points: np.ndarray, edges: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """Return the greedy triangulation (m, 3) of a polygon, given by boundary edges (b, 2).
-
-    pairs (p, 2): all pairs of points that see each other, with or without boundary edges.
-    """
+    """Return the greedy triangulation (m, 3); pairs (p, 2): all points that see each other."""
     size = len(points)
     of_boundary = edges.astype(np.int64)
     keys = of_boundary.min(axis=1) * size + of_boundary.max(axis=1)

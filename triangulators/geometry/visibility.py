@@ -141,11 +141,7 @@ def _append_seen_through_window(
 
 @njit
 def find_visible_sites(points: np.ndarray, triangles: np.ndarray, twin: np.ndarray) -> np.ndarray:
-    """Return the pairs (p, 2) of points, a < b, that see each other in a polygon.
-
-    The polygon may have holes. points: (n, 2); triangles, twin: (m, 3), any triangulation of the
-    polygon, and the twins of the half-edges. Boundary edges are included.
-    """
+    """Return the pairs (p, 2) of points, a < b, that see each other, including boundary edges."""
     n = len(points)
     stack = np.empty((3 * len(triangles) + 16, 5), dtype=np.int32)
     seen = np.empty(3 * len(triangles) + 16, dtype=np.int32)

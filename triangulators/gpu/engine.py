@@ -54,10 +54,7 @@ class DeviceError(Exception):
 
 
 class Compute:
-    """An open OpenGL context with compiled shaders, for use in the thread that opened the context.
-
-    ctx: context of moderngl.
-    """
+    """An open OpenGL context with compiled shaders, for use in the thread that opened it."""
 
     def __init__(self, ctx: Any) -> None:
         self.ctx = ctx
@@ -66,10 +63,7 @@ class Compute:
         self._programs: dict[tuple[Any, ...], Any] = {}
 
     def get_program(self, *names: str, **constants: int) -> Any:
-        """Return a compiled compute shader; cached.
-
-        names: files in shaders/, which are concatenated; constants: macros to define.
-        """
+        """Return a compute shader of concatenated files, with macros `constants`; cached."""
         key = (names, *sorted(constants.items()))
         if key not in self._programs:
             lines = [f"#version {VERSION} core"]
@@ -84,10 +78,7 @@ class Compute:
         self.ctx.memory_barrier()
 
     def check_errors(self, doing: str) -> None:
-        """Raise `DeviceError` if OpenGL has recorded an error since the last check.
-
-        doing: description of the commands since then, for the message.
-        """
+        """Raise `DeviceError` if OpenGL has recorded an error since the last check."""
         error = self.ctx.error
         if error != "GL_NO_ERROR":
             raise DeviceError(f"OpenGL error {error} while {doing}")
@@ -125,10 +116,7 @@ class Storage:
 
 
 def open_context(name: str) -> Compute:
-    """Open llvmpipe, gpu0, gpu1, ... (see `devices.check_device_name`) in the calling thread.
-
-    Raises `DeviceError` if there is no such device, or if the driver fails.
-    """
+    """Open llvmpipe, gpu0, gpu1, ... in the calling thread, or raise `DeviceError`."""
     try:
         import moderngl
     except ImportError as error:
@@ -186,11 +174,10 @@ _warned: set[str] = set()
 def solve_on_device(
     name: str, batch: Batch, selected: np.ndarray, max_vertices: int, feature: str, worst: bool
 ) -> None:
-    """Solve the polygons of a batch that a device supports; mark solved polygons in `batch.done`.
+    """Solve the selected (p,) polygons that a device supports; mark them in `batch.done`.
 
-    name: the device; selected (p,): flags of the polygons to solve, if they have up to
-    `max_vertices` vertices; feature: "half_perimeter" or "expected_quads", whose sum is minimised,
-    or maximised if `worst` is True. A failure of the device is logged once, not raised.
+    feature: "half_perimeter" or "expected_quads", whose sum is minimised, or maximised if `worst`.
+    A failure of the device is logged once, not raised.
     """
     try:
         wrong = (
@@ -214,10 +201,7 @@ def _warn_once(line: str) -> None:
 
 
 def describe_device(name: str) -> tuple[str, str]:
-    """Return the renderer and the version that a device's driver reports.
-
-    Opens the device if necessary; raises `DeviceError` if that fails.
-    """
+    """Return the renderer and the version that a device's driver reports."""
     compute = _get_context_thread().submit(_open_engine, name).result().compute
     return compute.renderer, compute.version
 
@@ -242,12 +226,7 @@ _driver_pids: set[int] = set()
 
 
 def _open_engine(name: str) -> "Engine":
-    """Return the open device of a name, opening it first if necessary.
-
-    To be called in the thread of all OpenGL contexts only (`_get_context_thread`).
-
-    Raises `DeviceError`, also in a process that was forked after a driver was loaded.
-    """
+    """Return the open device of a name, opened if necessary; for the context thread only."""
     if _driver_pids - {os.getpid()}:
         raise DeviceError("driver loaded before this process was forked; start it by spawn")
     if name not in _open_engines:
@@ -299,11 +278,7 @@ class Engine:
     def solve(
         self, batch: Batch, selected: np.ndarray, max_vertices: int, feature: str, worst: bool
     ) -> int:
-        """Solve a batch in chunks; return the number of wrong results.
-
-        See `solve_on_device` for the arguments. A result is wrong unless the triangles are a
-        triangulation with the reported cost.
-        """
+        """Solve a batch in chunks (see `solve_on_device`); return the number of wrong results."""
         is_quads = feature == "expected_quads"
         rings = Rings.allocate(batch.vertex_offsets)
         prepare_rings(batch.coords, selected, min(max_vertices, MAX_VERTICES), rings)
@@ -322,10 +297,7 @@ class Engine:
     def _compute_chunk(
         self, rings: Rings, first: int, last: int, feature: str, worst: bool, bases: np.ndarray
     ) -> None:
-        """Write the results of polygons first..last - 1 to `bases` (n,), see `store_results`.
-
-        Each workgroup solves a ring; rings of the same kind are solved in one dispatch.
-        """
+        """Write the results of polygons first..last - 1 to `bases` (n,), see `store_results`."""
         vertices = slice(rings.vertex_offsets[first], rings.vertex_offsets[last])
         self._corners.write(rings.corners[vertices])
         self._bases.reserve(bases[vertices].nbytes)
@@ -365,10 +337,7 @@ def make_jobs(rings: Rings, first: int, last: int, kind: int) -> np.ndarray:
 
 
 def find_chunk_bounds(vertex_offsets: np.ndarray, corners: int = CHUNK_VERTICES) -> list[int]:
-    """Return the polygon indices at which chunks of about `corners` vertices begin, and the end.
-
-    vertex_offsets (p + 1,): offsets of the polygons in the vertices.
-    """
+    """Return the polygon indices at which chunks of about `corners` vertices begin, and the end."""
     marks = np.arange(0, int(vertex_offsets[-1]), corners)
     cuts = np.searchsorted(vertex_offsets, marks, side="left")
     return [int(cut) for cut in np.unique(np.r_[cuts, len(vertex_offsets) - 1])]

@@ -19,11 +19,7 @@ MAX_VERTICES = 2000  # maximum for `draw_triangulation`, which stores a matrix o
 
 
 def count_triangulations(polygon: shapely.Polygon, max_count: int | None = None) -> int:
-    """Return the exact number of triangulations of a polygon without holes.
-
-    max_count: stop above this number and return a lower bound, see `count_triangulations_of_cycle`.
-    Raises `InvalidPolygonError` for an invalid polygon, and `SkippedError` for holes.
-    """
+    """Return the exact number of triangulations of a polygon without holes."""
     return count_triangulations_of_cycle(make_cycle(checked_boundary(polygon), "count"), max_count)
 
 
@@ -129,10 +125,7 @@ def _draw_from_counts(
 
 
 def draw_triangulation(outline: Boundary, *, seed: int = 0) -> np.ndarray:
-    """Return a random triangulation (n - 2, 3), all being equally likely, from a seed.
-
-    Raises `SkippedError` for holes and for more than 2000 vertices.
-    """
+    """Return a random triangulation (n - 2, 3), all being equally likely, from a seed."""
     if len(outline.edges) > MAX_VERTICES:
         raise SkippedError(
             f"random: the polygon has {len(outline.edges)} vertices, more than {MAX_VERTICES}"

@@ -91,10 +91,7 @@ def _list_triangulations(ring: Cycle) -> np.ndarray:
 def _combine_triangulations(
     before: np.ndarray, after: np.ndarray, triangle: Triangle
 ) -> np.ndarray:
-    """Return all unions (b * a, m, 3) of one of `before`, the triangle and one of `after`.
-
-    before (b, ., 3), after (a, ., 3): triangulations of the sub-polygons on both sides of the apex.
-    """
+    """Return all unions (b * a, m, 3) of one of `before`, the triangle and one of `after`."""
     count = len(before) * len(after)
     between = np.broadcast_to(np.array(triangle, dtype=np.int16), (count, 1, 3))
     return np.concatenate(
@@ -109,10 +106,7 @@ def triangulate(
     criterion: criteria.Criterion | str | Callable[..., float] = "overdraw",
     **parameters: object,
 ) -> np.ndarray:
-    """Return the triangulation (n - 2, 3) with the minimum of a criterion, by listing all.
-
-    Raises `SkippedError` for holes and for more than 10^6 triangulations.
-    """
+    """Return the triangulation (n - 2, 3) with the minimum of a criterion, by listing all."""
     ring = make_cycle(outline, "exhaustive")
     resolved = criteria.find(criterion, **parameters)
     cost = make_cost(resolved, boundary_area(outline), outline.expected_triangles)
@@ -121,12 +115,7 @@ def triangulate(
 
 
 def triangulate_listed(outline: Boundary, *, k: int = 0) -> np.ndarray:
-    """Return the k-th of all triangulations (m, 3), in ascending order of A and then of D.
-
-    A is the criterion "overdraw", D is "shape". The list is that of mode `paper`, including results
-    with T-junctions. The lists of the last eight polygons are cached. Raises `SkippedError` for
-    holes, for more than 20,000 triangulations, and if the list has no entry k.
-    """
+    """Return triangulation k (m, 3) of mode `paper`, by ascending overdraw, then shape; cached."""
     listed = _list_by_overdraw_and_shape(polygon_of_rings(outline.points, outline.ring_offsets).wkb)
     if not 0 <= k < len(listed):
         raise SkippedError(f"listed: k={k} is out of range; give k from 0 to {len(listed) - 1}")

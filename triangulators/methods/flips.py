@@ -49,11 +49,7 @@ NO_COST = make_cost(criteria.find("half-perimeter"), 1.0, 1)
 
 @njit(nogil=True)
 def flip_by_test(points: np.ndarray, corner: np.ndarray, twin: np.ndarray, test: int) -> int:
-    """Flip in place until no flip passes `test` (any except COST); return the number of flips.
-
-    corner, twin: (3 m,), see `half_edges`. See `geometry.flips.flip_while_gaining` for the order of
-    flips.
-    """
+    """Flip in place until no flip passes `test` (any except COST); return the number of flips."""
     if test == L1:
         return flip_by_l1(points, corner, twin)
     if test == EUCLIDEAN:
@@ -130,11 +126,7 @@ def _refine_if_valid(
     cost: Cost,
     decreased: Cost | None,
 ) -> np.ndarray:
-    """Return the triangles (m, 3) of `refine`, or no rows if the initial triangles are invalid.
-
-    corner (3 m,): the initial triangles, overwritten; valid if they are a conforming triangulation
-    of the rings. See `refine` for other arguments.
-    """
+    """Return the triangles (m, 3) of `refine`, or no rows if the initial triangles are invalid."""
     twin = link_half_edges(corner)
     if is_triangulation(points, ring_offsets, corner, twin):
         return refine(points, corner, twin, test, cost, decreased)
@@ -280,10 +272,7 @@ def _resolve_cost(
     by: criteria.Criterion | str | Callable[..., float],
     parameters: dict[str, Any],
 ) -> tuple[Cost, int]:
-    """Return the cost and the flip test of `flip`'s argument `by`.
-
-    points (n, 2), rows (m, 3): the triangles, whose area and number some criteria need.
-    """
+    """Return the cost and the flip test of `flip`'s argument `by`."""
     if isinstance(by, str) and by in FLIP_TESTS and not parameters:
         return NO_COST, FLIP_TESTS.index(by)
     try:
@@ -322,10 +311,7 @@ def triangulate_refined(
     criterion: criteria.Criterion | str | Callable[..., float] = "half-perimeter",
     **parameters: Any,
 ) -> np.ndarray:
-    """Return ear clipping's triangulation (m, 3), improved by `refine` for a criterion.
-
-    If ear clipping's result does not conform, the first initial triangulation that does is refined.
-    """
+    """Return ear clipping's triangulation (m, 3), improved by `refine` for a criterion."""
     resolved = criteria.find(criterion, **parameters)
     cost, test = _find_plain_cost_and_test(resolved)
     if cost is None:

@@ -74,11 +74,7 @@ class SearchOptions(NamedTuple):
 
 
 def triangulate(outline: Boundary, **parameters: Any) -> np.ndarray:
-    """Return the triangulation (m, 3) that minimises `criterion`.
-
-    parameters: `criterion` (see `criteria.find`; "overdraw" by default), the fields of
-    `SearchOptions`, and parameters of the criterion.
-    """
+    """Return the triangulation (m, 3) of minimum cost; parameters include `SearchOptions`."""
     return _find_optimum_in_walk_order(outline, 1.0, **parameters).triangles
 
 
@@ -202,10 +198,7 @@ def _search_optimum(
 
 
 def _find_optimum_with_few_holes(outline: Boundary, cost: Cost) -> np.ndarray | None:
-    """Return the optimum (m, 3) of a polygon with one or two holes, or None.
-
-    None if the polygon or the cost is unsupported, or if `bridges` finds no optimum.
-    """
+    """Return the optimum (m, 3) of a polygon with one or two holes, or None."""
     # Imported here, because only polygons with holes need these modules.
     from triangulators.certificate.bridges import solve_by_bridges
     from triangulators.certificate.candidates import find_candidates, weigh_candidates

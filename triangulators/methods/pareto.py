@@ -30,10 +30,7 @@ CriterionLike = criteria.Criterion | str | Callable[..., float]
 
 
 class Front(NamedTuple):
-    """A Pareto front: costs (f, 2) by both criteria, ascending in the first, and triangulations.
-
-    `triangles` (f, m, 3) int32 has one triangulation for each row of `costs`.
-    """
+    """A Pareto front: ascending costs (f, 2) by both criteria, and triangulations (f, m, 3)."""
 
     costs: np.ndarray
     triangles: np.ndarray
@@ -53,12 +50,7 @@ class _Partial(NamedTuple):
 def pareto_front(
     polygon: shapely.Polygon, first: CriterionLike = "overdraw", second: CriterionLike = "shape"
 ) -> Front:
-    """Return the Pareto front of a polygon's triangulations for two criteria to minimise.
-
-    Raises `InvalidPolygonError` for an invalid polygon, `SkippedError` for holes,
-    `UnknownNameError` for an unknown criterion, and `TriangulationError` if the front of a
-    sub-polygon has more than 100,000 points.
-    """
+    """Return the Pareto front of a polygon's triangulations for two criteria to minimise."""
     outline = checked_boundary(polygon)
     ring = make_cycle(outline, "pareto")
     area, count = boundary_area(outline), outline.expected_triangles
@@ -72,11 +64,7 @@ def pareto_front(
 
 
 def triangulate(outline: Boundary, *, k: int = 0) -> np.ndarray:
-    """Return triangulation k (n - 2, 3) of the Pareto front of A and D, in ascending order of A.
-
-    A is the criterion "overdraw", D is "shape". The fronts of the last 32 polygons are cached.
-    Raises `SkippedError` for holes, for more than 100 vertices, and if the front has no entry k.
-    """
+    """Return triangulation k (n - 2, 3) of the front of overdraw and shape, by overdraw; cached."""
     if len(outline.edges) > MAX_VERTICES:
         raise SkippedError(
             f"pareto: the polygon has {len(outline.edges)} vertices, more than {MAX_VERTICES}"
@@ -123,10 +111,7 @@ def _find_sub_polygon_front(
     apexes: list[int],
     pair: tuple[Cost, Cost],
 ) -> _Partial:
-    """Return the Pareto front of the sub-polygon i..j, over the possible apexes of side i-j.
-
-    fronts: the fronts of smaller sub-polygons; pair: the costs of both criteria.
-    """
+    """Return the Pareto front of the sub-polygon i..j, over the possible apexes of side i-j."""
     costs: list[np.ndarray] = []
     origins: list[np.ndarray] = []
     for k in apexes:

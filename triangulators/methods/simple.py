@@ -22,28 +22,19 @@ MAX_LARGEST_VERTICES = 1500
 
 
 def triangulate_fan(outline: Boundary) -> np.ndarray:
-    """Return a fan (n - 2, 3): all triangles at one vertex, which sees the whole polygon.
-
-    Raises `SkippedError` for holes and if there is no such vertex.
-    """
+    """Return a fan (n - 2, 3): all triangles at one vertex, which sees the whole polygon."""
     return _triangulate_ring(outline, "fan", _find_fan, "no vertex sees the whole polygon")
 
 
 def triangulate_strip(outline: Boundary) -> np.ndarray:
-    """Return the triangles (n - 2, 3) of a zigzag of diagonals, a triangle strip.
-
-    Raises `SkippedError` for holes and if every zigzag leaves the polygon.
-    """
+    """Return the triangles (n - 2, 3) of a zigzag of diagonals, a triangle strip."""
     return _triangulate_ring(outline, "strip", _find_zigzag, "no zigzag stays inside the polygon")
 
 
 def _triangulate_ring(
     outline: Boundary, name: str, rule: Callable[..., Any], reason: str
 ) -> np.ndarray:
-    """Return the triangles of `rule`(points, ring); raise `SkippedError` if there are none.
-
-    name, reason: the triangulator and the reason, for the message.
-    """
+    """Return the triangles of `rule`(points, ring); raise `SkippedError` if there are none."""
     if outline.holes:
         raise SkippedError(f"{name}: the polygon has holes")
     triangles: np.ndarray = rule(outline.points, outline.edges[:, 0].copy())
@@ -106,10 +97,7 @@ def _find_zigzag(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
 
 
 def triangulate_greedy(outline: Boundary) -> np.ndarray:
-    """Return the greedy triangulation (m, 3): shortest diagonals first, without crossings.
-
-    Raises `SkippedError` for more than 3000 vertices.
-    """
+    """Return the greedy triangulation (m, 3): shortest diagonals first, without crossings."""
     if len(outline.edges) > MAX_GREEDY_VERTICES:
         raise SkippedError(
             f"greedy: the polygon has {len(outline.edges)} vertices,"

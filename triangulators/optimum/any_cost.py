@@ -27,10 +27,7 @@ _BLOCK_TRIANGLES = 256  # triangles whose costs are computed in one call
 def solve_any_cost(
     start: np.ndarray, target: np.ndarray, points: np.ndarray, cost: Cost
 ) -> np.ndarray:
-    """Return the optimum (n - 2, 3) of a cycle (n, 2) for any cost; no rows if there is none.
-
-    start, target: the visible pairs of the cycle, see `find_visible_pairs`.
-    """
+    """Return the optimum (n - 2, 3) of a cycle (n, 2) for any cost; no rows if there is none."""
     chosen = _find_best_apexes(start, target, points, cost)
     n = len(points)
     triangles = np.empty((n - 2, 3), dtype=np.int32)

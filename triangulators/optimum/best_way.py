@@ -37,12 +37,7 @@ _PATIENCE = 6  # consecutive trees without a gain after which `optimise_along_ra
 
 
 def find_optimum(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.ndarray:
-    """Return the minimum-cost triangulation (n - 2, 3) of a simple polygon.
-
-    points: (n, 2), a counter-clockwise cycle, in which a point may occur several times; triangles:
-    (n - 2, 3), any triangulation of the cycle, as positions in it. Raises `TriangulationError` if
-    no triangulation is found. Exact predicates decide orientations and visibility for all doubles.
-    """
+    """Return the optimum (n - 2, 3) of a counter-clockwise cycle (n, 2), from any triangulation."""
     n = len(points)
     if cost["is_box"] and n <= MAX_DENSE_VERTICES:
         optimal = _solve_by_full_table(points, cost["box"])
@@ -79,12 +74,7 @@ def _count_apexes(n: int, target: np.ndarray) -> float:
 def find_optimum_of_small_polygon(
     outline: Boundary, criterion: Criterion, sign: float, limit: int
 ) -> np.ndarray | None:
-    """Return the optimum (m, 3) of a small polygon, or None if the polygon is unsupported.
-
-    sign: 1.0 to minimise the criterion, -1.0 to maximise it. None if the polygon has more than
-    `limit` or 192 vertices, or rings that touch, or if a feature other than half-perimeter,
-    bounding-box area and edge length varies the criterion (see `Cost`).
-    """
+    """Return the optimum (m, 3) of a small polygon, or None if the polygon is unsupported."""
     points = outline.points
     if len(points) > min(limit, MAX_SMALL_VERTICES) or not (outline.simple or outline.holes):
         return None
@@ -106,10 +96,7 @@ def _solve_by_full_table(points: np.ndarray, box: np.ndarray) -> np.ndarray | No
 
 
 class Patchwork:
-    """A triangulation to optimise piece by piece: triangles (m, 3) of points (n, 2), their twins.
-
-    The triangles are copied; `optimise_piece` replaces them in place.
-    """
+    """A triangulation to optimise piece by piece, in place; the given triangles are copied."""
 
     def __init__(self, points: np.ndarray, triangles: np.ndarray, cost: Cost) -> None:
         self.points = points
@@ -124,11 +111,7 @@ class Patchwork:
     def optimise_piece(
         self, root: int, max_size: int, *, depth_first: bool = False, first_edge: int = 0
     ) -> np.ndarray:
-        """Replace a tree of adjacent triangles by its optimum; return their indices (k,).
-
-        The tree has at most `max_size` triangles around triangle `root`; depth_first, first_edge:
-        see `unfold.grow_tree`.
-        """
+        """Replace a tree of adjacent triangles by its optimum; return their indices (k,)."""
         rows = np.empty(max_size, dtype=np.int32)
         how = (max_size, depth_first, first_edge)
         size = grow_tree(self.twin, root, *how, self._tree, rows, self._visited, self._covered, 0)
@@ -150,12 +133,7 @@ class Patchwork:
 def optimise_along_random_trees(
     points: np.ndarray, triangles: np.ndarray, cost: Cost, seed: int = 0
 ) -> np.ndarray:
-    """Optimise a polygon with holes, opened along random trees; return the triangles (m, 3).
-
-    A tree of adjacent triangles is unfolded into a simple polygon and optimised: the diagonals that
-    the tree does not cross are the cuts. triangles: (m, 3), the initial solution. The search stops
-    after six consecutive trees without a gain.
-    """
+    """Optimise a polygon with holes, opened along random trees; return the triangles (m, 3)."""
     work = Patchwork(points, triangles, cost)
     size = len(triangles)
     # If the dual graph is a tree, the triangles are a simple polygon, and one piece is the optimum.
@@ -181,10 +159,7 @@ def sweep_pieces(
     piece: int = MAX_PIECE_TRIANGLES,
     seed: int = 0,
 ) -> np.ndarray:
-    """Optimise overlapping trees of up to `piece` adjacent triangles; return all triangles (m, 3).
-
-    triangles: (m, 3), the initial solution; seed: seed of the random order of pieces.
-    """
+    """Optimise overlapping trees of up to `piece` triangles; return all triangles (m, 3)."""
     work = Patchwork(points, triangles, cost)
     rng = np.random.default_rng(seed)
     best = work.compute_cost()

@@ -108,10 +108,7 @@ def _join_hole(
     tip: int,
     merged: np.ndarray,
 ) -> int:
-    """Cut a polygon along a diagonal; write the joined cycle to `merged`, return the hole's number.
-
-    The diagonal leads from index `position` of the cycle to the vertex ring[tip] of the hole.
-    """
+    """Cut a polygon along a diagonal, write the joined cycle to `merged`; return the hole."""
     hole = 1
     while tip >= ring_offsets[hole + 1]:
         hole += 1
@@ -182,11 +179,7 @@ def _find_furthest_vertex(
     merged: np.ndarray,
     direction: int,
 ) -> tuple[int, float]:
-    """Return the index in `ring` of the furthest vertex of unmerged holes, and its coordinate.
-
-    merged (h + 1,): flags of merged holes; `_project_on_direction` returns the coordinate along
-    `direction`.
-    """
+    """Return the index in `ring` of the furthest vertex of unmerged holes, and its coordinate."""
     furthest, min_along = -1, 0.0
     for hole in range(1, len(ring_offsets) - 1):
         if not merged[hole]:
@@ -205,11 +198,7 @@ def _list_blocking_edges(
     cycle: np.ndarray,
     merged: np.ndarray,
 ) -> np.ndarray:
-    """Return the edges that may block a cut, (4, e): x and y of the start and of the end.
-
-    They are the edges of the cycle, and those of the holes that are not in `merged` (h + 1,).
-    ring (n,): vertex indices ring by ring.
-    """
+    """Return the edges that may block a cut, (4, e): x and y of the start and of the end."""
     edges = np.empty((4, len(cycle) + len(ring)))
     count = len(cycle)
     for k in range(count):

@@ -208,10 +208,7 @@ def _minimise_boxes(
     none: float,
     context: tuple[np.ndarray, np.ndarray],
 ) -> float:
-    """Return a pair's minimum cost (see `_fill_costs`); triangles' boxes and edges have costs.
-
-    context: points (n, 2), and the coefficients of half-perimeter, box area and edge length.
-    """
+    """Return a pair's minimum cost (see `_fill_costs`); triangles' boxes and edges have costs."""
     (first, end), (i, j, _), (points, box) = between, pair, context
     xi, yi, xj, yj = points[i, 0], points[i, 1], points[j, 0], points[j, 1]
     low_x, high_x = min(xi, xj), max(xi, xj)
@@ -269,10 +266,7 @@ def _get_weight(
 def _find_optimum_of_edge_costs(
     start: np.ndarray, target: np.ndarray, weights: np.ndarray, none: Any
 ) -> np.ndarray:
-    """Return the triangles (n - 2, 3) whose edges have the minimum sum of costs.
-
-    weights[p]: cost of the visible pair p; none: cost of a sub-polygon without a triangulation.
-    """
+    """Return the triangles (n - 2, 3) whose edges have the minimum sum of costs."""
     extra_rows = np.empty((0, len(start) - 1), dtype=weights.dtype)
     filled = _fill_costs(start, target, extra_rows, none, _minimise_edges, weights)
     return _list_triangles(start, target, filled, none, _get_zero, None)
@@ -282,11 +276,7 @@ def _find_optimum_of_edge_costs(
 def _find_optimum_of_box_costs(
     start: np.ndarray, target: np.ndarray, points: np.ndarray, box: np.ndarray, in_boxes: Cost
 ) -> np.ndarray:
-    """Return the triangles (n - 2, 3) whose bounding boxes and edges have the minimum sum of costs.
-
-    box (3,): weights of half-perimeter, box area and edge length; in_boxes: the cost of the first
-    two only.
-    """
+    """Return the triangles (n - 2, 3) whose boxes and edges have the minimum sum of costs."""
     context = (points, box)
     filled = _fill_costs(start, target, points.T.copy(), INFEASIBLE_COST, _minimise_boxes, context)
     return _list_triangles(start, target, filled, INFEASIBLE_COST, _get_cost, (points, in_boxes))
@@ -368,10 +358,7 @@ def weigh_pairs(
 def solve_visible_pairs(
     points: np.ndarray, start: np.ndarray, target: np.ndarray, cost: Cost
 ) -> np.ndarray:
-    """Return the optimum (n - 2, 3) of a counter-clockwise cycle (n, 2), or no rows.
-
-    start, target: all visible pairs of the cycle, see `find_visible_pairs`.
-    """
+    """Return the optimum (n - 2, 3) of a counter-clockwise cycle (n, 2), or no rows."""
     if not cost["is_box"]:
         triangles: np.ndarray = solve_any_cost(start, target, points, cost)
     elif cost["box"][1] == 0.0:

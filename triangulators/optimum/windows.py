@@ -29,11 +29,7 @@ _MAX_OVERLAP = 15  # triangles of a window that are in earlier windows
 
 @njit(nogil=True)
 def _optimise_ring(points: np.ndarray, triangles: np.ndarray, twin: np.ndarray, cost: Cost) -> bool:
-    """Replace the triangles of a single ring of either orientation by the optimum, in place.
-
-    Returns False, without a change, if the polygon has holes, or if its ring touches itself. The
-    ring's vertices are the cycle of the dynamic program, so nothing needs to be unfolded.
-    """
+    """Replace a ring's triangles by the optimum; False if there are holes or it touches itself."""
     n = len(points)
     if len(triangles) != n - 2:
         return False
