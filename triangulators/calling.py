@@ -129,10 +129,7 @@ def triangulate_with_gap(
 def _order_triangles(
     outline: Boundary, triangles: np.ndarray, choice: Choice, order: str | None
 ) -> np.ndarray:
-    """Return triangles (m, 3), put in an order from neighbour to neighbour if `order` is "walk".
-
-    order: "walk", "native" (no change), or None for the triangulator's default.
-    """
+    """Return triangles (m, 3), put in an order from neighbour to neighbour if `order` is "walk"."""
     if not choice.entry.uses_walk(order):
         return triangles
     return np.asarray(put_in_walk_order(np.ascontiguousarray(triangles), len(outline.points)))

@@ -16,10 +16,7 @@ from triangulators.polygon_arrays import polygon_of_rings
 
 
 def ear_clipping(outline: Boundary) -> np.ndarray:
-    """Return the triangles (m, 3) of mapbox_earcut.
-
-    mapbox_earcut drops some collinear vertices, which become T-junctions.
-    """
+    """Return mapbox_earcut's triangles (m, 3); some dropped vertices become T-junctions."""
     ring_ends = outline.ring_offsets[1:].astype(np.uint32)
     return run_earcut(outline.points, ring_ends).reshape(-1, 3)
 

@@ -208,8 +208,7 @@ def _triangulate_optimally(
 ) -> None:
     """Write the optimal triangulations of the polygons that compiled code supports to `batch`.
 
-    Sets their `batch.done`. valid (p,): flags of the polygons to solve, overwritten; limit: number
-    of vertices up to which a polygon is solved.
+    Sets their `batch.done`. valid (p,): flags of the polygons to solve, overwritten.
     """
     vertices, rings = np.diff(batch.vertex_offsets), np.diff(batch.geom_offsets)
     valid &= (vertices >= 3) & (vertices <= min(limit, MAX_SMALL_VERTICES))
@@ -234,9 +233,8 @@ def _triangulate_with_holes(
 ) -> None:
     """Write optimal triangulations of the polygons indices[first:last], which have holes.
 
-    Sets their `batch.done`; box: coefficients of half-perimeter, box area and edge length. The loop
-    is in Python: a polygon takes about fifty microseconds, of which a call from Python takes two or
-    three, and a compiled loop would compile all of `cut_holes` a second time.
+    Sets their `batch.done`. The loop is in Python: a polygon takes fifty microseconds, of which the
+    call takes two or three, and a compiled loop would compile all of `cut_holes` a second time.
     """
     offsets = batch.triangle_offsets
     for index in indices[first:last].tolist():
@@ -249,8 +247,7 @@ def _triangulate_by_ears(batch: Batch, valid: np.ndarray, threads: int, *how: An
     """Triangulate the `valid` (p,) polygons by ear clipping and flips; set their `batch.done`.
 
     In this thread, mapbox_earcut clips polygons that are large or have holes. In `threads` threads,
-    `improve_batch` clips all other polygons and flips diagonals. how: the arguments `test` to
-    `in_walk` of `improve_batch`.
+    `improve_batch`, with its arguments `how`, clips all other polygons and flips diagonals.
     """
     vertex_offsets, geom_offsets = batch.vertex_offsets.tolist(), batch.geom_offsets.tolist()
     first_vertices = np.repeat(batch.vertex_offsets[:-1], np.diff(batch.geom_offsets))
@@ -298,8 +295,7 @@ def _triangulate_by_ears(batch: Batch, valid: np.ndarray, threads: int, *how: An
 def _find_device_feature(cost: Cost, device: str) -> tuple[str, bool] | None:
     """Return the feature that a device optimises, and whether to maximise it; None for the CPU.
 
-    A device supports costs in which one feature has the weight 1 or -1. The weights of the number
-    and the area of triangles have no effect: both are equal for all triangulations of a polygon.
+    The weights of the number and the area of triangles, equal in all triangulations, do not count.
     """
     weights = dict(zip(FEATURES[2:], cost["weights"][2:].tolist(), strict=True))
     for feature in _DEVICE_FEATURES:
@@ -312,11 +308,7 @@ def _find_device_feature(cost: Cost, device: str) -> tuple[str, bool] | None:
 def _find_batch_cost(
     choice: Choice, criterion: Any, weights: dict[str, Any], device: str
 ) -> Cost | None:
-    """Return the `Cost` that a triangulator decreases, or None if a batch has no common cost.
-
-    None for triangulators without a cost, for costs that depend on the polygon, and for unsupported
-    costs. criterion, weights: the caller's arguments, None and {} if only the name has a criterion.
-    """
+    """Return the `Cost` that a triangulator decreases, or None if a batch has no common cost."""
     name = choice.entry.name
     resolved = choice.criterion if criterion is None else criterion
     if (

@@ -142,9 +142,8 @@ def _make_simple_boundary(polygon: shapely.Polygon) -> Boundary | None:
 def find_ring_orientation(coordinates: np.ndarray) -> int:
     """Return COUNTERCLOCKWISE or CLOCKWISE if a ring is certainly simple, otherwise UNSURE.
 
-    coordinates: (n + 1, 2), as in shapely: the first vertex is repeated at the end. For the
-    coordinates of a polygon with holes the result is UNSURE, because the first vertex is repeated
-    in the middle, too.
+    coordinates (n + 1, 2): the first vertex is repeated at the end, as in shapely. With holes the
+    first vertex is repeated in the middle, too, so the result is UNSURE.
     """
     n = len(coordinates) - 1
     if n < 3 or n > MAX_SIMPLE_VERTICES:
@@ -242,10 +241,9 @@ def orient_rings(points: np.ndarray, ring_offsets: np.ndarray) -> np.ndarray:
 def make_boundary(points: np.ndarray, ring_offsets: np.ndarray) -> Boundary:
     """Return the `Boundary` of the rings of a valid polygon.
 
-    points (n, 2), ring_offsets (h + 2,): see `rings_of`, the exterior first. If rings touch, edges
-    are split at vertices that lie exactly on an edge, as GEOS's validity test decides. A vertex
-    within rounding error of an edge is not on the edge: the sliver between vertex and edge belongs
-    to the polygon.
+    If rings touch, edges are split at vertices that lie exactly on an edge, as GEOS's validity test
+    decides. A vertex within rounding error of an edge is not on the edge: the sliver between vertex
+    and edge belongs to the polygon.
     """
     site = find_sites(points)
     edges = []

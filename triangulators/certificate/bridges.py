@@ -170,9 +170,8 @@ def _find_pockets_and_steps(
     A triangle without a bridge closes the pocket of the side across which the hole lies: the
     pocket's edge index, or the number of edges if there is none. A triangle with two bridges is a
     step: index of the bridge before it, of the bridge after it, of the triangle, and of its third
-    edge. kind, length (e,): kinds and first numbers of `classify_edges`; alive (t,): flags of the
-    usable triangles; on_hole (n,): flags of the sites on the hole. A triangle is outside the pocket
-    of a side if it runs along the side in the direction of the pocket (see `classify_edges`).
+    edge. kind, length (e,): see `classify_edges`. A triangle is outside the pocket of a side if it
+    runs along the side in the direction of the pocket.
     """
     c = candidates
     pocket_of = np.full(len(alive), len(c.edges), dtype=np.int64)

@@ -1,9 +1,7 @@
 """Candidates: all edges and empty triangles that a triangulation of a polygon can contain.
 
 An edge is a pair of mutually visible sites (see `Boundary`), or an edge of the boundary; a triangle
-is empty if no hole lies inside. Every triangulation is a subset of the empty triangles, and its
-cost is the sum of their costs. Exclusion (`local_minimality`) and the linear program
-(`linear_program`) use only the candidates and their weights.
+is empty if no hole lies inside. Every triangulation is a subset of the empty triangles.
 """
 
 from itertools import pairwise

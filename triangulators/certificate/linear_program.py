@@ -53,11 +53,10 @@ _OPTIONS: dict[str, Any] = {
 class LinearProgram:
     """The linear program over some candidate triangles of a polygon.
 
-    weights (t,): float64; allowed (t,): flags; start (m,): indices of the triangles of an initial
-    solution, which makes the program feasible. Triangles of the initial solution that are not
-    allowed get a penalty, which excludes them from optimal solutions. Potentials are bounded by 8
-    to 16 times the weight of the initial solution: without a bound some potentials become
-    needlessly large, with a much larger bound the interior-point method does not converge.
+    start (m,): indices of the triangles of an initial solution, which makes the program feasible.
+    Those not flagged in allowed (t,) get a penalty, which excludes them from optimal solutions.
+    Without a bound some potentials become needlessly large; with a much larger bound the
+    interior-point method does not converge.
     """
 
     def __init__(
@@ -84,11 +83,10 @@ class LinearProgram:
     def solve(self, seconds: float, *, basic: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """Return the potentials (e,) of the edges, and the share (t,) of each triangle.
 
-        Uses the interior-point method of HiGHS, which is many times faster than the simplex method
-        on tens of thousands of constraints, many of them tight. Potentials have about twelve
-        correct digits; all are zero if the solver did not finish within `seconds`. basic: continue
-        with the simplex method to a basic solution, which takes much longer, but whose shares are
-        more often 0 or 1, a triangulation.
+        HiGHS's interior-point method is many times faster than the simplex method here. Potentials
+        have about twelve correct digits; all are zero if the solver did not finish within
+        `seconds`. basic: continue with the much slower simplex method, whose shares are more often
+        0 or 1, a triangulation.
         """
         model = highspy.Highs()
         crossover = {"run_crossover": "on" if basic else "off"}

@@ -88,12 +88,9 @@ def _is_lighter_flipped(
 ) -> np.bool_:
     """Whether the triangles a-b-c and b-a-d weigh less after a flip of a-b to c-d.
 
-    value: cost of the two triangles together, in units, without noise.
-
-    c is left of a-b and d is right, so the quadrilateral a-d-b-c is strictly convex if its boundary
-    also turns left at b and at a. The noise of the four sides is the same before and after the
-    flip. Twice the noise of an edge is less than a unit, so the noise of the two diagonals only
-    decides if the costs in units are equal.
+    value: cost of both triangles, in units, without noise. The quadrilateral a-d-b-c is strictly
+    convex if its boundary also turns left at b and at a. The noise of the four sides cancels, and
+    twice an edge's noise is less than a unit, so the noise of the diagonals only breaks ties.
     """
     if orientation(points, d, b, c) <= 0.0 or orientation(points, c, a, d) <= 0.0:
         return np.bool_(False)
@@ -116,10 +113,8 @@ def _exclude_queued_edges(
 ) -> np.ndarray:
     """Return the edges in order of exclusion; clear `alive` of the triangles at these edges.
 
-    value (t,): cost of each triangle in units, without noise; queue (e,): all edges. A pair of a
-    remaining left and a remaining right triangle blocks the exclusion of the edge unless flipping
-    makes the pair lighter. An edge without a remaining triangle on one side has no pair and is
-    excluded.
+    value (t,): cost of each triangle in units, without noise; queue (e,): all edges. An edge
+    without a remaining triangle on one side has no pair and is excluded.
 
     Each edge e has a position (left index, right index) in the list of pairs: for each triangle on
     the left, all triangles on the right. Invariant: no pair before that position blocks. Whether a
@@ -226,9 +221,8 @@ def _set_excluded_potentials(
 ) -> bool:
     """Set the potentials (e,) of the excluded edges; return False if one would be too large.
 
-    weights (t,): weights of triangles; last_first (k,): the excluded edges, the last excluded
-    first; is_set (e,): edges that have a potential, updated. Invariant: y(ab) + y(bc) + y(ca) <=
-    weight(abc), up to the lift, for every triangle whose three sides have a potential.
+    last_first (k,): the excluded edges, the last excluded first; is_set (e,): updated flags of
+    edges with a potential, for which the inequality of the module holds, up to the lift.
     """
     triangles, sides, start = candidates.triangles, candidates.sides, candidates.start
     for e in last_first:

@@ -43,8 +43,7 @@ _MAX_POTENTIAL = 2.0**59  # the checker adds three potentials below 2^60 in 64 b
 class Proof:
     """The best triangulation found (m, 3), and potentials that bound the cost of all others.
 
-    gap: (cost - bound) / cost, 0 if proven optimal. weights (t,): integer weights of the candidate
-    triangles (see `checking.units`). excluded (k,): edges that no optimum contains, in order of
+    weights (t,): integer weights of the candidate triangles. excluded (k,): edges in order of
     exclusion. potentials (e,), lift: satisfy the inequality of `checker` for the candidate
     triangles without an excluded edge.
     """
@@ -61,8 +60,8 @@ class Proof:
     def make_evidence(self) -> Evidence:
         """Return unchecked evidence of the bound, with potentials also for the excluded edges.
 
-        If such a potential would be too large for the checker, all potentials are 0, and the lift
-        is the smallest weight, or 0 if no weight is negative: valid evidence of a weak bound.
+        If such a potential would be too large for the checker, the evidence is that of a weak
+        bound: all potentials are 0, and the lift is the smallest weight, or 0.
         """
         potentials = extend_potentials(
             self.candidates, self.weights, self.excluded, self.potentials
@@ -169,11 +168,9 @@ def prove(
 ) -> Proof | None:
     """Improve a triangulation (m, 3), and bound its gap to the optimum.
 
-    Weights are in the units of a claim about the given triangulation (see `find_units`).
     seconds: time limit of each linear program, whose bound is weak if the limit is reached;
-    infinite: solve only programs of up to 100,000 triangles; 0: solve no linear program. Return
-    None if more than eight million triples of sites see each other (1.5 million if `seconds` is 0
-    or infinite).
+    infinite: solve only programs of up to 100,000 triangles; 0: solve no linear program. None if
+    more than eight million triples of sites see each other, 1.5 million without a time limit.
     """
     reduced = _find_reduced_candidates(outline, triangles, cost, seconds)
     return None if reduced is None else _prove_reduced(outline, triangles, cost, seconds, *reduced)

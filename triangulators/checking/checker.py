@@ -110,10 +110,9 @@ def _find_violation(
 ) -> np.ndarray:
     """Return the vertices of the first empty triangle that violates the inequality.
 
-    The inequality is that of `_check_potentials`. Checks the triangles a < b < c for which
-    a-b is edge `number`, or every `slices`-th edge after it. starts (n + 1,): index of the first
-    edge a-b of each a; potential (e,): potentials of the edges. Returns an empty array if no
-    triangle violates the inequality, and an array of length 1 if a weight is too large.
+    Checks the triangles a < b < c for which a-b is edge `number`, or every `slices`-th edge after
+    it. starts (n + 1,): index of the first edge a-b of each a. Returns an empty array if there is
+    no violation, and an array of length 1 if a weight is too large.
     """
     ends, directions = edges.ends, edges.directions
     for e in range(number, len(ends), slices):

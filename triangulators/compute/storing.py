@@ -77,8 +77,8 @@ def forbid_compiling() -> Iterator[None]:
 def _lock_compilation(key: str) -> Iterator[None]:
     """Let one process at a time compile a kernel: a second waits, then loads the cached code.
 
-    key: text that identifies the kernel. Locks a byte of a file, which the system unlocks when the
-    process exits. If locking fails, both processes compile.
+    Locks a byte of a file, which the system unlocks when the process exits. If locking fails, both
+    processes compile.
     """
     byte = int.from_bytes(hashlib.sha256(key.encode()).digest()[:4], "big") >> 1
     _set_lock("LOCK_EX", byte)
@@ -122,10 +122,7 @@ class _Cache(FunctionCache):
         self.enable()
 
     def load_overload(self, signature: Any, target: Any) -> Any:
-        """Load compiled code; initialise Numba's runtime, but not the compiler.
-
-        Initialising the compiler, which imports SciPy, would take another half second.
-        """
+        """Load compiled code without initialising the compiler, which takes half a second."""
         rtsys.initialize(target)
         with self._guard_against_spurious_io_errors():
             overload = self._load_overload(signature, target)
@@ -135,10 +132,7 @@ class _Cache(FunctionCache):
 
 
 def resolve_kernels(source: Callable[..., Any]) -> None:
-    """Replace the kernels that a function uses, in its globals, by Numba's dispatchers.
-
-    Numba compiles only calls of dispatchers.
-    """
+    """Replace the kernels that a function uses, in its globals, by Numba's dispatchers."""
     names, codes = source.__globals__, [source.__code__]
     while codes:
         code = codes.pop()

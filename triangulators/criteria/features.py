@@ -5,8 +5,7 @@ three points as six numbers. `criterion.FEATURES` lists the names in the order o
 feature is added to `FEATURES`, `FEATURE_COUNT`, `weigh_triangle`, `weigh_triangles` and
 `sum_features`.
 
-Units follow from the unit of the coordinates, a pixel for polygons in a picture. Only
-`exact_quads`, which is not in `FEATURES`, depends on the triangle's position on the pixel grid.
+Only `exact_quads`, which is not in `FEATURES`, depends on the position on the pixel grid.
 """
 
 import math
@@ -214,12 +213,10 @@ def weigh_triangles(
 ) -> None:
     """Write the results of `weigh_triangle` for `count` triangles to `totals`, equal in every bit.
 
-    weights (k,): in the order of `FEATURES`; corners: six arrays ax, ay, bx, by, cx, cy. The length
-    of all arrays is at least the count, rounded up to a multiple of 8; elements of `totals` beyond
-    the count are undefined.
-
-    Each feature has a loop without branches, so LLVM evaluates all features except `shape` and
-    `beauty` in SIMD registers. Expected quads take 4 ns per triangle instead of 25 (AVX-512).
+    corners: six arrays ax, ay, bx, by, cx, cy. The length of all arrays is at least the count,
+    rounded up to a multiple of 8; elements of `totals` beyond the count are undefined. Each feature
+    has a loop without branches, so LLVM evaluates all features except `shape` and `beauty` in SIMD
+    registers. Expected quads take 4 ns per triangle instead of 25 (AVX-512).
     """
     lanes = (count + 7) & ~7
     for k in range(lanes):

@@ -53,8 +53,7 @@ def clip_ears_of_ring(points: np.ndarray) -> np.ndarray:
     """Return the triangles (n - 2, 3) of a ring (n, 2), or (0, 3) if earcut would repair the ring.
 
     As in earcut, the last vertex of a counter-clockwise ring is tried first, or the first vertex of
-    a clockwise ring; after a cut the next vertex is tried. For large rings earcut searches the
-    vertices in a triangle in another order, which does not change the triangles.
+    a clockwise ring; after a cut the next vertex is tried.
     """
     n = len(points)
     triangles = np.empty((max(n - 2, 0), 3), dtype=np.int32)

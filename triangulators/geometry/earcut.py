@@ -39,9 +39,8 @@ def run_earcut(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
 def find_far_offsets(points: np.ndarray, starts: np.ndarray) -> np.ndarray:
     """Return the offset (k, 2) to subtract from each polygon so that it is near the origin.
 
-    points : (n, 2), the vertices of all polygons; starts : (k,), first vertex of each nonempty
-    polygon. The offset along an axis is 0 unless the polygon's distance from 0 exceeds its extent;
-    subtracting the offset is exact.
+    points (n, 2): vertices of all polygons; starts (k,): first vertex of each nonempty polygon. The
+    offset along an axis is 0 unless the polygon's distance from 0 exceeds its extent.
 
     >>> points = np.array([(2e6, -5e5), (2e6 + 9, -5e5 - 7), (2e6, -1.0)])
     >>> find_far_offsets(points, np.array([0])).tolist()

@@ -28,10 +28,9 @@ _UNDERFLOW = 1e-300  # exceeds the error that underflow causes in a product
 
 @njit(nogil=True)
 def push_diagonals(twin: np.ndarray, stack: np.ndarray, waiting: np.ndarray) -> int:
-    """Push one half-edge of each diagonal on `stack`; return the stack's size.
+    """Push the lower half-edge of each diagonal on `stack`; return the stack's size.
 
-    twin (3 m,): see `half_edges`. The half-edge with the lower number is pushed, and marked in
-    `waiting` (3 m,); diagonals are in ascending order of the higher number.
+    Diagonals are in ascending order of the higher half-edge, and are marked in `waiting`.
     """
     size = 0
     for latter in range(len(twin)):
@@ -81,15 +80,14 @@ def flip_while_gaining(
 ) -> int:
     """Flip in place until no flip gains; return the number of flips.
 
-    corner, twin: (3 m,), see `half_edges`; gains(points, a, b, c, d, context): whether the diagonal
-    a-d is better than b-c, the common edge of the triangles a, b, c and d, c, b; is_convex(points,
-    a, b, c, d): whether the quadrilateral of both triangles is convex.
+    gains(points, a, b, c, d, context): whether the diagonal a-d is better than b-c, the common edge
+    of the triangles a, b, c and d, c, b; is_convex(points, a, b, c, d): whether the quadrilateral
+    of both triangles is convex.
 
-    Order: diagonals to try are on a stack, initially all, as `push_diagonals` pushes them. The top
-    diagonal is tried; after a flip the four sides of the quadrilateral are pushed, except sides
-    that are on the stack already. Invariant: flipping a diagonal that is not on the stack would not
-    gain. A flip takes constant time, and the stack cannot overflow, because `waiting` admits each
-    half-edge once.
+    Order: diagonals to try are on a stack, initially all. The top diagonal is tried; after a flip
+    the four sides of the quadrilateral are pushed, except sides that are on the stack already.
+    Invariant: flipping a diagonal that is not on the stack would not gain. A flip takes constant
+    time, and the stack cannot overflow, because `waiting` admits each half-edge once.
     """
     stack = np.empty(len(corner), dtype=np.int32)
     waiting = np.zeros(len(corner), dtype=np.bool_)

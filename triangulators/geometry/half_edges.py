@@ -85,9 +85,8 @@ def is_triangulation(
 ) -> bool:
     """Whether triangles, given by half-edges, are a conforming triangulation of a polygon's rings.
 
-    points (n, 2), ring_offsets (h + 2,): rings of either orientation; corner, twin: (3 m,), see
-    `link_half_edges`. True if there are n + 2 h - 2 triangles, all counter-clockwise, and the edges
-    without a twin are the edges of the rings: all edges then add up to the boundary, so the
+    True if there are n + 2 h - 2 triangles, all counter-clockwise, and the edges without a twin are
+    the edges of the rings, of either orientation: all edges then add up to the boundary, so the
     triangles cover the interior once.
     """
     n = len(points)

@@ -104,8 +104,7 @@ def _walk_component(
 ) -> int:
     """Append the component of triangle `root` to `order`, from index `done` on; return the new end.
 
-    entry, size (m,): see `_find_walk_order`; queue, stack: workspaces. A half-edge leads down the
-    spanning tree if its twin is the entry of the adjacent triangle.
+    A half-edge leads down the spanning tree if its twin is the entry of the adjacent triangle.
     """
     entry[root] = _ROOT
     queue[0] = root

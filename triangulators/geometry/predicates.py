@@ -198,8 +198,7 @@ def find_touching_vertices(
 ) -> list[tuple[int, int]]:
     """Return (row of `edges`, vertex) for each vertex on an edge, between the edge's ends.
 
-    edges (b, 2); vertices (k,): in ascending order of x, so that a short edge is compared with few
-    vertices; allowed: tolerance, see `is_on_segment`.
+    vertices (k,): by ascending x, so that a short edge is compared with few vertices.
     """
     incidences = [(0, 0) for _ in range(0)]
     x_of = points[vertices, 0]
@@ -235,8 +234,7 @@ def find_grid_unit(points: np.ndarray) -> float:
     """Return the largest power of two that all coordinates (n, 2) are multiples of, or 0.0.
 
     0.0 means that the points are not on a grid: their span exceeds 2^24 units. On a grid, float64
-    determinants are exact: differences fit 25 bits and products 50. Pixel coordinates, rounded to
-    1/256 px for drawing, are always on a grid.
+    determinants are exact: differences fit 25 bits and products 50.
     """
     _, _, w, h = find_bounding_box(points)
     span = max(w, h)
@@ -258,8 +256,7 @@ def find_grid_unit(points: np.ndarray) -> float:
 def find_edge_tolerance(points: np.ndarray) -> float:
     """Return the distance from an edge up to which a vertex counts as on the edge.
 
-    In units of the coordinates (n, 2): zero if they are on a grid, so that float64 determinants are
-    exact; otherwise four rounding errors of the largest coordinate.
+    Zero on a grid, where determinants are exact, else four rounding errors of the largest value.
     """
     return 0.0 if find_grid_unit(points) > 0.0 else float(np.abs(points).max()) * 4.0 * 2.0**-52
 

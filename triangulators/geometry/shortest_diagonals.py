@@ -72,10 +72,8 @@ def _list_triangles(
 ) -> np.ndarray:
     """Return the triangles (m, 3) left of the sides (s, 2), each triangle once.
 
-    Boundary sides have the interior on the left, diagonals are present in both directions; vertex v
-    is joined to `near[begin[v]:begin[v + 1]]`. The apex of the triangle left of a-b is the
-    neighbour of a that follows b counter-clockwise, because the angle there is less than 180
-    degrees.
+    Vertex v is joined to `near[begin[v]:begin[v + 1]]`. The apex of the triangle left of a-b is the
+    neighbour of a that follows b counter-clockwise: the angle there is less than 180 degrees.
     """
     triangles = np.empty((len(sides), 3), dtype=np.int32)
     count = 0

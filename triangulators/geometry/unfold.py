@@ -5,11 +5,8 @@ the outline counts as several vertices. So a tree of adjacent triangles defines 
 between its triangles that the tree does not cross. No geometry of holes is needed, and the region's
 triangles are a triangulation of the polygon.
 
-`grow_tree` chooses the tree, `unfold_tree` walks the tree from the root and returns the polygon as
-a cycle of vertices, and `replace_tree_triangles` replaces the tree's triangles by another
-triangulation of that cycle. All take time linear in the number of triangles of the tree.
-
-Half-edges are numbered as in `half_edges`; twin (m, 3) is the result of `find_twins`.
+All functions take time linear in the number of triangles of the tree. Half-edges are numbered as in
+`half_edges`; twin (m, 3) is the result of `find_twins`.
 """
 
 import numpy as np
@@ -33,11 +30,11 @@ def grow_tree(
 ) -> int:
     """Grow a tree of up to `max_size` adjacent triangles from `root`; return their number.
 
-    depth_first: False for a compact region, grown breadth first; True for a long region.
-    first_edge: the edges of a triangle are tried from this index (0 to 2) on. Writes the indices of
-    the triangles to `rows`, and marks the edges that the tree crosses, from both sides, in `tree`
-    (m, 3), which must have no marks. visited (m,): workspace, False before and after. covered
-    (m,): flags of triangles; the tree contains at most `max_covered` of these.
+    depth_first: False for a compact region, True for a long region. first_edge: the edges of a
+    triangle are tried from this index (0 to 2) on. Writes the indices of the triangles to `rows`,
+    and marks the edges that the tree crosses, from both sides, in `tree` (m, 3). visited (m,):
+    workspace, False before and after. The tree contains at most `max_covered` triangles flagged in
+    covered (m,).
     """
     # Half-edges over which to enter triangles. A triangle may occur three times; the second and the
     # third are skipped. The half-edge of the root only encodes the index of the root.
@@ -80,10 +77,9 @@ def unfold_tree(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a tree of triangles as a simple polygon: (cycle, local triangles, outline).
 
-    triangles, twin: (m, 3); tree: (m, 3), the marks of `grow_tree`; size: number of triangles in
-    the tree. The results, with k = size + 2: cycle (k,), the polygon's vertices counter-clockwise,
-    as indices of points; local triangles (size, 3), the tree's triangles, breadth first, as
-    positions in the cycle; outline (k,), the half-edge from each vertex to the next.
+    With k = size + 2: cycle (k,), the polygon's vertices counter-clockwise, as indices of points;
+    local triangles (size, 3), the tree's triangles, breadth first, as positions in the cycle;
+    outline (k,), the half-edge from each vertex to the next. tree: the marks of `grow_tree`.
 
     The outline is built as a linked list of corners, initially those of the root. A triangle that
     is entered over the side tail-head inserts a new corner for the apex between tail and head, even
@@ -149,11 +145,10 @@ def replace_tree_triangles(
 ) -> None:
     """Replace the triangles `rows` (k,) by `better` (k, 3), positions in `cycle`; update `twin`.
 
-    Row r of `better` replaces triangle rows[r]; cycle, outline: see `unfold_tree`. `inner` has the
-    twins among the half-edges of `better`. A half-edge without such a twin is a side of the cycle,
-    from a position to the next, and gets the twin of the old half-edge there. That twin is outside
-    the tree or, across a cut, at another position of the outline, where the half-edge is new as
-    well. position_of (3 m,): workspace for the positions of old half-edges, -1 before and after.
+    A half-edge of `better` without a twin there is a side of the cycle, from a position to the
+    next, and gets the twin of the old half-edge. That twin is outside the tree or, across a cut, at
+    another position of the outline, where the half-edge is new as well. position_of (3 m,):
+    workspace for the positions of old half-edges, -1 before and after.
     """
     size = len(cycle)
     inner = link_half_edges(better.reshape(-1))

@@ -38,10 +38,9 @@ def find_visible_pairs(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (start, target): `target[start[i]:start[i + 1]]` are the vertices > i that i sees.
 
-    points: (n, 2), a counter-clockwise cycle; triangles: (n - 2, 3), any triangulation of the
-    cycle; twin: (n - 2, 3), see `half_edges`. Lists are ascending. Sides of the polygon are
-    included; a diagonal is visible if the open segment does not meet the boundary. If there are
-    more than `max_pairs` pairs, the result is incomplete, and `start[n] > max_pairs`.
+    points (n, 2): a counter-clockwise cycle; triangles (n - 2, 3): any triangulation of the cycle.
+    Lists are ascending and include the sides of the polygon. If there are more than `max_pairs`
+    pairs, the result is incomplete, and `start[n] > max_pairs`.
     """
     n = len(points)
     start = np.zeros(n + 1, dtype=np.int64)
@@ -99,11 +98,10 @@ def _append_seen_through_window(
 ) -> int:
     """Append the vertices > floor that v sees through a window to `target`; return the new count.
 
-    A window is an edge opposite to v, behind which the view continues. stack (k, 5): workspace,
-    whose first row has the first three columns of the window on entry. A row is a window: the
-    half-edge of the triangle behind it, from left to right; the right end; the left end; and the
-    vertices on the right and left rays that bound the view. Or a row is (-1, vertex, ...): a vertex
-    to append.
+    stack (k, 5): workspace, whose first row has the first three columns of the window on entry. A
+    row is a window: the half-edge of the triangle behind it, from left to right; the right end; the
+    left end; and the vertices on the right and left rays that bound the view. Or a row is
+    (-1, vertex, ...): a vertex to append.
     """
     height = 1
     stack[0, 3], stack[0, 4] = stack[0, 1], stack[0, 2]

@@ -11,8 +11,8 @@ rounds double divisions correctly, as IEEE 754 requires and GLSL does not. On an
 computes Q of the returned triangles, which must be within 1e-9 of the device's sum: that sum is the
 minimum over all triangulations, up to rounding on the device.
 
-The shaders run in OpenGL 4.3 through moderngl, which the project uses for drawing as well. GLSL has
-64-bit products of 32-bit integers (imulExtended); WGSL, which would also run on macOS, has not.
+The shaders run in OpenGL 4.3 through moderngl. GLSL has 64-bit products of 32-bit integers
+(imulExtended); WGSL, which would also run on macOS, has not.
 
     rings    conversion of polygons to integers, and of device results to checked triangles
     engine   opening of devices, the thread that owns them, and handling of failures

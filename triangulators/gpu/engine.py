@@ -1,9 +1,7 @@
 """Solve batches of polygons on a device, by compute shaders, and check the results.
 
 An OpenGL context belongs to the thread that made the context current. So a single thread of this
-module uses all devices, and other OpenGL code in the process is not disturbed. Batches may be
-submitted from any thread; they run one after another. If a device fails, the caller solves the
-remaining polygons on the CPU.
+module uses all devices, and other OpenGL code in the process is not disturbed.
 """
 
 import logging

@@ -79,9 +79,8 @@ def prepare_rings(
 ) -> None:
     """Write the rings that devices support to `rings`.
 
-    coords (n, 2) float64: vertices of all polygons; selected (p,): flags of the polygons to
-    prepare. Unsupported are rings off the grid, with sums beyond int32, with fewer than 3 or more
-    than `max_vertices` vertices, and with a vertex repeated consecutively.
+    Unsupported are rings off the grid, with sums beyond int32, with fewer than 3 or more than
+    `max_vertices` vertices, and with a vertex repeated consecutively.
     """
     offsets, corners, kind, longest, turned, units = rings
     for index in range(len(selected)):
@@ -124,10 +123,7 @@ def _has_repeated_vertex(corners: np.ndarray) -> bool:
 
 
 def read_cost_words(indices: np.ndarray, bases: np.ndarray, rings: Rings) -> np.ndarray:
-    """Return the 64 bits (k,) uint64 of the cost of each ring in `indices` (k,).
-
-    bases (n,): see `store_results`; the first and last vertex have the low and the high word.
-    """
+    """Return the 64 bits (k,) uint64 of the cost of each ring in `indices` (k,)."""
     first, last = rings.vertex_offsets[indices], rings.vertex_offsets[indices + 1] - 1
     high_words = bases[last].astype(np.uint64) << np.uint64(32)
     return np.asarray(bases[first] | high_words)
@@ -145,9 +141,8 @@ def store_results(
 ) -> None:
     """Write the triangles of the rings `indices` (k,) to `batch`; mark valid results in its `done`.
 
-    bases (n,) uint32, by vertex: for the triangle with apex k, its base i, j as i | j << 16 at
-    index k; costs (k,) float64: costs that the device reported; is_quads: True if costs are
-    expected quads, False if half-perimeters; worst: True if the sum was maximised.
+    bases (n,) uint32: at the apex k of a triangle i, k, j, its base as i | j << 16; costs (k,)
+    float64: costs that the device reported, expected quads if `is_quads`, else half-perimeters.
     """
     offsets, corners, longest, turned, unit = (
         rings.vertex_offsets,
@@ -192,9 +187,8 @@ def _write_ring_triangles(
 ) -> float:
     """Write the triangles (n - 2, 3) of a ring; return the cost, NaN if `bases` are invalid.
 
-    bases (n,): see `store_results`; corners (n, 2): vertices of the ring; longest: -1 if a diagonal
-    costs its L1 length, otherwise a diagonal costs `longest` minus the length; unit: unit of the
-    grid if the cost is expected quads, otherwise 0; below, stack: workspaces.
+    A diagonal costs its L1 length, or `longest` minus the length unless `longest` is -1. unit: unit
+    of the grid if the cost is expected quads, otherwise 0; below, stack: workspaces.
     """
     n = len(bases)
     stack[0] = _link_triangles(bases, below)

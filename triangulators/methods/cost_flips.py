@@ -34,9 +34,8 @@ def flip_by_cost(
     """Flip in place until no single flip decreases a cost; return the number of flips.
 
     Pairs of flips are tried as well if the cost contains expected quads. points (n, 2): coordinates
-    for orientations; scaled (n, 2): coordinates for the cost, in px; corner, twin: (3 m,), see
-    `half_edges`. `costs` has the cost of each triangle as computed when the triangle appeared, so
-    the sum of `costs` decreases with every step, in spite of rounding errors: the flips terminate.
+    for orientations; scaled (n, 2): coordinates for the cost, in px. The cost of each triangle is
+    stored when it appears, so the sum of `costs` decreases in spite of rounding: flips terminate.
     """
     stack, waiting = np.empty(len(corner), dtype=np.int32), np.zeros(len(corner), dtype=np.bool_)
     size = push_diagonals(twin, stack, waiting)

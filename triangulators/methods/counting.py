@@ -1,10 +1,7 @@
 """The number of triangulations of a simple polygon, and uniform random triangulations.
 
 The dynamic program is that of the optimum (`optimum.visible_lists`), with sums and products instead
-of minima and sums. In a random triangulation, the apex of the triangle at a pair of vertices is
-drawn in proportion to the number of triangulations that contain this triangle, so that all
-triangulations are equally likely. Source: P. Epstein and J.-R. Sack, "Generating triangulations at
-random", 1994.
+of minima and sums. Source: P. Epstein and J.-R. Sack, "Generating triangulations at random", 1994.
 """
 
 import numpy as np
@@ -26,8 +23,7 @@ def count_triangulations(polygon: shapely.Polygon, max_count: int | None = None)
 def count_triangulations_of_cycle(ring: Cycle, max_count: int | None = None) -> int:
     """Return the exact number of triangulations of a `Cycle`.
 
-    max_count: stop at the first sub-polygon with more triangulations, and return their number: a
-    lower bound, because every triangulation of a sub-polygon extends to one of the polygon.
+    Above `max_count`, return the number of a sub-polygon that exceeds it: a lower bound.
     """
     n = len(ring.cycle)
     above = [ring.target[ring.start[i] : ring.start[i + 1]].tolist() for i in range(n)]
@@ -53,9 +49,8 @@ def count_triangulations_of_cycle(ring: Cycle, max_count: int | None = None) -> 
 def compute_log_counts(start: np.ndarray, target: np.ndarray) -> np.ndarray:
     """Return the logarithms (p,) of the numbers of triangulations of all pairs' sub-polygons.
 
-    start, target: the p visible pairs of a cycle of n vertices, see `find_visible_pairs`. The
-    numbers themselves would overflow a float; in a sum, all terms are divided by the largest, whose
-    logarithm is `top`. Vertex i descends, so that the numbers of smaller sub-polygons are
+    The numbers themselves would overflow a float; in a sum, all terms are divided by the largest,
+    whose logarithm is `top`. Vertex i descends, so that the numbers of smaller sub-polygons are
     available: `row[k]` is the logarithm for the sub-polygon i..k, `below[j, k]` for k..j, minus
     infinity for pairs that do not see each other. Stores n^2 numbers; takes at most n^3 / 6 steps.
     """
@@ -89,12 +84,11 @@ def _draw_from_counts(
 ) -> np.ndarray:
     """Return a random triangulation (n - 2, 3) of a cycle of n vertices.
 
-    start, target: the p visible pairs of the cycle; ways (p,): result of `compute_log_counts`;
-    chances (n - 2,): uniform random numbers in [0, 1). Of the W(i, j) triangulations of the
-    sub-polygon i..j, W(i, k) W(k, j) have the apex k: this fraction is subtracted from a random
-    number for one k after another. The first k that makes the number negative is the apex, or the
-    last possible k if rounding leaves a remainder. Stores n^2 numbers; takes up to n steps for each
-    triangle.
+    ways (p,): result of `compute_log_counts`; chances (n - 2,): uniform random numbers in [0, 1).
+    Of the W(i, j) triangulations of the sub-polygon i..j, W(i, k) W(k, j) have the apex k: this
+    fraction is subtracted from a random number for one k after another. The first k that makes the
+    number negative is the apex, or the last possible k if rounding leaves a remainder. Stores n^2
+    numbers; takes up to n steps for each triangle.
     """
     n = len(start) - 1
     counts = np.full((n, n), -np.inf)

@@ -2,8 +2,7 @@
 
 Mode `paper` is the paper's recursion over cuts (`Recursion`). Like the paper's program, it drops
 vertices that have become collinear after a cut, so some results have T-junctions. Mode `conforming`
-lists every conforming triangulation once, by a recursion over the apexes of one side. The paper's
-recursion without dropped vertices gives the same set, after removing duplicates.
+lists every conforming triangulation once, by a recursion over the apexes of one side.
 """
 
 from collections.abc import Callable, Sequence
@@ -40,10 +39,8 @@ def enumerate_triangulations(
 ) -> np.ndarray | list[np.ndarray]:
     """Return all distinct triangulations of a polygon without holes.
 
-    Mode `conforming`: one array (count, n - 2, 3) int32. Mode `paper`: a list of arrays (m, 3), by
-    the recursion of Kryvda and Sulema, which drops vertices that a cut makes collinear: there are
-    fewer triangles, and T-junctions at the dropped vertices. Raises `InvalidPolygonError`, and
-    `SkippedError` for holes and for more than 10^6 triangulations (20,000 in mode `paper`).
+    Mode `conforming`: one array (count, n - 2, 3) int32. Mode `paper`: a list of arrays (m, 3).
+    Raises `SkippedError` for holes and above 10^6 triangulations (20,000 in mode `paper`).
     """
     outline = checked_boundary(polygon)
     ring = make_cycle(outline, "exhaustive")
@@ -142,11 +139,8 @@ class Recursion:
     From each edge of the remaining polygon three cuts are tried: the triangle of this and the next
     edge (firstPart in the paper), the triangle of the two edges before (secondPart), and both
     triangles (thirdPart). A cut is allowed if the triangles are inside the polygon; the remaining
-    polygon is cut in the same way until one triangle is left. The result is a set, without
-    duplicates.
-
-    points: (n, 2). drop_straight: drop a vertex that a cut has made collinear, like the paper's
-    program; triangulations without that vertex do not conform.
+    polygon is cut in the same way until one triangle is left. drop_straight: drop a vertex that a
+    cut has made collinear, like the paper's program; the results then do not conform.
     """
 
     def __init__(self, points: np.ndarray, *, drop_straight: bool) -> None:

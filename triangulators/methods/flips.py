@@ -1,11 +1,8 @@
 """Flips of existing triangles, and the triangulators that flip after ear clipping.
 
-Two triangles that share an edge form a quadrilateral. If the quadrilateral is strictly convex, a
-flip replaces its diagonal by the other diagonal. Diagonals are flipped until no flip reduces the
-cost. For the half-perimeter H the test is whether the other diagonal is shorter in the L1 metric,
-because 2 H is the L1 length of the boundary plus twice the L1 length of the diagonals.
-
-Source: C. L. Lawson, "Software for C1 surface interpolation", 1977, with the in-circle test.
+Diagonals are flipped (see `geometry.flips`) until no flip reduces the cost. For the half-perimeter
+H the test is whether the other diagonal is shorter in the L1 metric, because 2 H is the L1 length
+of the boundary plus twice the L1 length of the diagonals.
 """
 
 import math
@@ -85,8 +82,7 @@ def refine(
 ) -> np.ndarray:
     """Return a triangulation (m, 3), in walk order, that costs no more than the given triangles.
 
-    corner, twin: (3 m,) half-edges, see `geometry.half_edges`; both are overwritten. test, cost:
-    flip test, and the cost that it decreases. decreased: the cost if `test` is COST, else None.
+    corner, twin: (3 m,) half-edges, overwritten. decreased: the cost if `test` is COST, else None.
 
     For L1 and Euclidean lengths, there are two initial solutions, because the result of flips
     depends on the initial solution: the given triangulation, and the constrained Delaunay
@@ -149,10 +145,8 @@ def improve_batch(
 
     raw: (triangles, bounds, to_clip): triangles (m, 3) of ear clipping, which are overwritten;
     polygon i has the rows bounds[i - first] to bounds[i - first + 1] - 1; to_clip (p,): flags of
-    polygons without such rows, whose ears are clipped here. test, cost, decreased: see
-    `refine`. uses_refine: True to improve triangles by `refine`, False to flip the given triangles
-    only. in_walk: True to put flipped triangles in walk order; the result of `refine` is always in
-    walk order.
+    polygons without such rows, whose ears are clipped here. uses_refine: True to improve triangles
+    by `refine`, whose result is always in walk order, False to flip the given triangles only.
     """
     raw_triangles, bounds, to_clip = raw
     coords, ring_offsets, geom_offsets, _vertex_offsets, offsets, triangles, done = batch

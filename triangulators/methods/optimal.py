@@ -87,9 +87,8 @@ def triangulate_with_gap(outline: Boundary, **parameters: Any) -> tuple[np.ndarr
     """Return the result of `triangulate`, and its gap to the optimum, relative to its cost.
 
     The gap is 0 if a dynamic program found the optimum, or if a proof as in `certify` shows
-    optimality, but without the check; for real costs, 0 means optimal up to rounding. If sums of
-    integer costs exceed 2^53, the gap is a bound of the rounding error, about 1e-16. The gap is
-    infinite after local search, which gives no lower bound.
+    optimality; for real costs, up to rounding. If sums of integer costs exceed 2^53, the gap is a
+    bound of the rounding error, about 1e-16. It is infinite after local search.
     """
     result = _find_optimum_in_walk_order(outline, 1.0, **parameters)
     if result.exact_for is None:
@@ -102,10 +101,9 @@ def _bound_rounding_gap(
 ) -> float:
     """Return a bound of the gap of a dynamic program's result (m, 3) that rounding may cause.
 
-    The bound is relative to the cost. For costs that are not negative, it is 0 if the partial sums
-    of the optimum are exact, because larger sums are never chosen. Otherwise each sum has a
-    relative error of 2^-53 for each number added, and for the three operations that computed the
-    number.
+    For costs that are not negative, the bound is 0 if the partial sums of the optimum are exact,
+    because larger sums are never chosen. Otherwise each sum has a relative error of 2^-53 for each
+    number added, and for the three operations that computed the number.
     """
     points, count = outline.points, outline.expected_triangles
     cost = make_cost(criterion, boundary_area(outline), count)

@@ -1,10 +1,8 @@
 """The Pareto front of two criteria over all triangulations of a simple polygon.
 
 The dynamic program is that of the optimum (`optimum.visible_lists`), with sets of non-dominated
-pairs of costs instead of single costs. Triangulations are not enumerated; the fronts of
-sub-polygons are small in practice, but no bound of their size is proven. Minimising weighted sums
-of the two criteria would find only vertices of the front's convex hull; this program finds all
-points of the front.
+pairs of costs instead of single costs. The fronts of sub-polygons are small in practice, but no
+bound of their size is proven.
 """
 
 from collections.abc import Callable

@@ -132,11 +132,10 @@ def _triangulate_cycle_greedily(outline: Boundary) -> np.ndarray:
 def _select_uncrossed_pairs_of_cycle(n: int, pairs: np.ndarray) -> np.ndarray:
     """Return flags of the pairs (i, j) of a cycle, i < j, that cross no earlier selected pair.
 
-    n: number of vertices; pairs (p, 2): in order of preference. Diagonals of a cycle cross if their
-    ends alternate along the cycle: no coordinates are needed. `lowest` and `highest` have the
-    lowest and the highest vertex to which selected pairs join each vertex. So i-j crosses a
-    selected pair if a vertex strictly between i and j is joined to a vertex outside i..j; testing
-    a pair takes j - i steps.
+    pairs (p, 2): in order of preference. `lowest` and `highest` have the lowest and the highest
+    vertex to which selected pairs join each vertex. Diagonals of a cycle cross if their ends
+    alternate along the cycle: i-j crosses a selected pair if a vertex strictly between i and j is
+    joined to a vertex outside i..j; testing a pair takes j - i steps.
     """
     lowest, highest = np.arange(n), np.arange(n)
     selected = np.zeros(len(pairs), dtype=np.bool_)
@@ -155,9 +154,8 @@ def triangulate_largest_first(outline: Boundary) -> np.ndarray:
     """Return the triangulation (n - 2, 3) that repeatedly cuts off the largest triangle.
 
     The largest triangle divides the polygon into up to three sub-polygons, which are triangulated
-    in the same way. Raises `SkippedError` for holes and for more than 1500 vertices. Source:
-    E. Persson, "Triangulation", 2009, for convex polygons; here only triangles of vertices that see
-    each other are considered, so that the method applies to simple polygons.
+    in the same way. Source: E. Persson, "Triangulation", 2009, for convex polygons; here the
+    vertices of a triangle must see each other, so that the method applies to simple polygons.
     """
     if len(outline.edges) > MAX_LARGEST_VERTICES:
         raise SkippedError(

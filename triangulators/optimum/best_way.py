@@ -61,8 +61,7 @@ def find_optimum(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.nd
 def _count_apexes(n: int, target: np.ndarray) -> float:
     """Return the approximate number of apexes that the sparse program tries in a ring.
 
-    target: see `find_visible_pairs`. The number is half the sum of the squared lengths of the lists
-    of `visible_lists`, one for each of n vertices. A loop counts the lengths: `np.bincount` would
+    It is half the sum of the squared lengths of the lists of `visible_lists`. `np.bincount` would
     copy all pairs to int64, which takes a third of the memory of the lists.
     """
     seen_from_above = np.zeros(n)

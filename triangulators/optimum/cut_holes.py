@@ -36,10 +36,9 @@ def solve_by_cuts(
 ) -> bool:
     """Write the triangulation of minimum cost of a polygon with holes to `triangles`.
 
-    points (n, 2), ring_offsets (h + 2,): rings of either orientation, the exterior first; box:
-    coefficients of half-perimeter, bounding-box area and edge length; triangles (n + 2h - 2, 3):
-    output, in the order of `put_in_walk_order`. Returns False if the polygon is unsupported: too
-    large, with rings that touch, with too many choices of cuts, or no triangulation was found.
+    Rings have either orientation, the exterior is first; triangles (n + 2h - 2, 3): in walk order.
+    Returns False if the polygon is unsupported: too large, with rings that touch, with too many
+    choices of cuts, or no triangulation was found.
     """
     n, holes = len(points), len(ring_offsets) - 2
     ring_size = n + 2 * holes
@@ -134,10 +133,9 @@ def _find_cut_ends(
 ) -> int:
     """Write to `cut_ends` the indices in `cycle` at which a cut may end; return their number.
 
-    Writes to tip[0] the index in `ring` of the vertex at which all these cuts start: the furthest
-    vertex of all unmerged holes in the direction with the fewest cuts. merged (h + 1,): flags of
-    holes; doubt: see `_is_blocked`. Diagonal directions are tried only if sums of coordinates are
-    exact, that is if `doubt` is 0.
+    All these cuts start at index tip[0] of `ring`, an output: the furthest vertex of all unmerged
+    holes in the direction with the fewest cuts. Diagonal directions are tried only if `doubt` is 0,
+    that is if sums of coordinates are exact.
     """
     edges = _list_blocking_edges(points, ring_offsets, ring, cycle, merged)
     min_count = len(cycle) + 1
@@ -220,10 +218,9 @@ def _list_blocking_edges(
 def _is_blocked(edges: np.ndarray, x: float, y: float, ax: float, ay: float, doubt: float) -> bool:
     """Whether the segment from x, y to ax, ay certainly crosses an edge in the interior of both.
 
-    edges (4, e): see `_list_blocking_edges`. Segment and edge cross if the ends of each are on
-    different sides of the other, by determinants of more than `doubt`. A segment that only touches
-    an edge, or whose crossing is in doubt, is not blocked: if such a cut is invalid, the dynamic
-    program finds no triangulation of the ring.
+    Segment and edge cross if the ends of each are on different sides of the other, by determinants
+    of more than `doubt`. A segment that only touches an edge, or whose crossing is in doubt, is not
+    blocked: if such a cut is invalid, the dynamic program finds no triangulation of the ring.
     """
     dx, dy = ax - x, ay - y
     min_crossing = 0.0

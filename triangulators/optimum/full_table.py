@@ -93,11 +93,8 @@ def _fill_int_table(space: np.ndarray, n: int, sign: int, base: int) -> None:
 def _fill_rows_of_vertex(space: np.ndarray, n: int, i: int, sign: int, base: int) -> None:
     """Fill the workspace rows of vertex i: coordinates relative to i, costs of diagonals from i.
 
-    The row _ROW, the minimum costs found so far, is reset. space, sign, base: see
-    `_fill_int_table`.
-
-    A diagonal must start into the polygon's angle at i: left of both sides, or of either side if
-    the angle is reflex.
+    The row _ROW, the minimum costs found so far, is reset. A diagonal must start into the polygon's
+    angle at i: left of both sides, or of either side if the angle is reflex.
     """
     x, y = space[_X, i], space[_Y, i]
     before = i - 1 if i > 0 else n - 1
@@ -126,10 +123,9 @@ def _fill_float_table(
 ) -> np.ndarray:
     """Return the cost table of a ring, (n, lanes) float64.
 
-    x, y (lanes,): coordinates, padded with coordinates far from all vertices; n: number of
-    vertices; box: coefficients of half-perimeter, bounding-box area and edge length; doubt:
-    determinants up to this size are evaluated exactly, none if `doubt` is negative; convex: True to
-    skip orientations, because all ordered triples of a convex ring are counter-clockwise.
+    x, y (lanes,): coordinates, padded with coordinates far from all vertices; doubt: determinants
+    up to this size are evaluated exactly, none if `doubt` is negative; convex: True to skip
+    orientations.
     """
     lanes = len(x)
     table = np.full((n, lanes), _NONE)
@@ -205,11 +201,7 @@ def _compute_determinants(
 
 @njit(nogil=True)
 def weigh_diagonal(dx: float, dy: float, box: np.ndarray) -> float:
-    """Return the cost of a diagonal (dx, dy), without areas of boxes.
-
-    box: coefficients of half-perimeter, bounding-box area and edge length. The Euclidean length
-    counts twice, once for each of the two triangles.
-    """
+    """Return the cost of a diagonal (dx, dy), without box areas; Euclidean lengths count twice."""
     cost: float = box[0] * (abs(dx) + abs(dy))
     if box[2] != 0.0:
         cost += 2.0 * box[2] * math.sqrt(dx * dx + dy * dy)
@@ -229,11 +221,9 @@ def _write_triangles(
 ) -> bool:
     """Write the optimum of a cost table to `triangles` (n - 2, 3); return False if there is none.
 
-    x, y (lanes,): coordinates; by_box: coefficient of bounding-box areas; exact: whether float64
-    determinants are exact; sign, base: cost of a diagonal (see `_fill_int_table`), sign 0 for float
-    costs. The table has no apexes: the apex of each of the optimum's pairs is found again as the
-    minimum of the same sums. Integer sums are exact, so the search of a pair stops at the first
-    apex whose sum equals the table's entry.
+    sign, base: cost of a diagonal (see `_fill_int_table`), sign 0 for float costs. The table has no
+    apexes: each is found again as the minimum of the same sums. Integer sums are exact, so the
+    search of a pair stops at the first apex whose sum equals the table's entry.
     """
     n, none = len(triangles) + 2, float(_NO_INT) if sign != 0 else _NONE
     stack = np.empty((n, 2), dtype=np.int32)
@@ -287,8 +277,7 @@ def solve_ring(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> fl
 
     box: coefficients of half-perimeter, bounding-box area and edge length, also negative. The ring
     has either orientation; the triangles are counter-clockwise, each with its new vertex last.
-    Returns the cost, up to a constant of the ring, or `inf` if there is no triangulation: the ring
-    is not simple, or repeats a vertex.
+    Returns the cost, up to a constant, or `inf` if the ring is not simple or repeats a vertex.
     """
     n = len(points)
     lanes = (n + LANES - 1) // LANES * LANES
@@ -334,9 +323,9 @@ def triangulate_rings_optimally(
 ) -> None:
     """Write the optima of the `selected` (p,) polygons among first..last - 1; none has a hole.
 
-    Sets their `batch.done`; box: see `solve_ring`. One call triangulates many polygons, because a
-    call from Python takes as long as a polygon of ten vertices, two microseconds. The polygons of a
-    thread are adjacent in the arrays, so threads rarely share a cache line.
+    Sets their `batch.done`. One call triangulates many polygons, because a call from Python takes
+    as long as a polygon of ten vertices. A thread's polygons are adjacent, so threads rarely share
+    a cache line.
     """
     for index in range(first, last):
         if selected[index]:
