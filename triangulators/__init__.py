@@ -63,8 +63,8 @@ _NAMES = {
     "polygon_arrays": ("PolygonArray", "Triangulations"),
     "registry": ("find", "full_name", "names", "parse"),
 }
+# Imported on first access, because compiled code takes a second.
 _MODULE_OF = {name: module for module, names in _NAMES.items() for name in names}
-"""The module of each name; imported on first access, because compiled code takes a second."""
 
 __all__ = ["criteria", *_MODULE_OF]
 

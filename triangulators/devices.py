@@ -4,11 +4,8 @@ import os
 
 from triangulators.errors import UnknownNameError
 
-CPU = "cpu"
-"""Compiled code on the CPU, without OpenGL."""
-
-LLVMPIPE = "llvmpipe"
-"""Mesa's OpenGL renderer on the CPU."""
+CPU = "cpu"  # compiled code on the CPU, without OpenGL
+LLVMPIPE = "llvmpipe"  # Mesa's OpenGL renderer on the CPU
 
 SOFTWARE_RENDERERS = (
     *("llvmpipe", "softpipe", "swrast", "swiftshader", "lavapipe", "software", "basic render"),

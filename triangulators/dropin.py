@@ -27,8 +27,7 @@ __all__ = ["triangulate_float32", "triangulate_float64", "triangulate_int32", "t
 METHODS = ("flips:l1", "refined:half-perimeter", "optimal:half-perimeter")
 SHORT_NAMES = {"flips": METHODS[0], "refined": METHODS[1]}
 
-MAX_EXACT_INTEGER = 2**53
-"""Doubles represent all integers up to this."""
+MAX_EXACT_INTEGER = 2**53  # doubles represent all integers up to this
 
 
 def triangulate_float64(

@@ -5,11 +5,8 @@ import traceback
 from collections.abc import Iterable
 from pathlib import Path
 
-MAX_MESSAGE_CHARACTERS = 300
-"""Maximum number of characters of a reported third-party message."""
-
-MAX_TRACEBACK = 10_000
-"""Maximum number of characters of a stored traceback."""
+MAX_MESSAGE_CHARACTERS = 300  # maximum number of characters of a reported third-party message
+MAX_TRACEBACK = 10_000  # maximum number of characters of a stored traceback
 
 
 class TriangulationError(Exception):

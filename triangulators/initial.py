@@ -15,8 +15,7 @@ from triangulators.libraries import delaunay, ear_clipping
 from triangulators.polygon import Boundary
 from triangulators.verify import insert_dropped_vertices, orient_triangles, verify_boundary
 
-_MAX_GREEDY_VERTICES = 1000
-"""Maximum number of vertices for the greedy triangulation, which compares all pairs of vertices."""
+_MAX_GREEDY_VERTICES = 1000  # for the greedy triangulation, which compares all pairs of vertices
 
 
 def find_initial_triangulations(outline: Boundary) -> Iterator[np.ndarray]:

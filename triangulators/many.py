@@ -48,15 +48,13 @@ _CHUNK_VERTICES = 20_000
 """Vertices per chunk of ear clipping; other threads improve earlier chunks. mapbox_earcut holds the
 GIL, for which a thread waits up to 5 ms, the time of clipping about 30,000 vertices."""
 _MIN_CHUNK_VERTICES = 1_000
-_DEVICE_FEATURES = ("half_perimeter", "expected_quads")
-"""Features of which devices compute the minimum and the maximum."""
+_DEVICE_FEATURES = ("half_perimeter", "expected_quads")  # minimised or maximised by devices
 _FLIPS = {"ear-clipping": NONE, "earcut-refine": AS_EARCUT} | {
     f"flips:{name}": test for test, name in enumerate(FLIP_TESTS)
 }
 """The test by which diagonals are flipped after ear clipping, by full name of a triangulator."""
 
-_FLIP_TRIANGULATORS = ("refined", "flips")
-"""Triangulators whose flips can decrease any criterion."""
+_FLIP_TRIANGULATORS = ("refined", "flips")  # triangulators whose flips can decrease any criterion
 
 
 def triangulate_many(

@@ -198,8 +198,7 @@ BUILTIN = {
 }
 
 
-ALIASES = {"earcut": "ear-clipping"}
-"""Common alternative names of triangulators."""
+ALIASES = {"earcut": "ear-clipping"}  # common alternative names of triangulators
 
 
 class Choice(NamedTuple):

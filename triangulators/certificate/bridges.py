@@ -49,8 +49,7 @@ from triangulators.compute.kernels import njit
 from triangulators.compute.operations import group_by_key
 from triangulators.geometry.predicates import do_segments_cross
 
-MAX_CUTS = 250
-"""Maximum number of ways to cut a polygon open; `solve_by_bridges` gives up if there are more."""
+MAX_CUTS = 250  # `solve_by_bridges` gives up if there are more ways to cut
 
 
 @njit(nogil=True)

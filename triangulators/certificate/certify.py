@@ -30,8 +30,7 @@ from triangulators.optimum.visible_lists import compute_far_costs
 from triangulators.polygon import Boundary, boundary_area, checked_boundary
 from triangulators.verify import verify_boundary
 
-MAX_RING_VERTICES = 2000
-"""Number of vertices up to which a dynamic program bounds the cost of a polygon without holes."""
+MAX_RING_VERTICES = 2000  # for rings whose lower bound a dynamic program computes
 
 
 def certify(

@@ -30,11 +30,8 @@ _LOG2_TOTAL = 17
 """Weights are scaled so that the initial solution weighs at most 2^17: the solver's tolerances are
 absolute."""
 
-_MAX_POTENTIAL = 2.0**20
-"""Bound of a scaled potential: 8 to 16 times the weight of the initial solution."""
-
-_PENALTY = 2.0
-"""Weight added to a triangle that is not allowed, relative to the initial solution's weight."""
+_MAX_POTENTIAL = 2.0**20  # bound of scaled potentials: 8 to 16 times the initial weight
+_PENALTY = 2.0  # of a triangle that is not allowed, relative to the initial weight
 
 _OPTIONS: dict[str, Any] = {
     "output_flag": False,

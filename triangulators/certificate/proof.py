@@ -34,7 +34,6 @@ PROGRAM_TIMEOUT_S = 60.0  # time limit of a linear program; a polygon may need t
 # on the machine's speed as a time limit does.
 _MAX_UNTIMED_ROWS = 100_000  # maximum number of constraints of a linear program
 _MAX_UNTIMED_TRIPLES = 1_500_000  # maximum number of triples of mutually visible sites
-
 MAX_TRIPLES = 8_000_000  # maximum number of such triples if there is a time limit; about 1 GB
 _MAX_POTENTIAL = 2.0**59  # the checker adds three potentials below 2^60 in 64 bits
 

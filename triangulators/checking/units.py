@@ -42,9 +42,7 @@ from triangulators.criteria.cost import (
 from triangulators.polygon import Boundary
 
 NOISE_BITS = 10
-TOO_LARGE = 2**60
-"""Exclusive limit of weights, potentials and lifts, so that sums fit 64 bits."""
-
+TOO_LARGE = 2**60  # exclusive limit of weights, potentials and lifts, so that sums fit 64 bits
 _MAX_TOTAL = 2**61  # limit of four times the weight of the certified triangulation
 _MAX_WEIGHT = 2**59  # maximum weight of a triangle, without noise
 _ROUNDED_TOTAL_BITS = 36  # the total of costs that are rounded has up to 2^36 units

@@ -28,16 +28,10 @@ from typing import NamedTuple
 
 from platformdirs import user_cache_path
 
-SOURCES = Path(__file__).resolve().parents[2]
-"""The folder that contains the packages of this project."""
-
+SOURCES = Path(__file__).resolve().parents[2]  # the folder with the project's packages
 PACKAGES = ("triangulators", "harness", "scenes")  # packages whose imports a digest includes
-
-MAX_UNUSED_S = 30 * 24 * 3600.0
-"""Seconds without use after which compiled code of earlier sources counts as old."""
-
-_FOLDER = re.compile(r"[\w.]+-[0-9a-f]{16}")
-"""Name of a folder of compiled code: module and digest."""
+MAX_UNUSED_S = 30 * 24 * 3600.0  # unused for longer, code of earlier sources counts as old
+_FOLDER = re.compile(r"[\w.]+-[0-9a-f]{16}")  # name of a folder of compiled code: module and digest
 
 _IMPORT = re.compile(
     r"^\s*(?:from\s+([\w.]+)\s+import\s+(\([^)]*\)|[^\n]*)|import\s+([\w.]+))", re.MULTILINE

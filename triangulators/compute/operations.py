@@ -86,11 +86,8 @@ def fmin(_typing: Any, _a: Any, _b: Any) -> Any:
     return types.float64(types.float64, types.float64), emit
 
 
-FAST_MATH_FLAGS = {"nnan", "nsz", "reassoc", "contract", "arcp"}
-"""Fast-math flags: all except `ninf`, because infinities occur."""
-
-LANES = 8
-"""int32 lanes of `update_minimum_costs`; LLVM splits the vector if registers are shorter."""
+FAST_MATH_FLAGS = {"nnan", "nsz", "reassoc", "contract", "arcp"}  # not `ninf`: infinities occur
+LANES = 8  # int32 lanes of `update_minimum_costs`; LLVM splits the vector if registers are shorter
 
 
 @intrinsic

@@ -39,8 +39,7 @@ __all__ = [
     "predict",
 ]
 
-AUXILIARY_FEATURES = ("triangles", "area", "bbox_area", "expected_setups")
-"""Features without a criterion of that name; `predict` sums them for fits of a device's time."""
+AUXILIARY_FEATURES = ("triangles", "area", "bbox_area", "expected_setups")  # summed by `predict`
 
 
 def count_exact_quads(*points: float) -> float:

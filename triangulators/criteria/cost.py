@@ -27,9 +27,7 @@ TRIANGLES, AREA, HALF_PERIMETER, BBOX_AREA, EDGE_LENGTH = range(5)
 assert len(FEATURES) == FEATURE_COUNT
 assert FEATURES[:5] == ("triangles", "area", "half_perimeter", "bbox_area", "edge_length")
 _BOX = [HALF_PERIMETER, BBOX_AREA, EDGE_LENGTH]  # indices of the weights in `Cost.box`
-
-MAX_COST = 1e200
-"""Upper clamp of a triangle's cost; the sum of 10^6 such costs stays finite."""
+MAX_COST = 1e200  # upper clamp of a triangle's cost; the sum of 10^6 such costs stays finite
 
 Cost: TypeAlias = np.record
 """The cost to minimise: a weighted sum of features, or `sign` times a user's function; read only.

@@ -25,12 +25,8 @@ FEATURES = (
 )
 """Features of a triangle (see `features`), in the order of weights."""
 
-WEIGHTS_MARK = "="
-"""Separator between a criterion's name and its weights."""
-
-WEIGHTS_SEPARATOR = "/"
-"""Separator between weights; not a comma, which separates names in a list."""
-
+WEIGHTS_MARK = "="  # separator between a criterion's name and its weights
+WEIGHTS_SEPARATOR = "/"  # separator between weights; not a comma, which separates names in a list
 BYTES_PER_TRIANGLE = 24.0  # three vertices of two 4-byte coordinates; M in the paper
 WORST_SHAPE = 240.0  # maximum of "shape" in degrees: |60 - 180| + 60 + 60, of a flat triangle
 
@@ -46,8 +42,7 @@ CALIBRATED_FEATURES = (
 )
 """Features that a device's fitted time per triangle may depend on (see `calibrated`)."""
 
-MAX_WEIGHT = 1e200
-"""Upper bound of a weight's size; sums of larger weights overflow."""
+MAX_WEIGHT = 1e200  # upper bound of a weight's size; sums of larger weights overflow
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,8 @@ import numpy as np
 from triangulators.compute.kernels import njit
 from triangulators.geometry.predicates import twice_area
 
-FEATURE_COUNT = 10
-"""Number of features; `cost` asserts that it equals the length of `criterion.FEATURES`."""
-
-SIGNATURE = f"float64({', '.join(['float64'] * 6)})"
-"""Numba signature of a feature and of a user's criterion: three points as six numbers."""
+FEATURE_COUNT = 10  # `cost` asserts that it is the length of `criterion.FEATURES`
+SIGNATURE = f"float64({', '.join(['float64'] * 6)})"  # a feature or a user's criterion
 
 
 @njit

@@ -31,8 +31,7 @@ from triangulators.compute.operations import group_by_key
 from triangulators.errors import UnknownNameError, suggest
 from triangulators.geometry.half_edges import link_half_edges
 
-CACHE_SIZE = 16
-"""Assumed size of the vertex cache; GPUs reuse 16 to 32 vertices in each batch."""
+CACHE_SIZE = 16  # assumed size of the vertex cache; GPUs reuse 16 to 32 vertices in each batch
 
 ORDERS = ("walk", "native")
 """Orders of triangles: "walk", from neighbour to neighbour; "native", as the triangulator returns

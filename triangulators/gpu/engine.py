@@ -28,21 +28,12 @@ from triangulators.gpu.rings import (
 )
 from triangulators.polygon_arrays import Batch
 
-VERSION = 430
-"""The first version of OpenGL with compute shaders and storage buffers, times 100."""
-
+VERSION = 430  # the first version of OpenGL with compute shaders and storage buffers, times 100
 MAX_DEVICES = 32  # number of EGL devices that are tried
-MAX_GROUPS = 65535
-"""Maximum number of workgroups in a dimension of a dispatch that every device supports."""
-
-NO_RESULT = (1 << 64) - 1
-"""The 64 bits that shaders return as the cost of a ring without a triangulation."""
-
-LANES = 32
-"""Minimum number of shader invocations of a workgroup; rings of more than 32 vertices have 64."""
-
-CHUNK_VERTICES = 1 << 18
-"""Number of vertices in an upload to the device (2 MiB; the result is 1 MiB)."""
+MAX_GROUPS = 65535  # workgroups in a dimension of a dispatch, supported by every device
+NO_RESULT = (1 << 64) - 1  # 64 bits of the cost of a ring without a triangulation
+LANES = 32  # minimum invocations of a workgroup; rings of more than 32 vertices have 64
+CHUNK_VERTICES = 1 << 18  # vertices in an upload (2 MiB; the result is 1 MiB)
 
 _LOG = logging.getLogger(__name__)
 

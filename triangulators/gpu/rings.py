@@ -28,8 +28,7 @@ from triangulators.optimum.full_table import INT32_SPAN
 from triangulators.polygon import twice_ring_area
 from triangulators.polygon_arrays import Batch
 
-SIZES = (16, 32, 64)
-"""Maximum numbers of vertices of the three shaders; each has a cost table of that size."""
+SIZES = (16, 32, 64)  # maximum numbers of vertices of the three shaders, and sizes of cost tables
 
 MAX_VERTICES = SIZES[-1]
 KINDS = 2 * len(SIZES)

@@ -35,8 +35,7 @@ from triangulators.optimum.best_way import (
 from triangulators.polygon import Boundary, boundary_area
 
 LIMIT = 2000  # number of vertices up to which a polygon is optimised in one piece
-MAX_PLACED_VERTICES = 500
-"""Maximum number of vertices for criteria that depend on the position on the pixel grid."""
+MAX_PLACED_VERTICES = 500  # for criteria that depend on the position on the pixel grid
 
 MAX_PROGRAM_VERTICES = 500
 """Maximum number of vertices for a linear program, if the skeleton does not connect all rings.
@@ -46,11 +45,8 @@ With more vertices a linear program can take minutes; `certify` uses it for poly
 """
 
 
-MAX_BRIDGED_HOLES = 2
-"""Number of holes up to which `bridges` optimises over all edges, without excluding any first."""
-
-MAX_TRIPLES = 1_500_000
-"""Maximum number of triples of mutually visible vertices for `bridges` over all edges."""
+MAX_BRIDGED_HOLES = 2  # for `bridges` over all edges, without excluding any first
+MAX_TRIPLES = 1_500_000  # mutually visible vertices, for `bridges` over all edges
 
 
 class SearchOptions(NamedTuple):

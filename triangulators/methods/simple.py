@@ -14,11 +14,8 @@ from triangulators.geometry.visibility import find_visible_sites
 from triangulators.initial import find_any_triangulation, make_cycle
 from triangulators.polygon import Boundary
 
-MAX_GREEDY_VERTICES = 3000
-"""Maximum number of vertices for `triangulate_greedy`, which compares pairs of vertices."""
-
-MAX_LARGEST_VERTICES = 1500
-"""Maximum number of vertices for `triangulate_largest_first`, whose time is cubic."""
+MAX_GREEDY_VERTICES = 3000  # for `triangulate_greedy`, which compares pairs of vertices
+MAX_LARGEST_VERTICES = 1500  # for `triangulate_largest_first`, whose time is cubic
 
 
 def triangulate_fan(outline: Boundary) -> np.ndarray:

@@ -29,7 +29,6 @@ from triangulators.polygon import Boundary
 # Up to this number of vertices, finding visible pairs takes longer than the sparse program saves.
 MAX_DENSE_VERTICES = 128
 _SPARSE_TO_DENSE = 2.0  # measured time per apex of the sparse program, relative to the dense one
-
 MAX_PIECE_TRIANGLES = 200  # maximum number of triangles in a piece of a large polygon
 _MAX_SWEEPS = 12  # maximum number of sweeps; a sweep optimises pieces that cover all triangles
 _MIN_GAIN = 5e-3  # a sweep that saves less than this share of the cost is the last
