@@ -70,7 +70,6 @@ __all__ = ["criteria", *_MODULE_OF]
 
 
 def __getattr__(name: str) -> object:
-    """Import a name of `__all__` on first access."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     if name == "criteria":

@@ -222,7 +222,6 @@ def load(reference: str) -> Function:
 
 @cache
 def _find_third_party_entry_points() -> dict[str, EntryPoint]:
-    """Return the entry points of installed third-party triangulators, by name."""
     return {point.name: point for point in entry_points(group=ENTRY_POINTS)}
 
 

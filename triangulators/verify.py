@@ -240,7 +240,6 @@ def insert_dropped_vertices(outline: Boundary, triangles: np.ndarray) -> np.ndar
 
 
 def _split_triangle(chains: list[list[int]], result: list[tuple[int, int, int]]) -> None:
-    """Append the triangles into which a triangle is split to `result`."""
     for first in range(3):
         edge, second, third = chains[first], chains[first - 2], chains[first - 1]
         if len(edge) > 2:

@@ -184,7 +184,6 @@ def _round_down(value: Fraction) -> float:
 
 
 def _compute_gap(total: Fraction, bound: Fraction) -> float:
-    """Return (total - bound) / |total|; 0 if total and bound are equal."""
     if total == bound:
         return 0.0
     return float((total - bound) / abs(total)) if total else math.inf

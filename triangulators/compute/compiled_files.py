@@ -131,7 +131,6 @@ def _read_source(file: Path) -> bytes:
 
 @lru_cache(maxsize=1024)
 def _find_imports(file: Path) -> frozenset[Path]:
-    """Return the files of the project's modules that a file's import statements name."""
     sources = set()
     for base, names, plain in _IMPORT.findall(_read_source(file).decode()):
         module = base or plain
@@ -206,6 +205,5 @@ def _find_old_folders(root: Path) -> Iterator[Path]:
 
 
 def _find_last_use(folder: Path) -> float:
-    """Return the latest access or modification time of a folder's files, in seconds."""
     times = [max(info.st_atime, info.st_mtime) for f in folder.iterdir() for info in [f.stat()]]
     return max(times, default=0.0)

@@ -31,6 +31,7 @@ class Kernel:
         return self.compiled._numba_type_
 
     def __call__(self, *arguments: Any) -> Any:
+        """Run the compiled function."""
         return self.compiled(*arguments)
 
 

@@ -191,7 +191,6 @@ MIXED_WEIGHTS = ("alpha", "beta", "gamma")  # names of the weights of `mixed`, i
 
 
 def _find_weights_problem(weights: Mapping[str, float]) -> str | None:
-    """Return the reason why weights of `mixed` are invalid, or None if they are valid."""
     for name, weight in weights.items():
         if not math.isfinite(weight):
             return f"{name} is {weight:g}"

@@ -135,14 +135,12 @@ def is_convex(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
 
 @njit(nogil=True)
 def _is_shorter_l1(points: np.ndarray, a: int, b: int, c: int, d: int, _: Any) -> bool:
-    """Whether the diagonal a-d is shorter than b-c in the L1 metric."""
     new = abs(points[d, 0] - points[a, 0]) + abs(points[d, 1] - points[a, 1])
     return bool(new < abs(points[c, 0] - points[b, 0]) + abs(points[c, 1] - points[b, 1]))
 
 
 @njit(nogil=True)
 def _is_shorter(points: np.ndarray, a: int, b: int, c: int, d: int, _: Any) -> bool:
-    """Whether the diagonal a-d is shorter than b-c."""
     x, y = points[d, 0] - points[a, 0], points[d, 1] - points[a, 1]
     u, v = points[c, 0] - points[b, 0], points[c, 1] - points[b, 1]
     return bool(x * x + y * y < u * u + v * v)

@@ -153,7 +153,6 @@ def _open_contexts(problems: list[str]) -> Iterator[Any]:
 
 @cache
 def _read_shader(name: str) -> str:
-    """Return the source of a file in shaders/."""
     return files("triangulators.gpu").joinpath("shaders", name).read_text(encoding="utf-8")
 
 

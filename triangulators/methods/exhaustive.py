@@ -55,7 +55,6 @@ def enumerate_triangulations(
 
 
 def _check_triangulation_count(ring: Cycle, max_count: int) -> None:
-    """Raise `SkippedError` if a cycle has more than `max_count` triangulations."""
     if count_triangulations_of_cycle(ring, max_count) > max_count:
         raise SkippedError(
             f"exhaustive: more than {max_count} triangulations; use 'optimal', which lists none"
@@ -210,6 +209,5 @@ class Recursion:
 
 
 def _rotate_to_lowest(cycle: list[int]) -> Corners:
-    """Rotate a cycle so that it starts with its lowest index."""
     start = cycle.index(min(cycle))
     return (*cycle[start:], *cycle[:start])

@@ -77,7 +77,6 @@ def triangulate(outline: Boundary, *, k: int = 0) -> np.ndarray:
 
 @lru_cache(maxsize=32)
 def _find_front_of_overdraw_and_shape(wkb: bytes) -> Front:
-    """Return the front of overdraw (A) and shape (D) of a polygon in WKB."""
     return pareto_front(shapely.from_wkb(wkb))
 
 

@@ -109,7 +109,6 @@ def triangulate_greedy(outline: Boundary) -> np.ndarray:
 
 
 def _triangulate_cycle_greedily(outline: Boundary) -> np.ndarray:
-    """Return the greedy triangulation (n - 2, 3) of a polygon without holes."""
     ring = make_cycle(outline, "greedy")
     n = len(ring.cycle)
     tails = np.repeat(np.arange(n, dtype=np.int32), np.diff(ring.start))

@@ -88,7 +88,6 @@ def find_optimum_of_small_polygon(
 
 
 def _solve_by_full_table(points: np.ndarray, box: np.ndarray) -> np.ndarray | None:
-    """Return the triangles (n - 2, 3) of `solve_ring`, or None if it finds no triangulation."""
     triangles = np.empty((len(points) - 2, 3), dtype=np.int32)
     return triangles if solve_ring(points, box, triangles) < np.inf else None
 
