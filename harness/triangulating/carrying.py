@@ -21,8 +21,8 @@ def carry_to_rotated_frame(
 ) -> FrameTriangulation:
     """Return the triangulation of `upright`'s polygons for the same polygons in `turned`.
 
-    Polygons whose vertices were merged by snapping in only one frame fail, with the reason. A thin
-    triangle that snapping inverted is drawn unchanged; its polygon counts as having a T-junction.
+    Polygons whose vertices were merged by snapping in only one frame fail. A polygon with a thin
+    triangle that snapping inverted is drawn, and counts as having a T-junction.
     """
     numbers = {number: k for k, number in enumerate(upright.source.tolist())}
     result = FrameTriangulation(seconds=before.seconds, cached=before.cached, notes=before.notes)
@@ -51,9 +51,8 @@ FLIPPING_TRIANGULATORS = ("optimal", "flips")
 def carry_to_views(frame: Frame, flat: FrameTriangulation, recipe: Recipe) -> FrameTriangulation:
     """Return the triangulation of a frame's pieces (see `Viewing`) from that of its flat faces.
 
-    A face is triangulated once, in the plane of the face, for all views. Triangles outside of faces
-    are not changed. `FLIPPING_TRIANGULATORS` treat faces, including those that are not polygons, as
-    the command `triangulate` does. `seconds` is the time of triangulating the flat polygons once.
+    A face is triangulated once, in its plane, for all views; `FLIPPING_TRIANGULATORS` treat faces
+    as the command `triangulate` does. Triangles outside of faces are unchanged.
     """
     viewing = frame.viewing
     assert viewing is not None
@@ -97,10 +96,8 @@ def _replace_faces(
 ) -> dict[int, Rows]:
     """Return the triangles that replace `parts`, by number of the face in `Viewing.source`.
 
-    As in the output of the command `triangulate`, a face whose cost would not decrease keeps the
-    model's triangles, and a face that is not a polygon gets flipped diagonals.
-
-    parts : triangles (m, 3) of each polygon
+    As in the command `triangulate`, a face whose cost would not decrease keeps the model's
+    triangles, and an invalid face gets flipped diagonals.
     """
     method, _, criterion = recipe.base.partition(":")
     if method not in FLIPPING_TRIANGULATORS or recipe.calibration is not None or frame.flat is None:
@@ -144,10 +141,7 @@ def _replace_faces(
 def _concatenate_faces(
     parts: Sequence[Rows | None], first_vertices: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Concatenate the triangles of faces, whose vertices begin at `first_vertices`, (f,).
-
-    Returns the triangles (m, 3), and the first row of each face and the end, (f + 1,).
-    """
+    """Concatenate faces whose vertices begin at `first_vertices`; return offsets (f + 1,), too."""
     rows = [part for part in parts if part is not None]
     renumbered = [part + first for part, first in zip(rows, first_vertices, strict=True)]
     triangles = np.concatenate([np.empty((0, 3), np.int64), *renumbered]).astype(np.int64)

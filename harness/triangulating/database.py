@@ -1,9 +1,8 @@
 """The model database: a cache of triangulations by content.
 
 Several processes may use the SQLite file at once (write-ahead log). An entry has a checksum, and
-its triangulation is verified after reading. A damaged database is deleted and created again; a file
-that is not a database of this program is refused. Optimality is not verified, so a file that other
-users may write is refused, too. `--no-cache` bypasses the database.
+its triangulation is verified after reading; optimality is not, so a file that other users may write
+is refused, as is one of another program. A damaged database is deleted and created again.
 """
 
 import hashlib
@@ -31,14 +30,9 @@ from triangulators.polygon_arrays import PolygonArray
 
 SCHEMA = 1
 
-ENTRY_FORMAT = 2
-"""Version of the values of entries, part of their keys: older entries are not read."""
-
-APPLICATION_ID = 0x52485443
-"""SQLite's application_id of model databases: "RHTC"."""
-
-LOCK_MARK = b"raster-harness\n"
-"""Content of the lock file of a model database."""
+ENTRY_FORMAT = 2  # version of entries, part of their keys: older entries are not read
+APPLICATION_ID = 0x52485443  # SQLite's application_id of model databases: "RHTC"
+LOCK_MARK = b"raster-harness\n"  # content of the lock file
 
 TABLE = (
     "CREATE TABLE model "
@@ -65,10 +59,9 @@ class TimedTriangles(NamedTuple):
 
 
 class ModelDatabase:
-    """Triangulations by key; see `make_key`. Use as a context manager, or call `close`.
+    """Triangulations by key; a context manager.
 
-    Raises StorageError if the file's folder cannot be written. Damage is not an error: `warn` is
-    called with a line about the lost entries.
+    Raises StorageError if the file's folder cannot be written; `warn` reports damage.
     """
 
     def __init__(
@@ -122,7 +115,6 @@ class ModelDatabase:
         return {name: (count, size) for name, count, size in sorted(rows)}
 
     def _read(self, keys: Sequence[bytes]) -> dict[bytes, TimedTriangles]:
-        """Return the intact entries by key; warn of damaged entries."""
         entries: dict[bytes, TimedTriangles] = {}
         for batch in (keys[start : start + _BATCH] for start in range(0, len(keys), _BATCH)):
             marks = ",".join("?" * len(batch))
@@ -142,10 +134,7 @@ class ModelDatabase:
         return count
 
     def _run_or_default(self, action: Callable[[], _Result], default: _Result) -> _Result:
-        """Return the result of an action, or `default` if the file is unusable.
-
-        A damaged file is replaced by a new one.
-        """
+        """Return an action's result, or `default`; a damaged file is replaced."""
         try:
             return action()
         except sqlite3.OperationalError as error:
@@ -157,7 +146,6 @@ class ModelDatabase:
         return default
 
     def _open(self, damage: sqlite3.DatabaseError | None = None) -> sqlite3.Connection:
-        """Open the file; delete a damaged file first, whose entries are then computed again."""
         flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0)
         descriptor = os.open(self._get_sibling(".lock"), flags | system.BINARY, 0o644)
         with os.fdopen(descriptor, "r+b") as stream:
@@ -224,7 +212,6 @@ class ModelDatabase:
         )
 
     def _is_opened_file(self) -> bool:
-        """Return whether the opened file is still at the path."""
         return self.path.exists() and self.path.stat().st_ino == self._inode
 
     def _connect(self) -> sqlite3.Connection:
@@ -255,12 +242,10 @@ def make_key(
     coords: NDArray[np.float64],
     ring_offsets: ArrayLike,
 ) -> bytes:
-    """Return the key of a triangulation: a hash of the polygon, the triangulator and the version.
+    """Return a hash of polygon (rings as of `PolygonArray.rings_of`), triangulator and version.
 
     Triangles are a function of these on any processor: the compiled code does not reorder sums, and
     limits of proofs are numbers of constraints instead of times.
-
-    coords (n, 2), ring_offsets (h + 2,): the polygon's rings, as of `PolygonArray.rings_of`
     """
     facts = [ENTRY_FORMAT, triangulator, sorted(parameters.items()), get_triangulators_version()]
     digest = hashlib.blake2b(json.dumps(facts).encode(), digest_size=20)
@@ -273,8 +258,8 @@ def make_key(
 def get_triangulators_version() -> str:
     """Return a hash of the triangulators' source and of the versions of their libraries.
 
-    These are the libraries that compute triangles or proofs. NumPy's arithmetic and random numbers
-    are the same in all supported versions, so a database serves all of them.
+    NumPy is not among them: its arithmetic and random numbers are the same in all supported
+    versions.
     """
     code_hash = hash_sources(Path(triangulators.__file__).parent)
     digest = hashlib.blake2b(code_hash.encode(), digest_size=12)
@@ -286,8 +271,7 @@ def get_triangulators_version() -> str:
     return digest.hexdigest()
 
 
-_FACTS = struct.Struct("<dd8s")
-"""Seconds, gap and processor of an entry."""
+_FACTS = struct.Struct("<dd8s")  # seconds, gap and processor of an entry
 
 
 def _compute_checksum(key: bytes, data: bytes) -> bytes:
@@ -316,7 +300,7 @@ def _unpack_entry(key: bytes, value: Any) -> TimedTriangles | None:
 
 
 MIN_CACHED_S = 0.5e-3
-"""Minimum computing time in seconds of cached triangulations.
+"""Minimum computing time of cached triangulations.
 
 Measured on city, Helsinki, counties and stress, in microseconds per polygon: reading 26 to 70 (and
 4 to 35 once for writing); computing the optimum of a footprint 120 to 280, with holes 1,200;
@@ -325,14 +309,10 @@ computing a county 190 (ear clipping), 630 (Delaunay), 740 (optimum), 3,700 (ran
 
 
 class CacheLookup:
-    """The model database for one triangulator; use as a context manager.
+    """The model database for one triangulator; a context manager.
 
-    If the database cannot be used, no entry is read or stored, and `notes` has the reason.
-
-    path : the database, or None to use no database
-    name, parameters : the triangulator
-    notes : lines for the user about damage, times of another processor, or the reason why the
-        database is not used
+    Without a usable database no entry is read or stored. `notes` has the reason, and
+    lines for the user about damage and about times of another processor.
     """
 
     def __init__(self, path: Path | None, name: str, parameters: Mapping[str, Any]) -> None:

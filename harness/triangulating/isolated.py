@@ -25,8 +25,7 @@ from triangulators.verify import find_unconfirmed
 
 _LOG = logging.getLogger(__name__)
 
-MAX_CRASHES = 10
-"""Maximum number of crashing polygons to single out; further crashing parts fail as a unit."""
+MAX_CRASHES = 10  # crashing polygons to single out; further crashing parts fail as a unit
 
 
 def triangulate_many(
@@ -38,13 +37,10 @@ def triangulate_many(
 ) -> Triangulations:
     """Triangulate as `triangulators.triangulate_many` with parameters `more` does, and verify.
 
-    conforming : True if triangulations with T-junctions are invalid
+    Polygons with invalid triangulations (if `conforming`, also with T-junctions), or on which a
+    user's triangulator ends the process, are `failed` as well.
 
-    Polygons with an invalid triangulation, and polygons on which a user's triangulator ends the
-    process, are `failed` as well.
-
-    Raises UsageError if a third-party triangulator cannot be imported; TaskError if importing it
-    ends the process.
+    Raises UsageError, or TaskError if the process ends, when a third-party module is imported.
     """
     arrays = polygons if isinstance(polygons, PolygonArray) else PolygonArray.from_shapely(polygons)
     if parse(name).entry.builtin or multiprocessing.parent_process() is not None:
@@ -91,7 +87,6 @@ def triangulate_many(
 def _join_pieces(
     pieces: list[NDArray[np.int32]], failed: dict[int, str], compiled: NDArray[np.bool_]
 ) -> Triangulations:
-    """Return `pieces`, the triangles (m_k, 3) of each polygon, as `Triangulations`."""
     triangles = np.concatenate([np.empty((0, 3), np.int32), *pieces])
     return Triangulations(triangles, offsets_of([len(piece) for piece in pieces]), failed, compiled)
 

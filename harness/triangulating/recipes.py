@@ -28,15 +28,11 @@ from triangulators import criteria, registry
 from triangulators.errors import TriangulationError, suggest, summarize_error
 from triangulators.polygon_arrays import PolygonArray
 
-NUMBERED = {"random": "seed", "pareto": "k", "listed": "k"}
-"""Triangulators with a number, and the parameter that the number sets."""
-
-ORIGINAL = "original"
-"""Name of the triangles in a model's file."""
+NUMBERED = {"random": "seed", "pareto": "k", "listed": "k"}  # parameter that the number sets
+ORIGINAL = "original"  # name of the triangles in a model's file
 
 CALIBRATED = ":calibrated"
-FUNCTION = re.compile(r"[^\W\d][\w.]*:[^\W\d][\w.]*")
-"""Name of a third-party triangulator, a function of a module."""
+FUNCTION = re.compile(r"[^\W\d][\w.]*:[^\W\d][\w.]*")  # name of a third-party triangulator
 
 
 @dataclass(frozen=True)
@@ -44,7 +40,6 @@ class Recipe:
     """All parameters of a triangulation except the polygon.
 
     base : name for `triangulators.triangulate`, with criterion, or "module:function"
-    number : number after the name, or None
     seed : the run's seed, for a random triangulator without a number
     upright : True to triangulate polygons at rotation 0, and then rotate them
     calibration : (term, coefficient) pairs of the criterion `calibrated`
@@ -85,17 +80,13 @@ class Recipe:
 
     @property
     def _call(self) -> tuple[str, dict[str, Any]]:
-        """Name and keyword arguments for `triangulators.triangulate`."""
         if self.calibration is not None:
             calibrated = criteria.calibrated(dict(self._calibration_without_draw))
             return self.base.removesuffix(CALIBRATED), {"criterion": calibrated}
         return self.base, self.parameters
 
     def load(self) -> None:
-        """Import the triangulator, which runs third-party code.
-
-        Raises UsageError if the function does not exist, or its import raises an `Exception`.
-        """
+        """Import the triangulator, which runs third-party code; raise UsageError on failure."""
         try:
             registry.find(self.base if not self.builtin else self.base.partition(":")[0]).load()
         except TriangulationError as error:
@@ -110,9 +101,8 @@ class Recipe:
     ) -> tuple[Sequence[NDArray[np.int32]], NDArray[np.bool_]]:
         """Triangulate those polygons that compiled code can solve, together and on one thread.
 
-        Returns triangles (m, 3) of each polygon, and flags (p,) of the polygons that were solved.
-        The remaining polygons need `triangulate`; no polygon is solved for a third-party
-        triangulator, which has no batch function.
+        Returns triangles (m, 3) of each polygon, and flags (p,) of the polygons that were solved;
+        third-party triangulators solve none.
         """
         if not self.builtin:
             return [], np.zeros(len(polygons), np.bool_)
@@ -127,10 +117,9 @@ class Recipe:
         return self.triangulate_with_gap(polygon)[0]
 
     def get_batch_gap(self, vertices: int) -> float | None:
-        """Return the gap to the optimum of a polygon that `triangulate_batch` solved, or None.
+        """Return the gap of a polygon that `triangulate_batch` solved; None without gaps.
 
-        Up to `LIMIT` vertices, a batch has only optima; for larger polygons the gap is unknown
-        (infinite). None for triangulators that compute no gaps.
+        A batch has only optima up to `LIMIT` vertices; beyond, the gap is unknown (infinite).
         """
         name = self.base.partition(":")[0]
         if name not in registry.BUILTIN or registry.BUILTIN[name].with_gap is None:
@@ -146,11 +135,9 @@ class Recipe:
 
 
 def parse(text: str, *, seed: int = 0, calibration: Mapping[str, float] | None = None) -> Recipe:
-    """Parse the name of a triangulator without importing third-party code.
+    """Parse a triangulator's name without importing third-party code; raise UsageError if unknown.
 
     calibration : a device's coefficients, by term
-
-    Raises UsageError if the name is unknown.
     """
     stem = text.removesuffix(UPRIGHT_MARK)
     base, mark, digits = stem.partition(NUMBER_MARK)
@@ -196,10 +183,7 @@ def parse_all(
 
 
 def _require_module(reference: str) -> None:
-    """Raise UsageError unless "module:function" refers to an existing module, without importing it.
-
-    Raises UsageError also as `allow_user_module` does.
-    """
+    """Raise UsageError unless the module of "module:function" exists, without importing it."""
     allow_user_module(reference)
     # Only the package is checked: finding a module inside would import the package.
     package = reference.partition(":")[0].partition(".")[0]

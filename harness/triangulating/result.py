@@ -22,13 +22,12 @@ Columns = dict[str, NDArray[np.float64]]
 class FrameTriangulation:
     """Result of one triangulator for the polygons of a frame.
 
-    parts : for each polygon the (m, 3) int32 triangles, or None without triangles
-    seconds : CPU time of the triangulator, without checks and compilation
+    parts : for each polygon the (m, 3) triangles, or None without triangles
+    seconds : CPU time without checks and compilation; for `cached` polygons the stored time
     samples_s : `seconds` of several interleaved rounds; [] if timed once
     skipped, failed : (polygon number in the frame, reason)
     t_junctions : for each polygon, the number of vertices inside an edge of a triangle
-    cached : number of polygons read from the model database; `seconds` includes the stored time of
-        their computation
+    cached : number of polygons read from the model database
     gaps : for optima, for each polygon with triangles, the maximum relative excess over the minimum
         cost: 0 if proven optimal, infinite if unknown
     predicted : (p,) sums of each criterion over each polygon's triangles; lengths in px, areas px^2
@@ -67,10 +66,7 @@ class FrameTriangulation:
 
 
 def sum_criteria_per_polygon(polygons: PolygonArray, parts: Sequence[Rows | None]) -> Columns:
-    """Return each criterion's sum over each polygon's triangles, (p,) by column; 0 if it has none.
-
-    parts : for each polygon its triangles (m, 3), or None
-    """
+    """Return each criterion's sum over each polygon's triangles (m, 3), (p,) by column."""
     if not len(polygons):
         return {}
     empty = np.empty((0, 3), np.int32)
@@ -85,8 +81,7 @@ def check_triangles(polygon: Polygon, triangles: Rows) -> tuple[int, str]:
     return (len(result.t_junctions), "") if result.ok else (0, "; ".join(result.problems[:3]))
 
 
-LARGE_VERTICES, LARGE_HOLES = 50_000, 5_000
-"""Numbers at which ear clipping of one polygon begins to take more than about five seconds."""
+LARGE_VERTICES, LARGE_HOLES = 50_000, 5_000  # from there on, ear clipping takes more than 5 s
 
 
 def describe_large_polygon(polygons: Sequence[Polygon] | NDArray[Any]) -> str:

@@ -28,10 +28,8 @@ def triangulate_polygons(
 ) -> FrameTriangulation:
     """Triangulate polygons in px; a failure on a polygon is stored in the result, not raised.
 
-    All triangles are verified. Invalid triangles from the cache or a batch are computed again, one
-    polygon at a time.
-
-    database : cache of triangulations; only for built-in triangulators, whose version is known
+    All triangles are verified. Invalid triangles from the cache, which only built-in triangulators
+    use, or from a batch are computed again, one polygon at a time.
     """
     arrays = polygons if isinstance(polygons, PolygonArray) else PolygonArray.from_shapely(polygons)
     result = FrameTriangulation()
@@ -81,10 +79,7 @@ def triangulate_polygons(
 def triangulate_in_batch(
     recipe: Recipe, polygons: PolygonArray, result: FrameTriangulation
 ) -> dict[int, Rows]:
-    """Return triangles by index for polygons that compiled code solves; add the time to `result`.
-
-    The time is that of the algorithm, without the overhead of single calls.
-    """
+    """Return triangles of the polygons that compiled code solves; add the time to `result`."""
     if not len(polygons):
         return {}
     start = cpu_clock()
@@ -126,8 +121,6 @@ def time_in_rounds(
 
 @dataclass(frozen=True)
 class _Attempt:
-    """Triangles (m, 3) of a polygon with gap and CPU time, or the reason of a failure."""
-
     part: Rows | None
     gap: float | None
     seconds: float
@@ -160,10 +153,7 @@ def _check_unconfirmed(
 
 
 def warm_up(*recipes: Recipe) -> None:
-    """Load compiled code, so that loading does not count as the first polygon's time.
-
-    The first call on a machine compiles the code, which can take minutes.
-    """
+    """Load compiled code before timing; the first call on a machine compiles for minutes."""
     for recipe in recipes:
         if recipe.base in _warm:
             continue
@@ -177,8 +167,7 @@ def warm_up(*recipes: Recipe) -> None:
         _warm.add(recipe.base)
 
 
-_warm: set[str] = set()
-"""Triangulators whose code this process has loaded."""
+_warm: set[str] = set()  # triangulators whose code this process has loaded
 
 
 def make_small_polygons() -> Iterator[Polygon]:
