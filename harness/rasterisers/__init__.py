@@ -32,8 +32,7 @@ __all__ = [
     "names",
 ]
 
-GROUP = "raster_harness.rasterisers"
-"""Group of the entry points of third-party rasterisers."""
+GROUP = "raster_harness.rasterisers"  # group of third-party entry points
 
 BUILT_IN = {
     "opengl": "harness.rasterisers.opengl:OpenGL",
@@ -49,7 +48,6 @@ BUILT_IN = {
 
 @cache
 def _find_plugins() -> dict[str, EntryPoint]:
-    """Return the entry points of installed third-party rasterisers, by name."""
     return {point.name: point for point in entry_points(group=GROUP)}
 
 
@@ -61,10 +59,7 @@ def names() -> list[str]:
 def get(name: str) -> type[Rasteriser]:
     """Return the rasteriser class called `name`, or given as "module:class"; register its counters.
 
-    Raises
-    ------
-    UsageError
-        if the name is unknown, or the import of a third-party rasteriser fails
+    Raises UsageError if the name is unknown, or the import of a third-party rasteriser fails.
     """
     if name in BUILT_IN:
         rasteriser = resolve_name(BUILT_IN[name])
@@ -99,12 +94,7 @@ def choose_default_rasteriser() -> str:
 def find_device(rasteriser: str, name: str | None = None) -> Device:
     """Return the device called `name` of a rasteriser, by default its best device.
 
-    Raises
-    ------
-    UsageError
-        if the rasteriser or the name of the device is unknown
-    NoRasteriserError
-        if the device is supported, but not available on this machine
+    Raises UsageError if a name is unknown, NoRasteriserError if this machine lacks the device.
     """
     kind = get(rasteriser)
     if name is None:

@@ -1,8 +1,8 @@
 """Interface of rasterisers, devices, drawings, and the submission order of triangles.
 
-A rasteriser runs in a separate worker process, because drivers read their settings from the
-environment once, when the driver is loaded, and because a crash of a driver must cost only one
-case. Importing this module loads no GL library, so that a worker can set the environment first.
+A rasteriser runs in a worker process, because drivers read their settings from the environment
+once, when loaded, and a driver's crash must cost only one case. Importing this module loads no GL
+library, so that a worker can set the environment first.
 """
 
 from __future__ import annotations
@@ -33,8 +33,7 @@ if TYPE_CHECKING:
 
 Triangles = NDArray[np.int32]
 Counters = dict[str, NDArray[np.int64]]
-"""Name, e.g. "quads" -> exact counts: one per polygon of the frame, (p,), or the frame's total, (),
-if the device reports only a total."""
+"""Exact counts by name, e.g. "quads": for each polygon, (p,), or the frame's total, ()."""
 
 
 @dataclass(frozen=True, order=True)
@@ -166,42 +165,27 @@ class Rasteriser(ABC):
     new_counters: ClassVar[tuple[Counter, ...]] = ()
     timed: ClassVar[bool] = True
 
-    shades_fragments: ClassVar[bool] = False
-    """Whether fragments are shaded, as `Options.samples` and `Options.work` require."""
+    shades_fragments: ClassVar[bool] = False  # required by `Options.samples` and `Options.work`
+    supports_texture: ClassVar[bool] = False  # required by `Options.texture`
 
-    supports_texture: ClassVar[bool] = False
-    """Whether fragments can sample a texture, as `Options.texture` requires."""
-
+    # Completes the message "NAME does not support these options (it has ...)".
     limitation: ClassVar[str] = "neither multisampling nor fragment work nor textures"
-    """Completes the message "NAME does not support these options (it has ...)"."""
 
-    draws_indexed: ClassVar[bool] = False
-    """Whether drawing uses an index buffer; if so, its vertex batches are counted as well."""
+    draws_indexed: ClassVar[bool] = False  # if so, vertex batches are counted as well
+    supports_scissor: ClassVar[bool] = False  # required by map tiles, `Frame.scissor`
+    supports_depth: ClassVar[bool] = False  # a rasteriser that counts then also counts `depth_ties`
+    device_names: ClassVar[tuple[str, ...]] = ("cpu",)  # whether or not they work here
+    module: ClassVar[str] = ""  # Python module that the extra with the rasteriser's name installs
 
-    supports_scissor: ClassVar[bool] = False
-    """Whether `Frame.scissor` is supported, as map tiles require."""
-
-    supports_depth: ClassVar[bool] = False
-    """Whether a depth test is supported; a rasteriser that counts then also counts `depth_ties`."""
-
-    device_names: ClassVar[tuple[str, ...]] = ("cpu",)
-    """Names of supported devices, whether or not they work on this machine."""
-
-    module: ClassVar[str] = ""
-    """Required Python module, which the extra with the rasteriser's name installs."""
-
+    # Instructions to make a device work, by its name without the number, e.g. "gpu"; the entry ""
+    # is for all other devices.
     remedies: ClassVar[Mapping[str, str]] = {}
-    """Instructions to make a device work, by its name without the number, e.g. "gpu"; the entry ""
-    is for all other devices."""
 
     device: Device
 
     @classmethod
     def is_device_name(cls, name: str) -> bool:
-        """Return whether `name` is a supported device, on this machine or another.
-
-        A rasteriser that supports gpu0 also supports gpu1, gpu2, ...
-        """
+        """Return whether a device is supported, on any machine; gpu0 includes gpu1, gpu2, ..."""
         numbered = name.startswith("gpu") and name[3:].isdigit()
         return name in cls.device_names or (numbered and "gpu0" in cls.device_names)
 
@@ -232,13 +216,7 @@ class Rasteriser(ABC):
 
     @abstractmethod
     def __init__(self, device: Device) -> None:
-        """Open the device.
-
-        Raises
-        ------
-        harness.errors.NoRasteriserError
-            if the device cannot be opened, or another device opens instead
-        """
+        """Open the device; raise NoRasteriserError if that fails or another device opens."""
 
     def draw_and_count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         """Draw `triangles` (m, 3), rows of three vertices of `frame.points`, and count the work.
@@ -321,8 +299,8 @@ def sum_per_polygon(
 def split_batches(frame: Frame, triangles: Triangles, max_lanes: int = 2**32) -> list[Triangles]:
     """Split `triangles` (m, 3) so that a batch shades fewer than `max_lanes` lanes (4 per quad).
 
-    Devices count with 32 bits. A triangle is assumed to shade all quads of its bounding box. With a
-    depth test each view is one batch; a view has at most 2^28 pixels.
+    Devices count with 32 bits. A triangle is assumed to shade its bounding box. With a depth test
+    each view is one batch, of at most 2^28 pixels.
     """
     from harness.grid import SUBPIXEL
 
@@ -339,14 +317,10 @@ def split_batches(frame: Frame, triangles: Triangles, max_lanes: int = 2**32) ->
 def order_submission(frame: Frame, triangles: Triangles, options: Options) -> Triangles:
     """Check `triangles` (m, 3); return a contiguous array in the submission order `options.order`.
 
-    Tiles and views are always submitted in the frame's order; only the triangles within a tile or
-    view are reordered. The order "native" of a model's view is that of the model's file, or front
-    to back if `Viewing.front_to_back`.
+    Only the triangles within a tile or view are reordered. The order "native" of a view is that of
+    the model's file, or front to back if `Viewing.front_to_back`.
 
-    Raises
-    ------
-    ValueError
-        if `triangles` is not an integer (m, 3) array of vertices of the frame
+    Raises ValueError if `triangles` is not an integer (m, 3) array of vertices of the frame.
     """
     array = np.asarray(triangles)
     if array.ndim != 2 or array.shape[1] != 3 or not np.issubdtype(array.dtype, np.integer):
@@ -367,9 +341,8 @@ def order_submission(frame: Frame, triangles: Triangles, options: Options) -> Tr
 def _rank_in_view(frame: Frame, viewing: Viewing, array: Triangles) -> NDArray[np.int64]:
     """Return keys (m,) by which triangles are sorted within their view.
 
-    With `viewing.front_to_back` the key is the sum of the vertices' depths. Otherwise the k-th
-    triangle of a face gets the position of the face's k-th triangle in the model's file, or of the
-    face's last triangle there if the file has fewer than k.
+    With `viewing.front_to_back` the key is the sum of the vertices' depths; otherwise the position
+    in the model's file of the face's triangle with the same number, or of the last if it has fewer.
     """
     if viewing.front_to_back and viewing.depths is not None:
         return np.asarray(viewing.depths[array].astype(np.int64).sum(axis=1))
@@ -383,7 +356,6 @@ def _rank_in_view(frame: Frame, viewing: Viewing, array: Triangles) -> NDArray[n
 
 
 def _apply_order(frame: Frame, array: Triangles, options: Options) -> Triangles:
-    """Return the triangles `array` (m, 3) of one draw in the order `options.order`."""
     if options.order == "walk":
         from triangulators.geometry.order import put_in_walk_order
 

@@ -3,6 +3,9 @@
 `bounding-box` tests each pixel centre in a triangle's bounding box, as tinyrenderer, the analyser
 of meshoptimizer and the software rasteriser of Nanite (Karis, Stubbe, Wihlidal, SIGGRAPH 2021) do;
 the criterion A ("overdraw") measures this work. `scanline` computes each row's span by division.
+
+One workgroup draws a triangle, several draw a huge one; the invocations of a workgroup share the
+box's pixels or rows.
 """
 
 from typing import Any, ClassVar
@@ -25,23 +28,13 @@ from harness.rasterisers.base import (
 from harness.rasterisers.context import Context
 from harness.rasterisers.opengl import GLRasteriser
 
-MAX_GROUPS = 65535
-"""Maximum workgroups in a dimension of a dispatch that every device supports."""
-
-LANES = 32
-"""Invocations of a workgroup."""
-
-JOB_PIXELS = 16384 * LANES
-"""Maximum pixels of a job, 16,384 loop rounds of each lane: llvmpipe silently ends a loop after
-65,535 rounds."""
+MAX_GROUPS = 65535  # maximum workgroups in a dimension of a dispatch on every device
+LANES = 32  # invocations of a workgroup
+JOB_PIXELS = 16384 * LANES  # maximum; llvmpipe silently ends a loop after 65,535 rounds
 
 
 class BoundingBox(GLRasteriser):
-    """Rasteriser that tests every pixel centre of each triangle's bounding box.
-
-    One workgroup draws a triangle, several draw a huge one; the invocations of a workgroup share
-    the box's pixels.
-    """
+    """Rasteriser that tests every pixel centre of each triangle's bounding box."""
 
     name = "bounding-box"
     counters: ClassVar[tuple[str, ...]] = ("bbox_tests", "hits")
@@ -75,11 +68,7 @@ class BoundingBox(GLRasteriser):
 
 
 class Scanline(BoundingBox):
-    """Rasteriser that computes the span of covered pixels in each row of a triangle.
-
-    One workgroup draws a triangle, several draw a huge one; the invocations of a workgroup share
-    the rows.
-    """
+    """Rasteriser that computes the span of covered pixels in each row of a triangle."""
 
     name = "scanline"
     counters: ClassVar[tuple[str, ...]] = ("rows", "hits")
@@ -99,7 +88,6 @@ class _DispatchedJobs(Drawing):
         self.buffers = (*owner.upload(frame, triangles), owner.create_buffer(jobs))
 
     def run(self) -> None:
-        """Start a workgroup per job."""
         if not self.number:
             return
         for binding, buffer in enumerate(self.buffers):
@@ -110,7 +98,7 @@ class _DispatchedJobs(Drawing):
         self.program.run(columns, -(-self.number // columns))
 
     def sample(self, repeats: int) -> Sample:
-        """Dispatch `repeats` times; each dispatch waits for the previous dispatch."""
+        # Each dispatch waits for the previous dispatch.
         self.context.activate()
         self.context.get_picture(*self.size).bind_to_image(0, read=False, write=True)
         return self.context.time_draws(repeats, self.run, self.context.ctx.memory_barrier)

@@ -18,34 +18,30 @@ SAMPLES_PASSED = 0x8914
 TIME_ELAPSED = 0x88BF
 QUERY_RESULT = 0x8866
 
+# OpenGL query targets of pipeline statistics, by the name of the counter.
 STATISTICS = {
     "vertex_shader_invocations": 0x82F0,
     "clipping_input_primitives": 0x82F6,
     "clipping_output_primitives": 0x82F7,
 }
-"""OpenGL query targets of pipeline statistics, by the name of the counter."""
 
+# First OpenGL version with pipeline statistics, and the extension for older versions.
 STATISTICS_VERSION, STATISTICS_EXTENSION = 460, "GL_ARB_pipeline_statistics_query"
-"""First OpenGL version with pipeline statistics, and the extension for older versions."""
 
 DEPTH_BUFFER_BIT = 0x0100
 
-TEXTURE_PX = 1024
-"""Side of the texture of `Options.texture`."""
+TEXTURE_PX = 1024  # side of the texture of `Options.texture`
+MODERN_VERSION = 450  # first version whose core has everything that the shaders need
 
-MODERN_VERSION = 450
-"""First OpenGL version whose core has everything that the shaders need."""
-
+# Extensions that a context older than `MODERN_VERSION` needs.
 OLDER_EXTENSIONS = (
     "GL_ARB_shading_language_420pack",
     "GL_ARB_shader_storage_buffer_object",
     "GL_ARB_derivative_control",
     "GL_ARB_ES3_1_compatibility",
 )
-"""Extensions that a context older than `MODERN_VERSION` needs."""
 
-EARLY_EXTENSIONS = ("GL_ARB_shader_image_load_store",)
-"""Extensions that such a context also needs for a depth test before shading."""
+EARLY_EXTENSIONS = ("GL_ARB_shader_image_load_store",)  # and for depth tests before shading
 
 COMPUTE_EXTENSIONS = (
     "GL_ARB_compute_shader",
@@ -58,8 +54,7 @@ class Context:
     """An OpenGL context; call `activate` before each use, as a process may have several contexts.
 
     Buffers and other OpenGL objects without a reference are freed by the next `activate`.
-
-    backend : a glcontext context, or an object with the same methods
+    `backend` is a glcontext context, or an object with the same methods.
     """
 
     _current: ClassVar["Context | None"] = None
@@ -88,7 +83,6 @@ class Context:
         self.statistics = STATISTICS if has_statistics else {}
 
     def _load_function(self, name: str, *kinds: str) -> Any:
-        """Return the OpenGL function `name`, whose parameters have the given kinds of types."""
         types = {"uint": ctypes.c_uint, "int": ctypes.c_int, "pointer": ctypes.c_void_p}
         address = self._backend.load(name)
         if not address:
@@ -124,10 +118,7 @@ class Context:
     def build_program(self, vertex: str, fragment: str, *defines: str) -> Any:
         """Build a program from two files in shaders/; `defines` are macros such as DEPTH.
 
-        Raises
-        ------
-        NoRasteriserError
-            if compilation fails, for example without storage buffers in fragment shaders
+        Raises NoRasteriserError, for example without storage buffers in fragment shaders.
         """
         header = self.make_header(*(EARLY_EXTENSIONS if "DEPTH" in defines else ()))
         header += "".join(f"#define {name}\n" for name in defines)
@@ -154,14 +145,9 @@ class Context:
     def get_framebuffer(
         self, width: int, height: int, samples: int = 1, *, deep: bool = False
     ) -> Any:
-        """Return an RGBA8 framebuffer, with a depth buffer if `deep`.
+        """Return an RGBA8 framebuffer, with a depth buffer if `deep`; reuse the last one if equal.
 
-        The framebuffer of the last call is returned again if the arguments are the same.
-
-        Raises
-        ------
-        UsageError
-            if the device does not support the size or the number of samples
+        Raises UsageError if the device does not support the size or the number of samples.
         """
         check_size(width, height, self.max_size)
         if samples > max(self.max_samples, 1):
@@ -178,13 +164,7 @@ class Context:
         return self._target[1]
 
     def get_picture(self, width: int, height: int) -> Any:
-        """Return a texture with a uint per pixel for compute shaders; reuse the last of this size.
-
-        Raises
-        ------
-        UsageError
-            if the size is too large
-        """
+        """Return a texture, a uint per pixel, for compute shaders; reuse the last of this size."""
         check_size(width, height, self.max_size)
         if self._picture is None or self._picture.size != (width, height):
             self._picture = self.ctx.texture((width, height), 1, dtype="u4")
@@ -202,10 +182,9 @@ class Context:
 
     @contextmanager
     def create_queries(self, number: int) -> Iterator[list[int]]:
-        """Create `number` query objects, which are deleted at the end of the block.
+        """Create query objects with results of 64 bits, deleted at the end of the block.
 
-        Their results have 64 bits. Results of moderngl's queries have 32, so nanoseconds overflow
-        after 4.29 s.
+        Nanoseconds overflow the 32 bits of moderngl's queries after 4.29 s.
         """
         names = (ctypes.c_uint * number)()
         self._gen_queries(number, names)
@@ -223,10 +202,7 @@ class Context:
     def count_by_queries(
         self, targets: Mapping[str, int], draw: Callable[[], None]
     ) -> dict[str, int]:
-        """Call `draw` once; return the results of OpenGL queries during the call, by name.
-
-        targets : number of an OpenGL query target, such as `SAMPLES_PASSED`, by name
-        """
+        """Call `draw` once; return the results of the query targets (number by name), by name."""
         with self.create_queries(len(targets)) as queries:
             for target, query in zip(targets.values(), queries, strict=True):
                 self.begin_query(target, query)
@@ -238,8 +214,7 @@ class Context:
     def wait(self) -> None:
         """Wait until the device has executed all commands.
 
-        Reading a query's result waits with every driver; glFinish of zink does not wait for
-        commands that were flushed before.
+        glFinish of zink does not wait for flushed commands; reading a query's result always waits.
         """
         with self.create_queries(1) as (query,):
             self.begin_query(TIME_ELAPSED, query)
@@ -248,10 +223,9 @@ class Context:
             self.read_query(query)
 
     def time_draws(self, calls: int, draw: Callable[[], None], after: Callable[[], None]) -> Sample:
-        """Repeat `draw` and then `after`, wait for the device, and return the total time.
+        """Repeat `draw` and then `after`, a flush or a barrier; return the total time.
 
-        Each of the `calls` repetitions has a separate GPU timer, as a timer of llvmpipe covers only
-        the last flush. `after` is a flush or a barrier.
+        Each repetition has a GPU timer, as a timer of llvmpipe covers only the last flush.
         """
         self.wait()
         with self.create_queries(calls) as timers:
@@ -278,8 +252,8 @@ class Context:
     def upload(self, frame: Frame, triangles: Triangles) -> tuple[Any, Any, Any]:
         """Upload a frame and `triangles` (m, 3); return three buffers.
 
-        The buffers hold the points, (n,) ivec2 in 1/256 px; the polygon number of each point, (n,)
-        uint; and the vertex indices of the triangles, (3 m,) int.
+        The buffers hold points, (n,) ivec2 in 1/256 px; their polygon numbers, (n,) uint; and the
+        triangles' vertices, (3 m,) int.
         """
         numbers = np.arange(len(frame.grid), dtype=np.uint32)
         return (

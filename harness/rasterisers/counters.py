@@ -18,7 +18,6 @@ class Counter:
     heading : shorter label for the terminal's table; with "" the table omits the counter, unless
         the rasteriser has no other counter
     gated : whether `compare` fails if the counter increases; False for inexact driver statistics
-    description : one line for lists of counters
     """
 
     name: str
@@ -32,12 +31,12 @@ class Counter:
     gated: bool = True
 
 
+# Names, labels and units of a driver's pipeline statistics.
 _STATISTICS = (
     ("vertex_shader_invocations", "vertex shader invocations", "invocations"),
     ("clipping_input_primitives", "primitives before clipping", "triangles"),
     ("clipping_output_primitives", "primitives after clipping", "triangles"),
 )
-"""Names, labels and units of a driver's pipeline statistics."""
 
 _TABLE = (
     ("helper_lanes", "helper lanes", "lanes", "uncovered lanes of shaded 2x2 quads"),
@@ -87,7 +86,6 @@ _PROPERTIES: dict[str, dict[str, Any]] = {
     **{name: {"better": "none"} for name in ("fragments", "hits", "depth_ties", "samples_passed")},
     **{name: {"better": "none", "gated": False} for name, *_ in _STATISTICS},
 }
-"""Further properties of some counters."""
 
 COUNTERS = {
     name: Counter(name, label, unit, description=description, **_PROPERTIES.get(name, {}))
@@ -95,8 +93,7 @@ COUNTERS = {
 }
 """Counters of the built-in rasterisers, in display order."""
 
-_registered = dict(COUNTERS)
-"""Built-in counters, then counters registered by third-party rasterisers."""
+_registered = dict(COUNTERS)  # and counters registered by third-party rasterisers
 
 
 def get_counter(name: str) -> Counter:
@@ -116,14 +113,10 @@ def get_sort_key(name: str) -> tuple[int, str]:
 
 @dataclass(frozen=True)
 class Estimate:
-    """An estimate of a counter from criteria, in the counter's unit.
+    """An estimate of a counter, `measure`, from criteria, in the counter's unit.
 
     A criterion only ranks triangulations; an estimate predicts the count, so the error is a
-    percentage and a perfect estimate lies on the diagonal of a plot.
-
-    measure : the counter
-    formula : for display
-    terms : coefficient of each criterion in the sum
+    percentage. `terms` are the coefficients of criteria in the sum; `formula` is for display.
     """
 
     measure: str
@@ -146,9 +139,8 @@ ESTIMATES = {
 
 
 def compute_estimates(columns: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return the `ESTIMATES`, by name, whose terms (criteria) are all in `columns`.
+    """Return the `ESTIMATES`, by name, whose terms are all in `columns`, values or arrays by name.
 
-    columns : value or array of each criterion, by name
     prefix : start of the names in `columns` and of the returned names
     """
     estimates = {}

@@ -1,10 +1,8 @@
 """Devices available to OpenGL (through EGL) and to WebGPU, and the environment each needs.
 
-Mesa reads its settings once, when it is loaded, so each kind of device is probed in a separate
-process; all probes run at once.
-
-The probes take seconds, so their answers are cached in the user's cache folder. A probe runs again
-when drivers, device nodes or the environment variables that drivers read have changed.
+Mesa reads its settings once, when loaded, so each kind of device is probed in a separate process;
+all probes run at once. As probes take seconds, their answers are cached until drivers, device nodes
+or the environment variables that drivers read change.
 """
 
 import hashlib
@@ -49,31 +47,26 @@ SWIFTSHADER = (
 
 BACKENDS = {"darwin": ("Metal",), "win32": ("DX12", "Vulkan")}
 LINUX_BACKENDS = ("Vulkan", "GL")
-"""Backends of WebGPU in order of preference, as in browsers: by `sys.platform`, and for Linux."""
+"""Backends of WebGPU in order of preference, as in browsers."""
 
-REPORTED_BACKENDS = {"DX12": "D3D12", "GL": "OpenGL"}
-"""Names of backends in an adapter's properties, by requested name, if the two names differ."""
+REPORTED_BACKENDS = {"DX12": "D3D12", "GL": "OpenGL"}  # names that adapters report
 
+# Device names of CPU rasterisers, by (word in the adapter's name, backend).
 SOFTWARE_ADAPTERS = {
     ("llvmpipe", "Vulkan"): "lavapipe",
     ("llvmpipe", "OpenGL"): "llvmpipe",
     ("swiftshader", "Vulkan"): "swiftshader",
     ("basic render", "D3D12"): "warp",
 }
-"""Device names of CPU rasterisers, by (word in the adapter's name, backend)."""
 
 Devices = tuple[tuple[Device, ...], tuple[str, ...]]
 """Devices in order of preference, and the problems of unavailable devices."""
 
-Reports = Sequence[Mapping[str, Any]]
-"""Properties of each device that a probe has found."""
+Reports = Sequence[Mapping[str, Any]]  # properties of each device that a probe has found
 
 
 class DeviceKind(NamedTuple):
-    """A kind of device to probe for; of kinds with the same name, the first available is used.
-
-    environment, arguments : environment variables and arguments of `probe.py`
-    """
+    """A kind of device to probe for; of kinds with the same name, the first available is used."""
 
     name: str
     environment: Mapping[str, str]
@@ -81,9 +74,9 @@ class DeviceKind(NamedTuple):
 
 
 def find_vulkan_environment(patterns: Sequence[str]) -> dict[str, str] | None:
-    """Return variables that restrict Vulkan's loader to a driver, or None if the driver is missing.
+    """Return variables that restrict Vulkan's loader to the first driver found, or None.
 
-    patterns : paths of the driver's manifest, with wildcards; the first match is used
+    patterns : paths of the driver's manifest, with wildcards
     """
     manifests = (sorted(Path("/").glob(pattern.lstrip("/"))) for pattern in patterns)
     icd = next(chain.from_iterable(manifests), None)
@@ -131,10 +124,7 @@ def _list_webgpu_kinds() -> Iterator[DeviceKind]:
 
 
 def identify_software_adapter(adapter: Mapping[str, str]) -> str | None:
-    """Return the device name of an adapter that is a CPU rasteriser, or None for a GPU.
-
-    adapter : properties of the adapter, as reported by WebGPU
-    """
+    """Return the device name of an adapter that is a CPU rasteriser, or None for a GPU."""
     for (word, backend), name in SOFTWARE_ADAPTERS.items():
         if word in adapter["device"].lower() and adapter["backend_type"] == backend:
             return name
@@ -155,7 +145,6 @@ def list_webgpu_devices() -> Devices:
 
 
 def _list_devices(kinds: Sequence[DeviceKind]) -> Devices:
-    """Probe for each kind of device; return the available devices, and the problems of others."""
     answers = run_probes([(kind.arguments, kind.environment) for kind in kinds])
     devices: list[Device] = []
     problems: list[str] = []
@@ -184,6 +173,7 @@ def _list_devices(kinds: Sequence[DeviceKind]) -> Devices:
 
 PROBE_TIMEOUT_S = 20.0
 
+# Paths, with wildcards and without "/", that change when drivers or devices are (un)installed.
 DRIVER_PATHS = (
     "usr/lib/*-linux-gnu",
     "usr/lib64",
@@ -195,7 +185,6 @@ DRIVER_PATHS = (
     "dev/dri",
     "dev/nvidia*",
 )
-"""Paths, with wildcards and without "/", that change when drivers or devices are (un)installed."""
 
 DRIVER_VARIABLES = re.compile(
     r"(LD|LIBGL|MESA|GALLIUM|EGL|__EGL|__GLX|__NV|NVIDIA|CUDA|VK|LP|ZINK|WGPU|WAYLAND)_|DISPLAY$|"
@@ -205,18 +194,14 @@ DRIVER_VARIABLES = re.compile(
 
 ROOT = Path("/")
 
-CACHE_FOLDER, MAX_CACHED_ANSWERS = "drivers", 64
-"""Folder with a file for each answer, and maximum number of files, enough for ten environments."""
+CACHE_FOLDER, MAX_CACHED_ANSWERS = "drivers", 64  # a file per answer, enough for ten environments
 
 Probe = tuple[tuple[str, str], Mapping[str, str]]
 """Arguments of `probe.py`, and environment variables in addition to those of this process."""
 
 
 def run_probes(probes: Sequence[Probe]) -> list[dict[str, Any]]:
-    """Return the answer of each probe, {"devices": [...], "problems": [...]}.
-
-    Probes whose answer is not cached run at the same time.
-    """
+    """Return each probe's answer, {"devices": [...], "problems": [...]}; new probes run at once."""
     files = [
         system.get_cache_file(CACHE_FOLDER) / f"{_hash_inputs(*probe)}.json" for probe in probes
     ]
@@ -245,7 +230,6 @@ def clear_cache() -> None:
 
 
 def _read_answer(file: Path) -> dict[str, Any] | None:
-    """Return a probe's cached answer, or None if it is missing or unreadable."""
     try:
         return json.loads(file.read_text()) or None
     except (OSError, ValueError):
