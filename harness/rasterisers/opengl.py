@@ -33,15 +33,13 @@ KEEP_ALPHA = (True, True, True, False)
 WRITE_ALL = (True, True, True, True)
 """Colour masks for counting and for drawing; `_count_per_polygon` has the reason."""
 
-IN_ORDER_RENDERERS = ("softpipe",)
-"""Renderers that finish each triangle before starting the next."""
+IN_ORDER_RENDERERS = ("softpipe",)  # renderers that finish each triangle before the next
 
 
 class GLRasteriser(Rasteriser):
     """A rasteriser on OpenGL through EGL, without a window.
 
-    `context` is the open `Context`, and `ctx` the moderngl context in it. `device.details` also has
-    the driver's vendor, renderer and version.
+    `device.details` also has the driver's vendor, renderer and version.
     """
 
     device_names: ClassVar[tuple[str, ...]] = ("gpu0", "llvmpipe", "softpipe", "zink")
@@ -50,8 +48,7 @@ class GLRasteriser(Rasteriser):
         "zink": f"run: {devices.INSTALL_VULKAN}",
         "": f"run: {devices.INSTALL}",
     }
-    drawn_by: ClassVar[str] = ""
-    """Start of the OpenGL renderer's name, if it differs from the device's name."""
+    drawn_by: ClassVar[str] = ""  # start of the renderer's name, if not the device's name
 
     @classmethod
     def devices(cls) -> list[Device]:
@@ -173,9 +170,8 @@ class OpenGL(GLRasteriser):
     def _count_per_polygon(self, mesh: "Mesh", triangles: Triangles) -> NDArray[np.int64]:
         """Draw, and return the counters `SHADED` of each polygon, (p, 5).
 
-        The first covered lane of each quad counts the quad and sets the triangle's bit. With
-        `IN_ORDER_RENDERERS`, whose shaders cannot detect helper lanes, a buffer with the last
-        triangle of each quad is used instead.
+        The first covered lane of each quad counts the quad and sets the triangle's bit. Shaders of
+        `IN_ORDER_RENDERERS` cannot detect helper lanes, so a buffer has each quad's last triangle.
         """
         shape = (len(mesh.frame.grid), len(SHADED))
         counts = self.context.create_buffer(np.zeros(shape, np.uint32))
@@ -201,7 +197,6 @@ class OpenGL(GLRasteriser):
         return totals
 
     def _draw_in_order(self, mesh: "Mesh", number: int) -> None:
-        """Draw the mesh's `number` triangles with shaders/count_in_order.frag.glsl."""
         columns, rows = (mesh.frame.width + 1) // 2, (mesh.frame.height + 1) // 2
         last = self.context.create_buffer(np.zeros(1 + columns * rows, np.uint32))
         last.bind_to_storage_buffer(1)
@@ -250,9 +245,9 @@ class Mesh(Drawing):
         """Draw `repeats` times.
 
         On a GPU a single call draws all repeats as instances, so that the GPU never waits for a
-        call. A software rasteriser gets a call and a flush per draw and map tile, because its
-        driver collects a frame before drawing and would skip what a later draw covers. With a depth
-        test each draw is a call that clears the depths first, also on a GPU.
+        call. A software driver collects a frame and would skip what a later draw covers, so it gets
+        a call and a flush per draw and map tile. With a depth test each draw is a call that clears
+        the depths first, also on a GPU.
         """
         self.context.activate()
         self.program["work"] = self.options.work

@@ -13,19 +13,13 @@ INSTALL = "apt-get install -y libosmesa6"
 OSMESA_RGBA, UNSIGNED_BYTE = 0x1908, 0x1401
 OSMESA_FORMAT, OSMESA_PROFILE, OSMESA_CORE_PROFILE = 0x22, 0x33, 0x34
 OSMESA_MAJOR, OSMESA_MINOR = 0x36, 0x37
-SIDE = 16
-"""Side in px of the buffer that OSMesa requires; drawings go into framebuffer objects instead."""
+SIDE = 16  # side in px of a buffer that OSMesa requires; drawings go elsewhere
 
 
 class OSMesaContext:
-    """A core-profile context with the methods that moderngl requires.
+    """A core-profile context of libOSMesa with the methods that moderngl requires.
 
-    library : file name of libOSMesa
-
-    Raises
-    ------
-    OSError
-        if the library has no OpenGL 3.3 core context
+    Raises OSError if the library has no OpenGL 3.3 core context.
     """
 
     def __init__(self, library: str) -> None:

@@ -1,9 +1,8 @@
-"""Program that lists the devices of EGL or WebGPU; `devices.py` runs it for each kind of device.
+"""Program that lists the devices of EGL or WebGPU as JSON, for `devices.py`.
 
 `probe.py egl hardware` opens each hardware device of EGL, `probe.py egl software` the first
 software device; `probe.py webgpu BACKEND,BACKEND` (Vulkan, Metal, DX12, GL) lists adapters without
-opening them. Each call prints one JSON object. The program imports nothing of the harness, so that
-it starts quickly; it is a separate process, so that a driver's crash ends only the probe.
+opening them. The program imports nothing of the harness, so that it starts quickly.
 """
 
 import ctypes
@@ -14,18 +13,12 @@ from typing import Any
 EGL_EXTENSIONS = 0x3055
 MAX_DEVICES = 32
 
+# Reported properties of a WebGPU adapter.
 ADAPTER = ("vendor", "architecture", "device", "description", "adapter_type", "backend_type")
-"""Reported properties of a WebGPU adapter."""
 
 
 def list_egl_devices() -> list[dict[str, Any]]:
-    """List EGL's devices by index, and whether each is software, without opening them.
-
-    Raises
-    ------
-    OSError
-        if libEGL is missing or cannot list devices
-    """
+    """List EGL's devices without opening them; raise OSError if libEGL cannot list devices."""
     egl = ctypes.CDLL("libEGL.so.1")
     egl.eglGetProcAddress.restype = ctypes.c_void_p
     egl.eglGetProcAddress.argtypes = [ctypes.c_char_p]
@@ -60,10 +53,7 @@ def open_device(index: int) -> dict[str, str]:
 
 
 def probe_egl(kind: str) -> dict[str, Any]:
-    """Return the EGL devices that open, {"devices": [...], "problems": [...]}.
-
-    kind : "hardware" for all hardware devices, "software" for the first software device
-    """
+    """Return all "hardware" devices, or the first "software" device, that open, and problems."""
     result: dict[str, Any] = {"devices": [], "problems": []}
     try:
         listed = list_egl_devices()
@@ -80,7 +70,7 @@ def probe_egl(kind: str) -> dict[str, Any]:
 
 
 def probe_webgpu(backends: str) -> dict[str, Any]:
-    """Return the adapters of comma-separated backends, {"devices": [...], "problems": [...]}."""
+    """Return the adapters of comma-separated backends, and problems."""
     try:
         import wgpu
         from wgpu.backends.wgpu_native.extras import set_instance_extras

@@ -1,8 +1,8 @@
 """Timing in pyrender, a scene-graph renderer, which draws polygons as roofs of a city.
 
-pyrender is an example of common renderers: perspective, depth test, multisampling, and a frame that
-is read back. Nothing can be counted. pyrender is unmaintained (0.1.45) and runs in a separate
-process. Views of a model are drawn in their own projection, one frame per view, without roofs.
+pyrender (0.1.45, unmaintained) is an example of common renderers: perspective, depth test,
+multisampling, and a frame that is read back. Nothing can be counted. Views of a model are drawn in
+their own projection, one frame per view, without roofs.
 """
 
 import importlib.util
@@ -34,19 +34,11 @@ from triangulators.devices import is_software, selects_renderer
 FIELD_OF_VIEW = np.radians(40.0)
 ELEVATION = np.radians(50.0)
 AZIMUTH = np.radians(-115.0)
-DISTANCE = 1.5
-"""Distance of the camera from the city's centre, in viewport widths."""
-
-OLD_INFINITY = "infty"
-"""Name of infinity in numpy 1, which pyrender still uses."""
-
-LOWEST, TALLEST = 0.005, 0.035
-"""Heights of roofs, as shares of the viewport's width."""
-
-GOLDEN = 0.6180339887498949
-"""Step of the heights of successive roofs, modulo 1: spreads the heights evenly."""
-WALL_SHADE = 0.55
-"""Brightness of walls, relative to the roof."""
+DISTANCE = 1.5  # distance of the camera from the city's centre, in viewport widths
+OLD_INFINITY = "infty"  # name of infinity in numpy 1, which pyrender still uses
+LOWEST, TALLEST = 0.005, 0.035  # heights of roofs, as shares of the viewport's width
+GOLDEN = 0.6180339887498949  # step of successive roofs' heights, modulo 1: spreads them evenly
+WALL_SHADE = 0.55  # brightness relative to the roof
 
 SKY = (0.93, 0.95, 0.98, 1.0)
 

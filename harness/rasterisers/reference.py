@@ -27,19 +27,16 @@ from harness.rasterisers.base import (
 )
 from triangulators.compute.kernels import njit
 
+# Counters of devices that shade quads.
 SHADED = ("fragments", "quads", "helper_lanes", "partial_quads", "covering_triangles")
-"""Counters of devices that shade quads."""
 
-REFERENCE_COUNTERS = (*SHADED, "blocks", "bbox_tests")
-"""Counters of `Reference`; `count_per_triangle` defines each."""
+REFERENCE_COUNTERS = (*SHADED, "blocks", "bbox_tests")  # defined by `count_per_triangle`
 
 
 def count_per_triangle(
     points: NDArray[np.int32], triangles: Triangles, window: NDArray[np.int64] = UNBOUNDED
 ) -> dict[str, NDArray[np.int64]]:
-    """Return the exact counters of each triangle, (m,) by name, computed on the CPU.
-
-    Pixels outside the window (`Frame.window`) do not count. The counters are
+    """Return the exact counters of each triangle in the window (`Frame.window`), (m,) by name.
 
     - fragments: pixels whose centre the triangle covers
     - quads: 2x2 blocks with a covered pixel
@@ -57,7 +54,6 @@ def count_per_triangle(
 def _derive_shaded(
     fragments: NDArray[np.int64], quads: NDArray[np.int64], partial: NDArray[np.int64]
 ) -> dict[str, NDArray[np.int64]]:
-    """Return all counters of `SHADED`, (m,) by name, from three of them, (m,) per triangle."""
     covering = (fragments > 0).astype(np.int64)
     values = (fragments, quads, 4 * quads - fragments, partial, covering)
     return dict(zip(SHADED, values, strict=True))
@@ -66,12 +62,10 @@ def _derive_shaded(
 def count_visible_per_triangle(
     frame: Frame, triangles: Triangles, picture: NDArray[np.uint32] | None = None
 ) -> dict[str, NDArray[np.int64]]:
-    """Draw triangles (m, 3) in order with a depth test; return their counters, (m,) by name.
+    """Draw triangles (m, 3) in order with a depth test; return counters of visible pixels, (m,).
 
-    The counters `SHADED` count only pixels that pass the depth test. `depth_ties` counts depth
-    tests that depend on rounding: a device's counts of pixels and quads may differ by that number.
-
-    picture : (height, width), row 0 at the bottom; receives the colours of polygons
+    `depth_ties` counts depth tests that depend on rounding: a device's counts of pixels and quads
+    may differ by that number. `picture` (height, width), row 0 at the bottom, receives the colours.
     """
     assert frame.depths is not None
     draws = frame.split_by_draw(triangles)
@@ -89,9 +83,8 @@ def count_outline_quads(
 ) -> NDArray[np.int64]:
     """Return the number of 2x2 blocks that each polygon covers, (p,); -1 without a triangulation.
 
-    Drawing a polygon in one piece shades these blocks: a lower bound for every triangulation.
-
-    parts : for each polygon any triangulation (m, 3) that uses every vertex, or None
+    This is a lower bound of the quads of every triangulation. `parts[k]` (m, 3) is any
+    triangulation that uses every vertex, or None.
     """
     sizes = [0 if part is None else len(part) for part in parts]
     bounds = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
@@ -130,8 +123,6 @@ class Reference(CpuRasteriser):
 
 
 class _FillDrawing(Drawing):
-    """Triangles that each draw fills into a picture in memory."""
-
     def __init__(self, frame: Frame, triangles: Triangles) -> None:
         self.frame = frame
         self.triangles = triangles
@@ -160,11 +151,7 @@ def choose_polygon_colours(polygons: NDArray[np.int32]) -> NDArray[np.uint32]:
 
 
 def find_disagreements(frame: Frame, drawn: Counters, expected: Counters) -> list[str]:
-    """Return a sentence for each counter that differs for some polygon.
-
-    drawn, expected : counters of a device and of the reference; only counters that both have for
-        each polygon are compared
-    """
+    """Return a sentence for each counter that both have for each polygon and that differs."""
     sentences = []
     for name, values in expected.items():
         if name not in drawn or drawn[name].shape != values.shape:
@@ -180,16 +167,14 @@ def find_disagreements(frame: Frame, drawn: Counters, expected: Counters) -> lis
 
 
 TILE_SIDES_PX = (16, 32, 64)
-"""Tile sides in px."""
 
 
 def count_tiles_per_triangle(
     points: NDArray[np.int32], triangles: Triangles, window: NDArray[np.int64] = UNBOUNDED
 ) -> dict[str, NDArray[np.int64]]:
-    """Return the number of tiles into which each triangle is binned, (m,) by name.
+    """Return the number of tiles in the window (pixels) of each triangle, (m,) by name.
 
-    Names are tiles_16, tiles_32 and tiles_64 for binning by bounding box, and tiles_16_exact, ...
-    for exact binning. Tiles outside the window (in pixels) do not count.
+    tiles_16, tiles_32, tiles_64: binned by bounding box; tiles_16_exact, ...: exact binning.
     """
     counts = {}
     for side in TILE_SIDES_PX:
@@ -206,11 +191,9 @@ def count_tiles(
     side: int,
     window: NDArray[np.int64],
 ) -> NDArray[np.int64]:
-    """Return the number of tiles of `side` (1/256 px) into which each triangle is binned, (m, 2).
+    """Return the number of tiles of `side` (1/256 px) of each triangle: by box, and exact, (m, 2).
 
-    Column 0 is for binning by bounding box, column 1 for exact binning. Tiles outside the window
-    (first column and row, last column and row of tiles) do not count. A triangle without an area is
-    in no tile.
+    The window is in tiles. A triangle without an area is in no tile.
     """
     counts = np.zeros((len(triangles), 2), np.int64)
     corners = np.zeros((3, 2), np.int64)
@@ -265,8 +248,8 @@ def find_tile_span(
 ) -> tuple[int, int]:
     """Return the first and last column of the tiles of `row` that meet the triangle's interior.
 
-    corners : (3, 2) the triangle's vertices in 1/256 px, counter-clockwise
-    min_column, max_column : columns of the bounding box; others are not considered
+    corners : (3, 2) vertices in 1/256 px, counter-clockwise
+    min_column, max_column : of the bounding box
     """
     for k in range(3):
         x, y = corners[k, 0], corners[k, 1]

@@ -3,16 +3,16 @@
 A pixel is covered if its centre (128/256 px from its corner) is inside all three edge functions of
 the counter-clockwise triangle, y up; a centre exactly on an edge is covered if the edge is a left
 edge (it runs down) or a bottom edge (horizontal, it runs right). That is the top-left rule of
-Direct3D and Mesa, whose y axis points down, so their top edge is a bottom edge here. Within a row
-an edge function is linear in x, so one floor division gives its first or last covered pixel.
+Direct3D and Mesa, whose y axis points down. Within a row an edge function is linear in x, so one
+floor division gives its first or last covered pixel.
 
 Source of the edge functions: J. Pineda, "A Parallel Algorithm for Polygon Rasterization",
 SIGGRAPH 1988.
 
 A depth test does not change which pixels are covered. The depth is a plane through the triangle's
-snapped vertices, here in double precision. A device computes depths in single precision, so if the
-distance of two surfaces is within that rounding error, either may be visible: such a test is a
-*tie*. Counters differ from a device's by at most one pixel and one quad per tie.
+snapped vertices, here in double precision. A device computes in single precision: if two surfaces
+are closer than that rounding error, either may be visible, and the test is a *tie*. Counters differ
+from a device's by at most one pixel and one quad per tie.
 """
 
 import numpy as np
@@ -23,8 +23,7 @@ from triangulators.compute.kernels import njit
 Points = NDArray[np.int32]
 Triangles = NDArray[np.int32]
 Edges = NDArray[np.int64]
-Window = NDArray[np.int64]
-"""First column and row, last column and row of the drawn pixels: `Frame.window`."""
+Window = NDArray[np.int64]  # first column and row, last column and row: `Frame.window`
 
 FRAGMENTS, QUADS, PARTIAL_QUADS, BLOCKS, BBOX_TESTS = range(5)
 """Columns of the result of `count_pixels_per_triangle`."""
@@ -35,10 +34,7 @@ _HALF = 128
 
 @njit(inline="always")
 def find_pixel_range(low: int, high: int) -> tuple[int, int]:
-    """Return the first and last pixel whose centre lies in [low, high] (1/256 px).
-
-    If the interval contains no centre, the first pixel is greater than the last.
-    """
+    """Return first and last pixel with centre in [low, high] (1/256 px); first > last if none."""
     return -((_HALF - low) // _UNIT), (high - _HALF) // _UNIT
 
 
@@ -77,10 +73,9 @@ def set_up_edges(
 
 @njit(error_model="numpy", inline="always")
 def find_span(edges: Edges, y: int, min_x: int, max_x: int) -> tuple[int, int]:
-    """Return the first and last pixel of row `y` that a triangle covers, or first > last if none.
+    """Return the first and last pixel of row `y` that a triangle covers; first > last if none.
 
-    edges : edge functions from `set_up_edges`
-    min_x, max_x : columns of the bounding box; others are not considered
+    min_x, max_x : columns of the bounding box
     """
     for k in range(3):
         value = edges[k, 0] + edges[k, 1] * y
@@ -99,11 +94,9 @@ def find_span(edges: Edges, y: int, min_x: int, max_x: int) -> tuple[int, int]:
 def count_pixels_per_triangle(
     points: Points, triangles: Triangles, window: Window
 ) -> NDArray[np.int64]:
-    """Return the counters of each triangle in the window, (m, 5).
+    """Return the counters of each triangle in the window, (m, 5); see `count_per_triangle`.
 
-    Columns: FRAGMENTS, covered pixels; QUADS, 2x2 blocks with a covered pixel; PARTIAL_QUADS, 2x2
-    blocks with a covered and an uncovered pixel; BLOCKS, 4x4 blocks with a covered pixel;
-    BBOX_TESTS, pixel centres in the bounding box.
+    Rows are taken by four, so that a row's span serves pixels, 2x2 quads and 4x4 blocks.
     """
     counts = np.zeros((len(triangles), 5), np.int64)
     edges = np.zeros((3, 3), np.int64)
@@ -136,7 +129,7 @@ def count_outline_quads(
     """Return the number of 2x2 blocks in which each polygon covers a pixel of the window, (p,).
 
     triangles[bounds[k]:bounds[k + 1]] are a triangulation of polygon k. A mask of the polygon's
-    bounding box marks touched blocks, so that a block that several triangles touch counts once.
+    bounding box marks touched blocks, so that a block of several triangles counts once.
     """
     counts = np.zeros(len(bounds) - 1, np.int64)
     edges = np.zeros((3, 3), np.int64)
@@ -168,20 +161,14 @@ def count_outline_quads(
 
 @njit(inline="always")
 def count_full_quads(spans: NDArray[np.int64]) -> int:
-    """Count the quads that two rows of pixels, the lower one even, fully cover.
-
-    spans : (2, 2) first and last covered pixel of each row
-    """
+    """Count the quads that two rows' spans (2, 2), the lower row even, fully cover."""
     low, high = max(spans[0, 0], spans[1, 0]), min(spans[0, 1], spans[1, 1])
     return int(max(0, ((high + 1) >> 1) - ((low + 1) >> 1)))
 
 
 @njit
 def count_touched_cells(spans: NDArray[np.int64], shift: int) -> int:
-    """Count the cells, 2**shift px wide, that have a covered pixel in any of k rows.
-
-    spans : (k, 2) first and last covered pixel of each row; sorted in place
-    """
+    """Count the cells, 2**shift px wide, with a covered pixel in k spans (k, 2); sort the spans."""
     total = 0
     reach = np.int64(-1)
     for i in range(len(spans)):
@@ -228,8 +215,7 @@ def count_lanes_per_pixel(
 ) -> None:
     """Add to each pixel's counts the numbers of covering triangles and of helper lanes there.
 
-    covered, helpers : (height, width) sums of triangles and of helper lanes; row 0 at the bottom,
-        height and width even
+    covered, helpers : (height, width), both even; row 0 at the bottom
     """
     edges = np.zeros((3, 3), np.int64)
     rows = np.zeros((2, 2), np.int64)
@@ -256,18 +242,13 @@ def count_lanes_per_pixel(
                         helpers[bottom + k, x] += 1
 
 
-TIES = 3
-"""Last column of the result of `count_visible_pixels`, after FRAGMENTS, QUADS and PARTIAL_QUADS."""
+TIES = 3  # column after FRAGMENTS, QUADS and PARTIAL_QUADS in `count_visible_pixels`
+DEEPEST = float(1 << 24)  # depth of the background; only smaller depths are drawn
+ERROR_STEPS = 16.0  # constant term of a device's tolerated depth error, in depth-buffer steps
 
-DEEPEST = float(1 << 24)
-"""Depth of the background; only smaller depths are drawn."""
-
-ERROR_STEPS = 16.0
-"""Constant term of the tolerated rounding error of a device's depth, in depth-buffer steps."""
-
+# Variable term, as a share of the change of the triangle's depth plane across the picture. Single
+# precision has 24 bits; the slope of a plane is accurate to about 22.
 ERROR_SHARE = 2.0**-20
-"""Variable term of that error, as a share of the change of the triangle's depth plane across the
-picture. Single precision has 24 bits; the slope of a plane is accurate to about 22."""
 
 
 @njit(error_model="numpy")
@@ -286,9 +267,8 @@ def count_visible_pixels(
     blocks in which some pixels pass and others do not; TIES, tests within the rounding error.
 
     points, depths : (n, 2) in 1/256 px, and (n,) from 0, near, to `DEEPEST`
-    begins : (v + 1,) rows of triangles at which views begin; each view starts with cleared depths
-    colours : (m,) the colour of each triangle in `picture`
-    picture : (height, width), both even, row 0 at the bottom; receives the visible colours
+    begins : (v + 1,) first triangles of views; each view starts with cleared depths
+    picture : (height, width), both even, row 0 at the bottom; receives visible `colours` (m,)
     """
     counts = np.zeros((len(triangles), 4), np.int64)
     edges = np.zeros((3, 3), np.int64)

@@ -1,20 +1,18 @@
 """Vertex batches: how often the order of an index buffer makes a GPU transform a vertex.
 
-A GPU processes an index buffer in batches: a vertex is transformed once in each batch that uses it.
-A batch ends before the triangle with which it would transform more than `max_vertices` vertices,
-and after `max_triangles` triangles. Source: B. Kerbl, M. Kenzel, E. Ivanchenko, D. Schmalstieg and
-M. Steinberger, "Revisiting The Vertex Cache: Understanding and Optimizing Vertex Processing on the
-modern GPU", Proceedings of the ACM on Computer Graphics and Interactive Techniques 1(2), 2018.
+A GPU transforms a vertex once in each batch that uses it. A batch ends before the triangle with
+which it would transform more than `max_vertices` vertices, and after `max_triangles` triangles.
+Source: B. Kerbl, M. Kenzel, E. Ivanchenko, D. Schmalstieg and M. Steinberger, "Revisiting The
+Vertex Cache: Understanding and Optimizing Vertex Processing on the modern GPU", Proceedings of the
+ACM on Computer Graphics and Interactive Techniques 1(2), 2018.
 
 Some GPUs also lose vertices within a batch: a first-in first-out cache holds the last `cache_size`
 transformed vertices. With `cache_size` alone this is the classical vertex cache, in one batch.
 
-Computation. Let `time` be the number of vertices transformed so far, and `entered[v]` its value
-when vertex v was last transformed. A batch that began at time s reuses v if entered[v] >= s and
-time - entered[v] <= cache_size. So ending a batch is one assignment, s = time, and an index buffer
-of m triangles takes O(m). Invariant of the loop: the current batch has transformed time - s
-vertices. Each batch has 1 to `max_triangles` triangles, so m / max_triangles <= batches <= m, and
-transformed vertices number from the distinct vertices to 3 m.
+Let `time` be the number of vertices transformed so far, and `entered[v]` its value when vertex v
+was last transformed. A batch that began at time s reuses v if entered[v] >= s and
+time - entered[v] <= cache_size. So ending a batch is one assignment, s = time, and m triangles take
+O(m). Invariant of the loop: the current batch has transformed time - s vertices.
 """
 
 from typing import NamedTuple
@@ -25,8 +23,7 @@ from numpy.typing import NDArray
 from harness.frame import Frame
 from triangulators.compute.kernels import njit
 
-UNLIMITED = 2**31 - 1
-"""A limit that no index buffer reaches."""
+UNLIMITED = 2**31 - 1  # a limit that no index buffer reaches
 
 
 class VertexReuse(NamedTuple):
@@ -37,12 +34,11 @@ class VertexReuse(NamedTuple):
     cache_size: int = UNLIMITED
 
 
-NVIDIA = VertexReuse()
-"""Kerbl et al. measured batches of 96 indices on a GTX 1080 Ti."""
+NVIDIA = VertexReuse()  # measured by Kerbl et al. on a GTX 1080 Ti: batches of 96 indices
 
 AMD = VertexReuse(64, 128, 14)
-"""Waves of 64 vertices and a cache of 14 vertices, the parameters with which the developers of
-meshoptimizer evaluate orders; Kerbl et al. measured batches of 384 indices on an R7 200."""
+"""Waves of 64 vertices and a cache of 14 vertices, as the developers of meshoptimizer evaluate
+orders; Kerbl et al. measured batches of 384 indices on an R7 200."""
 
 
 def make_fifo_cache(size: int) -> VertexReuse:
@@ -58,10 +54,7 @@ def count_batches(
 ) -> tuple[int, int]:
     """Return the numbers of vertex batches and transformed vertices of triangles (m, 3).
 
-    Raises
-    ------
-    ValueError
-        if a batch or the cache would have no room for a triangle
+    Raises ValueError if a batch or the cache would have no room for a triangle.
     """
     if max_vertices < 3 or max_triangles < 1 or cache_size < 3:
         raise ValueError(
@@ -79,7 +72,6 @@ def count_batches(
 def _count_batches(
     triangles: np.ndarray, max_vertices: int, max_triangles: int, cache_size: int
 ) -> tuple[int, int]:
-    """Return the numbers of batches and transformed vertices; see the module's "Computation"."""
     first = triangles.min()
     # -1, a time before the first batch, which begins at time 0: not transformed yet.
     entered = np.full(triangles.max() - first + 1, -1, dtype=np.int64)
@@ -105,11 +97,7 @@ def _count_batches(
 def sum_batches_of_draws(
     frame: Frame, triangles: NDArray[np.int32], reuse: VertexReuse = NVIDIA
 ) -> dict[str, int]:
-    """Return the vertex batches and transformed vertices of triangles (m, 3) in submission order.
-
-    Each map tile, and each view of a model, is a separate draw, which begins a batch; counters are
-    summed over draws.
-    """
+    """Return the numbers of `count_batches`, summed over draws (map tiles, a model's views)."""
     counts = [count_batches(triangles[rows], *reuse) for rows in frame.split_by_draw(triangles)]
     batches, transformed = np.array(counts, np.int64).sum(axis=0).tolist()
     return {"vertex_batches": batches, "transformed_vertices": transformed}

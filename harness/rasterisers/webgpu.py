@@ -32,23 +32,15 @@ from scenes.spec import format_install_command
 
 FORMAT = "rgba8unorm"
 
-QUAD_COUNT_SCALE = 12
-"""Number that the covered pixels of a quad together add to a counter; see shaders/count.wgsl."""
+QUAD_COUNT_SCALE = 12  # sum of the covered pixels of a quad in a counter; see shaders/count.wgsl
+MAX_LANES = 2**30  # lanes of a counting draw, 2**28 quads: counters stay at or below 3 * 2**30
 
-MAX_LANES = 2**30
-"""Maximum lanes of one counting draw, 2**28 quads, so that counters stay at or below 3 * 2**30."""
-
+# Channels written while counting, all except alpha: llvmpipe discards a tile's collected storage
+# writes when an opaque triangle covers the tile, and a draw that keeps alpha is not opaque.
 KEEP_ALPHA = 7
-"""Channels written while counting, all except alpha: llvmpipe discards a tile's collected storage
-writes when an opaque triangle covers the tile, and a draw that keeps alpha is not opaque."""
-WRITE_ALL = 15
-"""Channels written while drawing: all four."""
-
-GRID_STEPS = (1, 2, 4, 8, 16)
-"""Steps of the vertex grids that WebGPU's backends allow, in 1/256 px."""
-
-PROBE_PX, PROBES = 64, 80
-"""Viewport and number of triangles for detecting the device's grid."""
+WRITE_ALL = 15  # channels written while drawing
+GRID_STEPS = (1, 2, 4, 8, 16)  # steps of the vertex grids that backends allow, in 1/256 px
+PROBE_PX, PROBES = 64, 80  # viewport and triangles for detecting the device's grid
 
 DRAW_BUFFERS = [
     {
@@ -74,16 +66,13 @@ COUNT_BUFFERS = [
 
 LIMITS = ("max-texture-dimension-2d", "max-buffer-size", "max-storage-buffer-binding-size")
 
+# Words in the names of GPUs that shade triangles immediately. Other GPUs collect a pass first and
+# skip triangles that later opaque triangles hide, so they get a pass per draw, not instances.
 IMMEDIATE = ("nvidia", "amd", "radeon", "intel")
-"""Words in the names of GPUs that shade triangles immediately. Other GPUs collect a pass first and
-skip triangles that later opaque triangles hide, so they get a pass per draw, not instances."""
 
 
 class WebGPU(Rasteriser):
-    """Rasteriser on WebGPU, without a window.
-
-    Helper lanes are computed as 4 * quads - fragments.
-    """
+    """Rasteriser on WebGPU, without a window; helper lanes are 4 * quads - fragments."""
 
     name = "webgpu"
     shades_fragments = True
@@ -113,10 +102,7 @@ class WebGPU(Rasteriser):
 
     @classmethod
     def supports(cls, options: Options) -> bool:
-        """Return whether `options` are supported: one sample per pixel and no texture.
-
-        WebGPU does not specify sample positions, so several samples could not be verified.
-        """
+        """Return whether `options` have no texture and one sample, as positions are unspecified."""
         return options.samples == 1 and options.texture == 0
 
     def __init__(self, device: Device) -> None:
@@ -155,10 +141,9 @@ class WebGPU(Rasteriser):
         self.gpu.destroy()
 
     def _find_step(self) -> int | None:
-        """Return the step of the grid to which the device snaps vertices, in 1/256 px, or None.
+        """Return the step of the device's grid of vertices, in 1/256 px, or None.
 
-        The grid of frames has a step of 1, that of a device up to 16. The result is the first step
-        at which the device's counters of random triangles equal the reference's, or None.
+        At this step the device's counters of random triangles equal the reference's.
         """
         rng = np.random.default_rng(7)
         corners = rng.integers(SUBPIXEL, (PROBE_PX - 1) * SUBPIXEL, (3 * PROBES, 2))
@@ -216,10 +201,7 @@ class WebGPU(Rasteriser):
     def get_target(self, frame: Frame) -> Any:
         """Return a view of a texture to draw into; the last texture is reused if the size is equal.
 
-        Raises
-        ------
-        UsageError
-            if the frame is too large
+        Raises UsageError if the frame is too large.
         """
         check_size(frame.width, frame.height, self.max_size)
         size = (frame.width, frame.height, 1)
@@ -245,10 +227,7 @@ class WebGPU(Rasteriser):
         return self.gpu.create_bind_group(layout=layout, entries=entries)
 
     def _build_pipeline(self, name: str, entry: str, mask: int, buffers: Sequence[Any]) -> Any:
-        """Build a pipeline from shaders/NAME.wgsl; `entry` is its fragment shader's function.
-
-        mask, buffers : colour channels to write, and layouts of the vertex buffers
-        """
+        """Build a pipeline from shaders/NAME.wgsl; `entry` is its fragment shader's function."""
         module = self.gpu.create_shader_module(code=read_shader(f"{name}.wgsl"))
         return self.gpu.create_render_pipeline(
             layout="auto",
@@ -263,13 +242,6 @@ class WebGPU(Rasteriser):
 
 
 def _find_adapter(device: Device) -> Any:
-    """Return the adapter that `device` describes.
-
-    Raises
-    ------
-    NoRasteriserError
-        if wgpu is not installed or lacks the adapter in this process
-    """
     try:
         import wgpu
     except (ImportError, OSError) as error:
@@ -286,7 +258,6 @@ def _find_adapter(device: Device) -> Any:
 
 
 def _get_size_in_subpixels(frame: Frame) -> NDArray[np.float32]:
-    """Return width and height of the viewport in 1/256 px."""
     return np.array([SUBPIXEL * frame.width, SUBPIXEL * frame.height], np.float32)
 
 
@@ -297,8 +268,6 @@ def begin_pass(encoder: Any, target: Any, timestamps: Mapping[str, Any] | None =
 
 
 class _UploadedTriangles(Drawing):
-    """A triangulation in buffers of the device, for repeated drawing."""
-
     def __init__(self, owner: WebGPU, frame: Frame, triangles: Triangles, work: int) -> None:
         numbers = np.arange(len(frame.grid), dtype=np.uint32)
         view = np.zeros(4, np.float32)
@@ -324,8 +293,8 @@ class _UploadedTriangles(Drawing):
     def sample(self, repeats: int) -> Sample:
         """Draw `repeats` times.
 
-        A GPU that shades triangles immediately gets one pass, which draws instances. Other GPUs
-        collect a pass before shading and skip hidden triangles, so each draw is a separate pass.
+        A GPU that shades triangles immediately draws instances in one pass; others need a pass per
+        draw, see `IMMEDIATE`.
         """
         instances = repeats if self.one_pass else 1
         passes = [self._draws] if self.one_pass else [[rows] for rows in self._draws] * repeats
