@@ -49,7 +49,6 @@ class Run:
 
     path : folder, or `cases.jsonl` if only that file was given
     facts : the content of `run.json`, or {} if missing
-    records : in the order written
     problems : a line for each unreadable part
     modified : names of array files whose checksum differs
     truncation : message if the file of records is shorter than when it was written, or ""

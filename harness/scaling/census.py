@@ -41,11 +41,7 @@ TOO_THIN = "thinner than the grid of 1/256 px"
 
 @dataclass(frozen=True)
 class Counting(PartWork):
-    """Options common to both kinds of census.
-
-    triangulators : full names; the first is the base of the gains
-    noun : plural of the counted objects, footprints or polygons
-    """
+    """Options of both kinds of census; the first triangulator is the base of the gains."""
 
     title: ClassVar[str] = "counting"
     suffix: ClassVar[str] = ".npz"

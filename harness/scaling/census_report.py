@@ -1,7 +1,4 @@
-"""Results of a census: table, distribution and map of gains.
-
-Footprints are one group. Polygons of map tiles have a line for each zoom and layer.
-"""
+"""Results of a census: table, distribution and map of gains."""
 
 from __future__ import annotations
 

@@ -182,7 +182,6 @@ def list_files(pattern: str) -> list[Path]:
 class Summary:
     """State of the folder after a command.
 
-    fresh : parts that this command processed
     counts : number of dropped, repaired and failed polygons by (kind, reason)
     set_aside : reason by file or part that has no result
     pruned : rows skipped because the row group's statistics exclude the condition

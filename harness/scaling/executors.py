@@ -1,7 +1,6 @@
 """Executors of tasks: this process, or Dask workers, local or of a scheduler at an address.
 
-A task may run more than once, if a process was killed. Therefore a task must store the same result
-under the same name each time.
+A task may run more than once, and must store the same result under the same name each time.
 
 Each thread of a Dask worker runs its tasks in a separate process. A task that crashes ends that
 process, not the worker, so the failing task is known. If the worker is killed, the process is
@@ -64,10 +63,7 @@ class Executor:
     threads_per_task: int | None = None  # one for each core
 
     def run_all(self, tasks: Mapping[str, Task]) -> Iterator[tuple[str, TaskResult]]:
-        """Run named tasks; yield the name and the result of each task when it ends.
-
-        Raises HarnessError if the executor cannot continue; finished tasks remain finished.
-        """
+        """Run named tasks; yield the name and the result of each task when it ends."""
         for name, (function, arguments) in tasks.items():
             for _ in range(MAX_ATTEMPTS):
                 try:
@@ -228,7 +224,6 @@ def _run_pickled(task: bytes) -> bytes:
 
 
 def _get_process() -> Worker:
-    """Return the worker process of this thread, which runs all tasks of the thread."""
     from harness.workers.worker import get_shared_worker  # not needed without Dask
 
     # Dask starts workers as daemons, which may not start processes. No public setting lets them

@@ -1,8 +1,4 @@
-"""Sums over polygons for each triangulator, and the files of a part's sums.
-
-A part's file has sums and a histogram of gains for each group of polygons, and sums of each map
-cell. Files are small, so the files of a country are added quickly.
-"""
+"""Sums over polygons for each triangulator, and the small files of a part's sums."""
 
 import json
 from collections.abc import Iterable

@@ -5,10 +5,8 @@ errors: for each polygon, the cost of the selected triangulation relative to the
 The minimum of quads and helper lanes is exact if `optimal:exact-quads` was measured;
 otherwise the minimum of the measured triangulations is used.
 
-For times, the minimum of many noisy medians is lower than any true time, so that even the best
-triangulation would have a regret; and the best triangulation of a part of the rounds is not
-the best of every part. So a regret of a time has a lower and an upper estimate, which bracket the
-truth on average (`estimate_regret`). The parts are processes or epochs, which share no buffers.
+The minimum of many noisy medians is lower than any true time. So a regret of a time has a lower and
+an upper estimate, from processes or epochs, which bracket the truth on average (`estimate_regret`).
 """
 
 import math
