@@ -1,9 +1,8 @@
 """A shapely polygon as arrays of vertices, rings and boundary edges.
 
-Most polygons are a simple ring: edges meet only at common vertices, so the polygon is valid. A
-compiled pass (`find_ring_orientation`) recognises such rings if a float64 filter is certain; for a
-building, the pass takes a tenth of the time of GEOS's general validity test. GEOS tests all other
-polygons, and provides the reasons for error messages.
+Most polygons are a simple ring, which `find_ring_orientation` recognises if a float64 filter is
+certain; for a building, this takes a tenth of the time of GEOS's general validity test. GEOS tests
+all other polygons, and provides the reasons for error messages.
 """
 
 from functools import lru_cache

@@ -2,10 +2,9 @@
 
 Take the directed edges of counter-clockwise triangles; an edge cancels the same edge in the
 opposite direction. If the edges that remain are the polygon's boundary, the triangles cover each
-point as often as the boundary winds around it: once inside, never outside. So no intersections are
-computed, and coordinates on a grid are verified without rounding. If edges cancel only after they
-are split at vertices that lie on them, these vertices are T-junctions: the triangles cover the
-polygon, but the triangulation is not conforming.
+point as often as the boundary winds around it: once inside, never outside. If edges cancel only
+after they are split at vertices that lie on them, these vertices are T-junctions: the triangles
+cover the polygon, but the triangulation is not conforming.
 """
 
 from collections import Counter

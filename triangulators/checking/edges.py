@@ -64,9 +64,8 @@ def find_edges(outline: Boundary) -> Edges:
 def surrounds_hole(points: np.ndarray, holes: np.ndarray, a: int, b: int, c: int) -> bool:
     """Whether the counter-clockwise triangle a, b, c, whose sides are edges, surrounds a hole.
 
-    holes (h, 4): see `Edges`. No edge of the boundary crosses the triangle's sides, so a hole is
-    entirely inside or entirely outside, except for vertices shared with the triangle. Of four sites
-    of the hole, the first that is not a vertex of the triangle decides.
+    No edge of the boundary crosses the triangle's sides, so the first of the hole's four sites that
+    is not a vertex of the triangle decides.
     """
     for hole in range(len(holes)):
         for v in holes[hole]:
@@ -180,9 +179,9 @@ def _do_segments_meet(points: np.ndarray, a: int, b: int, c: int, d: int) -> boo
 def _find_meeting_edge(sides: _Sides, scale: float, a: int, b: int, stack: np.ndarray) -> int:
     """Return the index of a boundary edge that a-b meets, -1 if there is none, -2 if a-b is one.
 
-    The segment a-b starts into the interior at both ends. scale: largest absolute coordinate;
-    stack: workspace, two elements per level of the tree of boxes. A box is skipped if the segment's
-    box does not meet it, or if the segment's line passes it at more than the rounding error.
+    scale: largest absolute coordinate; stack: workspace, two elements per level of the tree. A box
+    is skipped if the segment's box does not meet it, or if the segment's line passes it at more
+    than the rounding error.
     """
     points, edges, _following, _ending, _first, boxes = sides
     ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]

@@ -58,8 +58,7 @@ class Units(NamedTuple):
 
     scale: units in a cost of 1, a power of two; factor: weight of a unit; bits: an edge's noise is
     below 2^bits; exact: True if no triangle's cost is rounded; real: True if costs are real
-    numbers, so that optimality is proven up to a relative error. If `scale` is 2^900, the maximum,
-    units may be too coarse, and nothing is proven.
+    numbers, so that optimality is proven up to a relative error.
     """
 
     scale: float
@@ -114,9 +113,8 @@ def compute_exact_total(
 def proves_optimality(total: Fraction, bound_units: int, count: int, units: Units) -> bool:
     """Whether a lower bound proves the triangulation with cost `total` optimal.
 
-    bound_units: the bound in units, not above the total (see `checker`); count: number of
-    triangles. Real costs are rounded down to units, also those of the optimum: a difference of less
-    than a unit per triangle proves optimality, unless units may be too coarse.
+    bound_units: the bound in units, not above the total. Costs are rounded down to units, so that a
+    difference of less than a unit per triangle proves optimality, unless units may be too coarse.
     """
     bound = Fraction(bound_units) / Fraction(units.scale)
     if units.real and total != 0 and units.scale < _MAX_SCALE:
@@ -127,9 +125,8 @@ def proves_optimality(total: Fraction, bound_units: int, count: int, units: Unit
 def find_exact_scale(points: np.ndarray, cost: Cost) -> tuple[float, bool, float]:
     """Return (scale, is_integer, max_units) of costs that doubles compute exactly.
 
-    scale: units in a cost of 1, or 0.0 if doubles do not compute each cost exactly; is_integer:
-    costs are integers, of any size, because all coordinates (n, 2) are; max_units: upper bound of
-    twice a triangle's cost, in units.
+    scale: units in a cost of 1, or 0.0 if doubles do not compute each cost exactly; is_integer: all
+    coordinates are integers, of any size; max_units: upper bound of twice a triangle's cost.
     """
     if cost["custom"]:
         return 0.0, False, math.inf
@@ -162,11 +159,7 @@ def _count_binary_places(points: np.ndarray) -> int:
 
 @njit(nogil=True)
 def compute_costs(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.ndarray:
-    """Return the cost (t,) of each triangle (t, 3) of points (n, 2).
-
-    The vertex of lowest index comes first in the computation, because the last digit of a cost in
-    doubles may depend on the order of the vertices.
-    """
+    """Return the costs (t,) of triangles (t, 3), computed with the lowest vertex index first."""
     result = np.empty(len(triangles))
     for t in range(len(triangles)):
         a, b, c = rotate_lowest_first(triangles[t, 0], triangles[t, 1], triangles[t, 2])

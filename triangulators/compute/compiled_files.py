@@ -1,15 +1,13 @@
 """Compiled code on disk: a folder for each module, named by a digest of the sources.
 
-Numba itself stores compiled code next to the source, or in NUMBA_CACHE_DIR, and detects changes
-only in the file of a function. But compiled code contains all called functions, also those of
-imported files. So the name of a folder contains a digest of the module's source and of all modules
-of this project that it imports, directly or indirectly: an edit recompiles exactly the edited
-module and those that import it. The name of a file in the folder contains the function, and a
-digest of the argument types and the processor with its features.
+Numba itself detects changes only in the file of a function. But compiled code contains all called
+functions, also those of imported files. So the name of a folder contains a digest of the module's
+source and of all modules of this project that it imports, directly or indirectly: an edit
+recompiles exactly the edited module and those that import it. The name of a file in the folder
+contains the function, and a digest of the argument types and the processor with its features.
 
 No file is ever overwritten with different content, so several versions of the sources, and several
-processes that compile at once, share one folder: NUMBA_CACHE_DIR, or the user's cache folder.
-`raster-harness cache clear` removes old code.
+processes, share one folder: NUMBA_CACHE_DIR, or the user's cache folder.
 """
 
 import hashlib

@@ -3,12 +3,11 @@
 `copy_row`, `copy_rows`: with every assignment to a slice Numba compiles code for an error message,
 which takes about two seconds of compile time. Copying element by element avoids that.
 
-`fmin`: Numba compiles `min` to compare and branch, which LLVM's loop vectoriser does not recognise
-as a reduction. It recognises llvm.minnum if NaN and signed zeros are excluded.
+`fmin`: LLVM's loop vectoriser recognises llvm.minnum as a reduction if NaN and signed zeros are
+excluded, but not Numba's `min`, which compares and branches.
 
 `update_minimum_costs`: a loop of one or two iterations, entered about thirty times per polygon,
-would spend the time in the vectoriser's prologue and epilogue (overlap checks, remaining lanes). An
-explicit vector operation has neither.
+would spend the time in the vectoriser's overlap checks and remaining lanes.
 """
 
 from typing import Any

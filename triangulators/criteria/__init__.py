@@ -2,13 +2,7 @@
 
 A criterion sums a cost per triangle over a triangulation. Every built-in criterion except
 "exact-quads" is a weighted sum of `FEATURES`. A feature, and a user's criterion, is a Numba
-function of three points, given as six numbers.
-
-Units follow from the unit of the coordinates, which is a pixel for polygons in a picture.
-
-criterion  `Criterion`, weighted sums of features, `mixed` and `calibrated`
-features   compiled features of a triangle; exact quads on the pixel grid
-cost       a criterion as a record for compiled code
+function of three points, given as six numbers. Units follow from the unit of the coordinates.
 """
 
 from collections.abc import Callable, Mapping

@@ -33,8 +33,7 @@ Cost: TypeAlias = np.record
 """The cost to minimise: a weighted sum of features, or `sign` times a user's function; read only.
 
 Compiled code reads `cost.box`; Python code reads `cost["box"]`, which is eight times as fast there.
-weights (k,): weights of `FEATURES`, times `sign`, which is -1 to maximise. custom: True if the cost
-is the user's function at the address `function`. box (3,): the weights of half-perimeter,
+sign: -1 to maximise, by which `weights` are multiplied. box (3,): the weights of half-perimeter,
 bounding-box area and edge length. is_box: True if no other feature has a weight, except the number
 and the area of triangles, whose sums are the same for every triangulation of a polygon.
 """

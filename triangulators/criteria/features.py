@@ -1,11 +1,9 @@
 """Features of a triangle; every built-in criterion is a weighted sum of them.
 
-The optimiser, the predictions and the tests share the definition of a feature: a Numba function of
-three points as six numbers. `criterion.FEATURES` lists the names in the order of weights. A new
-feature is added to `FEATURES`, `FEATURE_COUNT`, `weigh_triangle`, `weigh_triangles` and
-`sum_features`.
-
-Only `exact_quads`, which is not in `FEATURES`, depends on the position on the pixel grid.
+A feature is a Numba function of three points as six numbers. `criterion.FEATURES` lists the names
+in the order of weights. A new feature is added to `FEATURES`, `FEATURE_COUNT`, `weigh_triangle`,
+`weigh_triangles` and `sum_features`. Only `exact_quads`, which is not in `FEATURES`, depends on the
+position on the pixel grid.
 """
 
 import math

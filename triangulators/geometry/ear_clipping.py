@@ -1,9 +1,8 @@
 """Ear clipping of one ring in compiled code: the triangles of mapbox_earcut, without the GIL.
 
 mapbox_earcut holds Python's global interpreter lock (GIL), so threads cannot clip at the same time,
-and a call takes about two microseconds. `clip_ears_of_ring` clips rings of up to `MAX_VERTICES`
-vertices, most rings of a map. It gives up if earcut would repair the ring: if no ear is left, or
-the first vertex is repeated at the end.
+and a call takes about two microseconds. `clip_ears_of_ring` gives up if earcut would repair the
+ring: if no ear is left, or the first vertex is repeated at the end.
 """
 
 import numpy as np

@@ -1,10 +1,9 @@
 """Ear clipping by mapbox_earcut, after translating polygons that are far from the origin.
 
-earcut joins a hole to the outer ring where a horizontal line from the hole meets an edge, and
-computes that point in absolute coordinates. Far from the origin the rounding error exceeds small
-distances in the polygon, so the wrong edge may be chosen, and triangles overlap: by 6.9 % of the
-area for a triangle with two holes at (2.5e6, -5e5). Near the origin the rounding error is relative
-to the polygon's size. The translation is exact (Sterbenz' lemma), so the shape does not change.
+earcut joins a hole to the outer ring where a horizontal line from the hole meets an edge, computed
+in absolute coordinates. Far from the origin the rounding error may choose the wrong edge, and
+triangles overlap: by 6.9 % of the area for a triangle with two holes at (2.5e6, -5e5). The
+translation is exact (Sterbenz' lemma), so the shape does not change.
 """
 
 from typing import Any

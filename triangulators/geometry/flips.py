@@ -1,17 +1,15 @@
 """Flips of diagonals, in the order that all language ports share (see ports/ORDER.md).
 
 Two triangles that share an edge form a quadrilateral. If the quadrilateral is strictly convex, a
-flip replaces its diagonal by the other diagonal. Diagonals are flipped while a flip gains, by one
-of the tests below. Each flip decreases a sum or replaces a diagonal by a shorter one, so no
-triangulation occurs twice and the flips terminate.
+flip replaces its diagonal by the other diagonal. Each flip decreases a sum or replaces a diagonal
+by a shorter one, so no triangulation occurs twice and the flips terminate.
 
-A flip is made only if both new triangles certainly have the orientation of the old triangles, so
-the triangulation remains valid. For integer coordinates up to 2^25 orientations are exact; for
-others, a filter rejects flips that depend on rounding.
+A flip is made only if both new triangles certainly have the orientation of the old triangles. For
+integer coordinates up to 2^25 orientations are exact; for others, a filter rejects flips that
+depend on rounding.
 
-Sources: C. L. Lawson, "Software for C1 surface interpolation", 1977. The order is that of the
-function `refine` in npm's earcut 3.2.4. HelperLaneViz, 2025, flips to shorter diagonals after ear
-clipping.
+Sources: C. L. Lawson, "Software for C1 surface interpolation", 1977; the order of `refine` in npm's
+earcut 3.2.4. HelperLaneViz, 2025, flips to shorter diagonals after ear clipping.
 """
 
 from typing import Any

@@ -1,17 +1,15 @@
 """Triangle order: a walk over neighbours, or an order for a vertex cache.
 
 Walk order: each triangle is a neighbour of an earlier triangle, and its last vertex is the one that
-they do not share. A renderer shades a vertex again after the vertex has left the vertex
-cache, or when a batch ends. So the triangles are visited along the dual graph, depth first, the
-smaller branch first: at most about log2(m) edges then lead to unvisited triangles. Each triangle
-begins with the edge over which the walk enters: lookups in a vertex cache are then hit, hit, miss
-for every triangle, which a processor's branch predictor learns.
+they do not share. A renderer shades a vertex again after the vertex has left the vertex cache, or
+when a batch ends. So the triangles are visited along the dual graph, depth first, the smaller
+branch first: at most about log2(m) edges then lead to unvisited triangles. Each triangle begins
+with the edge over which the walk enters: lookups in a vertex cache are then hit, hit, miss.
 
 Each connected component is walked from the first triangle with a single neighbour, or the first
 triangle if there is none, along a breadth-first spanning tree (holes are cycles of the dual graph).
-Branch sizes are summed from the leaves; then the tree is walked with a stack. Neighbours are
-visited in order from the entry edge on, so that the order does not depend on the rotation of a
-triangle's vertices. The time is linear.
+Neighbours are visited in order from the entry edge on, so that the order does not depend on the
+rotation of a triangle's vertices. The time is linear.
 
 Vertex cache: Tipsify, in linear time. Source: P. V. Sander, D. Nehab, J. Barczak, "Fast triangle
 reordering for vertex locality and reduced overdraw", ACM Transactions on Graphics 26(3), 2007,

@@ -1,10 +1,8 @@
 """Flips that decrease a cost; for expected quads also pairs of flips.
 
 A pair of flips is the flip of a diagonal, which alone may increase the cost, and then the flip of a
-side of the quadrilateral: together they replace three triangles of a pentagon. Trying pairs doubles
-the time of single flips. In four scenes at 1024 px pairs save another 1 to 12 % of the helper
-lanes, more than repeating single flips from the Delaunay triangulation saves. ports/ORDER.md
-specifies the order.
+side of the quadrilateral. Trying pairs doubles the time of single flips. In four scenes at 1024 px
+pairs save another 1 to 12 % of the helper lanes. ports/ORDER.md specifies the order.
 """
 
 from typing import Any

@@ -1,10 +1,9 @@
 """The optimum of a criterion over all triangulations of a polygon.
 
-For polygons without holes a dynamic program over all sub-polygons is exact, up to `limit` vertices.
-For few holes and vertices all ways to cut the holes open are tried (`cut_holes`, `bridges`). For
-other polygons with holes, `certificate.proof` improves the better of the ear-clipping and the
-Delaunay triangulation, and proves optimality if possible. Beyond `limit` vertices, pieces of that
-better triangulation are optimised (`best_way.sweep_pieces`).
+Without holes a dynamic program over all sub-polygons is exact, up to `limit` vertices. For few
+holes and vertices all ways to cut the holes open are tried (`cut_holes`, `bridges`). Otherwise
+`certificate.proof` improves the better of the ear-clipping and the Delaunay triangulation, and
+proves optimality if possible. Beyond `limit` vertices, pieces of that triangulation are optimised.
 """
 
 import math

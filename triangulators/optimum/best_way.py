@@ -4,9 +4,8 @@ full_table     box and edge costs of small rings, or of rings where most vertice
 visible_lists  any cost of one ring, over the pairs of vertices that see each other; with `any_cost`
 cut_holes      box and edge costs of small polygons with few holes, over all ways to cut them open
 
-If no dynamic program applies to the polygon, a triangulation is improved by optimising pieces of it
-exactly. A piece is a tree of adjacent triangles, unfolded into a simple polygon (see `unfold`). The
-exact solver minimises over all triangulations of the piece, including the current one, so no step
+If no dynamic program applies to the polygon, pieces of a triangulation are optimised exactly. A
+piece is a tree of adjacent triangles, unfolded into a simple polygon (see `unfold`). No step
 increases the cost. If the piece is the complete polygon, the diagonals that the tree does not cross
 are the cuts between the holes and the outline; other trees give other cuts.
 """

@@ -8,8 +8,7 @@ whose optimum the dynamic program finds (`full_table`). So the minimum over all 
 the optimum.
 
 The same holds for the rightmost, highest and lowest vertex, so each step uses the direction with
-the fewest possible cuts. Polygons with one or two holes have few choices of cuts; `solve_by_cuts`
-gives up after `_MAX_CUTS` choices.
+the fewest possible cuts. `solve_by_cuts` gives up after `_MAX_CUTS` choices.
 
 Rejected: the costs of vertex pairs that are the same for all cuts of a hole could be computed once
 and copied. The dynamic program from scratch takes less time than completing a copy.

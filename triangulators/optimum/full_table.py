@@ -65,9 +65,8 @@ def _fill_int_table(space: np.ndarray, n: int, sign: int, base: int) -> None:
     """Fill the cost table of a ring of n integer vertices.
 
     space: (_TABLE + n, lanes) int32. Rows _X and _Y are input: coordinates, padded to full SIMD
-    registers. The cost table begins at row _TABLE; the rows between are workspace. A diagonal costs
-    `base` plus `sign` times its L1 length: sign 1 and base 0 minimise lengths; sign -1, with the
-    maximum length as base, maximises lengths with costs that are not negative.
+    registers. A diagonal costs `base` plus `sign` times its L1 length: sign -1, with the maximum
+    length as base, maximises lengths with costs that are not negative.
     """
     lanes = space.shape[1]
     for i in range(n):
@@ -125,7 +124,7 @@ def _fill_float_table(
 
     x, y (lanes,): coordinates, padded with coordinates far from all vertices; doubt: determinants
     up to this size are evaluated exactly, none if `doubt` is negative; convex: True to skip
-    orientations.
+    orientations: all ordered triples of a convex ring are counter-clockwise.
     """
     lanes = len(x)
     table = np.full((n, lanes), _NONE)
@@ -168,11 +167,7 @@ def _fill_float_table(
 
 @njit(nogil=True)
 def _is_convex(x: np.ndarray, y: np.ndarray, n: int) -> bool:
-    """Whether a ring of n vertices is strictly convex: all angles turn left, and it winds once.
-
-    In a convex ring all ordered triples are counter-clockwise. The ring winds once if its direction
-    along x changes exactly twice.
-    """
+    """Whether a ring is strictly convex: all angles turn left, and x changes direction twice."""
     changes = 0
     for k in range(n):
         before, after = k - 1 if k > 0 else n - 1, k + 1 if k + 1 < n else 0
@@ -188,8 +183,7 @@ def _compute_determinants(
 ) -> float:
     """Write the determinants of the triangles i, k, j to side[j] for j = first, first + 1, ....
 
-    rx, ry (lanes,): coordinates relative to vertex i; number (lanes,): 0.0, 1.0, ... Returns the
-    minimum absolute determinant over j > k.
+    rx, ry (lanes,): relative to vertex i. Returns the minimum absolute determinant over j > k.
     """
     a, b, last = rx[k], ry[k], float(k)
     minimum = _NONE
@@ -323,9 +317,8 @@ def triangulate_rings_optimally(
 ) -> None:
     """Write the optima of the `selected` (p,) polygons among first..last - 1; none has a hole.
 
-    Sets their `batch.done`. One call triangulates many polygons, because a call from Python takes
-    as long as a polygon of ten vertices. A thread's polygons are adjacent, so threads rarely share
-    a cache line.
+    One call triangulates many polygons, because a call from Python takes as long as a polygon of
+    ten vertices. A thread's polygons are adjacent, so threads rarely share a cache line.
     """
     for index in range(first, last):
         if selected[index]:

@@ -83,12 +83,10 @@ def _fill_costs(
     """Compute the minimum cost of the sub-polygon i, ..., j of every visible pair (i, j).
 
     Returns the costs (p,) in the order of `target`; and the same costs in lists by j: starts of the
-    lists (n + 1,), apexes (p,), and lists (1 + b, p), whose first row has the costs.
-
-    start, target: vertex i sees `target[start[i]:start[i + 1]]`. extra_rows (b, n): values of each
-    vertex, of the costs' type, that are copied into the lists next to the costs. minimise(row,
-    apex, lists, range, pair, none, context): returns cost(i, j), the minimum over the apexes in a
-    range of j's list; pair: i, j and the index of the pair in `target`.
+    lists (n + 1,), apexes (p,), and lists (1 + b, p), whose first row has the costs, and the others
+    the columns of extra_rows (b, n). minimise(row, apex, lists, range, pair, none, context) returns
+    cost(i, j), the minimum over the apexes in a range of j's list; pair: i, j and the index of the
+    pair in `target`.
     """
     n, pairs = len(start) - 1, start[len(start) - 1]
     first = np.zeros(n + 1, dtype=np.int64)
@@ -131,14 +129,10 @@ def _list_triangles(
 ) -> np.ndarray:
     """Return the triangles (n - 2, 3) of the optimum, from the result `filled` of `_fill_costs`.
 
-    No rows if there is none. start, target: see `_fill_costs`. triangle_cost(i, k, j, context):
-    cost of a triangle.
-
-    `_fill_costs` stores no apexes: for each pair i-j of the optimum the apex is found again as the
-    minimum of the same sums, without the cost of the pair itself, which is equal for all apexes. If
-    several apexes have the minimum cost, the one with the highest index is taken. A function that
-    is passed on to a further kernel would prevent Numba from caching the caller, so `triangle_cost`
-    is called here.
+    No rows if there is none. `_fill_costs` stores no apexes: for each pair i-j of the optimum the
+    apex, of several the one with the highest index, is found again as the minimum of the same sums,
+    without the cost of the pair itself. A function that is passed on to a further kernel would
+    prevent Numba from caching the caller, so `triangle_cost` is called here.
     """
     row_cost, first, apex, lists = filled
     n = len(start) - 1
@@ -293,10 +287,9 @@ def compute_far_costs(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the far cost (p,) of each pair, and the optimal triangles (n - 2, 3) or no rows.
 
-    Position i of the ring (n,) is the site ring[i] of `points`, and sees the positions
-    `target[start[i]:start[i + 1]]`, all above i. The far cost far(i, j) is the minimum weight of a
-    triangulation of the sub-polygon i, i + 1, ..., j by triangles of such pairs,
-    `INFEASIBLE_WEIGHT` if there is none:
+    Position i of the ring (n,) is the site ring[i] of `points`. The far cost far(i, j) is the
+    minimum weight of a triangulation of the sub-polygon i, i + 1, ..., j by triangles of visible
+    pairs of positions, `INFEASIBLE_WEIGHT` if there is none:
 
         far(i, i + 1) = 0,    far(i, j) = min over k of far(i, k) + far(k, j) + weight(ikj).
 
@@ -309,8 +302,7 @@ def compute_far_costs(
     holds for every triangle of such pairs, because far(i, j) is the minimum over all k; also for
     triangles in no triangulation, whose sums contain `INFEASIBLE_WEIGHT`. Sides of the ring have
     the potential 0, except the side from n - 1 to 0, which has far(0, n - 1): so the bound equals
-    the optimum. All numbers are exact integers. Source: G. T. Klincsek, "Minimal triangulations of
-    polygonal domains", 1980.
+    the optimum. Source: G. T. Klincsek, "Minimal triangulations of polygonal domains", 1980.
     """
     context = (points, ring, cost, units)
     extra_rows = np.empty((0, len(ring)), dtype=np.int64)
@@ -341,8 +333,6 @@ def weigh_pairs(
 
     On a grid, costs are integers, in units of the grid; elsewhere float64. If lengths are to be
     maximised, a constant is added to all costs, so that none is negative.
-
-    box: coefficients of half-perimeter, bounding-box area (0 here) and edge length.
     """
     unit = find_grid_unit(points) if box[2] == 0.0 else 0.0
     if unit > 0.0:

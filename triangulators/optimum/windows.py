@@ -1,15 +1,11 @@
 """Local search for any cost: windows of a triangulation are optimised exactly, one after another.
 
-A window is a tree of adjacent triangles, unfolded into a simple polygon (see `unfold`), which the
-dynamic program over visible vertices optimises exactly. Windows cover all triangles. Time and
-memory are linear in the number of windows, because after each window only the used part of the
-workspaces is cleared.
-
-A ring of up to 48 triangles is one window, which gives its optimum. Other windows have up to 28
-triangles, of which 15 may be in earlier windows: seams between windows need some overlap, but
-windows that overlap freely have 2.2 times the triangles of a polygon with holes. On a scene of
-dense windows (cad), 48 triangles with 20 in earlier windows take 1.2 times as long for the same
-result.
+A window is a tree of adjacent triangles, unfolded into a simple polygon (see `unfold`), which
+`any_cost` optimises exactly. A ring of up to 48 triangles is one window, which gives its optimum.
+Other windows have up to 28 triangles, of which 15 may be in earlier windows: windows that overlap
+freely have 2.2 times the triangles of a polygon with holes. On a scene of dense windows (cad), 48
+triangles with 20 in earlier windows take 1.2 times as long for the same result. Time and memory are
+linear, because only the used part of the workspaces is cleared.
 """
 
 import numpy as np
@@ -67,9 +63,8 @@ def optimise_windows(
 ) -> bool:
     """Replace windows, trees of up to 28 adjacent triangles, by their optima, in place.
 
-    Returns True if the first window is the full polygon, without cuts: the result is then the
-    optimum. triangles, twin: (m, 3), see `half_edges`. Windows grow breadth first from the
-    triangles that are in no window yet, in ascending order. No replacement increases the cost.
+    Returns True if the first window is the full polygon, without cuts, which is then optimal.
+    Windows grow breadth first from the triangles that are in no window yet, in ascending order.
     """
     count = len(triangles)
     if count <= MAX_RING_TRIANGLES and _optimise_ring(points, triangles, twin, cost):
