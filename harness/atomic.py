@@ -44,10 +44,7 @@ def write(path: Path, content: bytes, *, forced: bool = False) -> None:
 
 
 def _open_locked(path: Path) -> IO[bytes] | None:
-    """Open, lock and empty a temporary file, which may be left from a killed process.
-
-    Returns None if the file is in use, not this user's regular file, or cannot be locked.
-    """
+    """Open, lock and empty a file; None if in use, a link, another user's, or not lockable."""
     if os.name == "nt":  # an open file cannot be renamed
         return None
     with suppress(OSError):
@@ -193,12 +190,9 @@ def _remove_files(folder: Path) -> None:
 
 
 class Output:
-    """Files of an export, written in a temporary folder next to the target; a context manager.
+    """Files of an export, written in a temporary folder next to `target`, the main file.
 
-    Files that are not published by the end of the block, for example after an error, are deleted.
-
-    target : path of the export's main file
-    forced : True if published files must survive a power failure
+    Use as a context manager. Files that are not published by the end of the block are deleted.
     """
 
     def __init__(self, target: Path, *, forced: bool = False) -> None:

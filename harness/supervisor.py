@@ -156,10 +156,7 @@ class _Supervisor:
                 self._deadline = min(self._deadline, time_s + END_TIMEOUT_S)
 
     def _apply_child_signals(self) -> bool:
-        """Apply the child's requests and the signals it has received, which are not forwarded.
-
-        Returns whether the pipe is open.
-        """
+        """Apply the signals and requests in the child's pipe; return whether the pipe is open."""
         time_s = time.monotonic()
         content = _read_pipe(self._from_child)
         for number in content or b"":
@@ -204,7 +201,6 @@ def _print_and_return(line: str, code: int) -> int:
 
 
 def _make_folder() -> Path | None:
-    """Create and lock a folder for temporary files, or return None; remove abandoned folders."""
     with suppress(OSError):
         shared = Path(tempfile.gettempdir())
         _remove_abandoned(shared)

@@ -82,10 +82,7 @@ def get_viewing(scene: Scene) -> Viewing | None:
 
 
 def is_model_with_views(text: str) -> bool:
-    """Return whether a scene's name requests views of a model, for example "part.glb:views=24".
-
-    True also for a misspelt parameter, so that loading the views reports it.
-    """
+    """Return whether a name such as "part.glb:views=24" requests views, even if misspelt."""
     name, arguments = parse_name(text)
     model = is_model(Path(name)) and any(get_close_matches(key, VIEW_OPTIONS) for key in arguments)
     return is_path(name) and ("views" in arguments or model)

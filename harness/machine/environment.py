@@ -53,10 +53,7 @@ MAX_LOAD_PER_CORE = 0.5  # above this, other programs are likely to disturb time
 
 
 def collect_facts(seed: int, triangulators: Sequence[str] = ()) -> dict[str, Any]:
-    """Return facts about this machine, JSON-ready; unknown facts are None.
-
-    The folders of `triangulators` named as module:function identify the user's repository.
-    """
+    """Return facts about this machine and the user's repository, JSON-ready; None if unknown."""
     memory = system.query_psutil(psutil.virtual_memory)
     return {
         "harness": __version__,
@@ -114,7 +111,6 @@ def hash_sources(*packages: Path) -> str:
 
 
 def _query_nvidia() -> list[dict[str, str]] | None:
-    """Return name, driver and clocks of each NVIDIA GPU, or None without a working nvidia-smi."""
     fields = ("name", "driver_version", "clocks.sm", "clocks.max.sm", "clocks.mem")
     query = f"--query-gpu={','.join(fields)}"
     command = ["nvidia-smi", query, "--format=csv,noheader"]
@@ -152,10 +148,7 @@ VECTOR_FLAGS = (("avx512f", 512), ("avx2", 256), ("avx", 256), ("sse2", 128), ("
 
 @cache
 def describe_processor() -> dict[str, Any]:
-    """Return facts about this machine's processor, JSON-ready; unknown facts are None.
-
-    caches : bytes by level and type, e.g. "L2"; label : e.g. "AMD EPYC 25/17, 512-bit"
-    """
+    """Return facts about this machine's processor, JSON-ready; unknown facts are None."""
     facts = _parse_cpuinfo(_read_text(CPUINFO)) | {"caches": dict(_read_caches(CACHES))}
     facts["name"] = facts["name"] or platform.processor() or None
     return {**facts, "label": _format_label(facts)}

@@ -144,11 +144,7 @@ def find_project_folder(triangulators: Sequence[str]) -> Path | None:
 
 
 def describe_project(triangulators: Sequence[str]) -> dict[str, Any] | None:
-    """Return the user's repository: name, commit and whether it has local changes, JSON-ready.
-
-    Without git, as in a container, the commit is read from the environment variables of services of
-    continuous integration (`COMMITS`). None without git and without such a variable.
-    """
+    """Return name, commit (without git, from `COMMITS`) and changes of the user's repository."""
     folder = find_project_folder(triangulators)
     state = None if folder is None else read_git_state(folder)
     if state is not None and folder is not None:

@@ -139,10 +139,9 @@ cpu_clock: Callable[[], float] = time.perf_counter if os.name == "nt" else time.
 
 
 class RunQueueClock:
-    """Time that the threads of this process have waited for a core; Linux only.
+    """Time that this process's threads have waited for a core; Linux only."""
 
-    Files stay open, because opening a file takes longer than some draws.
-    """
+    # Files stay open, because opening a file takes longer than some draws.
 
     def __init__(self) -> None:
         self._owner = os.getpid()

@@ -21,10 +21,8 @@ FUNCTION = re.compile(r"[^\W\d][\w.]*:[^\W\d][\w.]*(?=:|$)")
 
 
 def hide_working_folder() -> AbstractContextManager[None]:
-    """Prevent Python processes started in the block from importing from the current folder.
-
-    `python -c`, by which multiprocessing starts helpers, searches that folder first.
-    """
+    """Keep Python processes started in the block from importing from the current folder."""
+    # `python -c`, by which multiprocessing starts helpers, searches that folder first.
     return system.set_variables({"PYTHONSAFEPATH": "1"})
 
 

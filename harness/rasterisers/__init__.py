@@ -57,10 +57,7 @@ def names() -> list[str]:
 
 
 def get(name: str) -> type[Rasteriser]:
-    """Return the rasteriser class called `name`, or given as "module:class"; register its counters.
-
-    Raises UsageError if the name is unknown, or the import of a third-party rasteriser fails.
-    """
+    """Return a rasteriser class by name, or given as "module:class"; register its counters."""
     if name in BUILT_IN:
         rasteriser = resolve_name(BUILT_IN[name])
     elif name in _find_plugins() or ":" in name:
@@ -92,10 +89,7 @@ def choose_default_rasteriser() -> str:
 
 
 def find_device(rasteriser: str, name: str | None = None) -> Device:
-    """Return the device called `name` of a rasteriser, by default its best device.
-
-    Raises UsageError if a name is unknown, NoRasteriserError if this machine lacks the device.
-    """
+    """Return a rasteriser's device called `name`, by default the best; raise if it is missing."""
     kind = get(rasteriser)
     if name is None:
         if devices := kind.devices():

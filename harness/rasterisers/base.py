@@ -249,7 +249,6 @@ class Rasteriser(ABC):
         return self._prepare(frame, self._check_and_order(frame, triangles, options), options)
 
     def _check_and_order(self, frame: Frame, triangles: Triangles, options: Options) -> Triangles:
-        """Raise UsageError if the drawing is unsupported; return triangles in submission order."""
         if not self.supports(options):
             raise UsageError(
                 f"{self.name} does not support these options (it has {self.limitation}); use opengl"
@@ -315,12 +314,10 @@ def split_batches(frame: Frame, triangles: Triangles, max_lanes: int = 2**32) ->
 
 
 def order_submission(frame: Frame, triangles: Triangles, options: Options) -> Triangles:
-    """Check `triangles` (m, 3); return a contiguous array in the submission order `options.order`.
+    """Check `triangles` (m, 3) and return a contiguous array in the order `options.order`.
 
     Only the triangles within a tile or view are reordered. The order "native" of a view is that of
     the model's file, or front to back if `Viewing.front_to_back`.
-
-    Raises ValueError if `triangles` is not an integer (m, 3) array of vertices of the frame.
     """
     array = np.asarray(triangles)
     if array.ndim != 2 or array.shape[1] != 3 or not np.issubdtype(array.dtype, np.integer):

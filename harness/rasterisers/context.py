@@ -116,10 +116,7 @@ class Context:
         return self.ctx.buffer(array if array.size else np.zeros(1, np.uint32))
 
     def build_program(self, vertex: str, fragment: str, *defines: str) -> Any:
-        """Build a program from two files in shaders/; `defines` are macros such as DEPTH.
-
-        Raises NoRasteriserError, for example without storage buffers in fragment shaders.
-        """
+        """Build a program from two files in shaders/; `defines` are macros such as DEPTH."""
         header = self.make_header(*(EARLY_EXTENSIONS if "DEPTH" in defines else ()))
         header += "".join(f"#define {name}\n" for name in defines)
         try:
@@ -145,10 +142,7 @@ class Context:
     def get_framebuffer(
         self, width: int, height: int, samples: int = 1, *, deep: bool = False
     ) -> Any:
-        """Return an RGBA8 framebuffer, with a depth buffer if `deep`; reuse the last one if equal.
-
-        Raises UsageError if the device does not support the size or the number of samples.
-        """
+        """Return an RGBA8 framebuffer, with depths if `deep`; reuse the last one if it is equal."""
         check_size(width, height, self.max_size)
         if samples > max(self.max_samples, 1):
             raise UsageError(
@@ -182,10 +176,7 @@ class Context:
 
     @contextmanager
     def create_queries(self, number: int) -> Iterator[list[int]]:
-        """Create query objects with results of 64 bits, deleted at the end of the block.
-
-        Nanoseconds overflow the 32 bits of moderngl's queries after 4.29 s.
-        """
+        """Create query objects of 64 bits; nanoseconds overflow moderngl's 32 bits after 4.29 s."""
         names = (ctypes.c_uint * number)()
         self._gen_queries(number, names)
         try:
@@ -212,10 +203,7 @@ class Context:
             return dict(zip(targets, map(self.read_query, queries), strict=True))
 
     def wait(self) -> None:
-        """Wait until the device has executed all commands.
-
-        glFinish of zink does not wait for flushed commands; reading a query's result always waits.
-        """
+        """Wait for all commands; zink's glFinish does not wait for those flushed before."""
         with self.create_queries(1) as (query,):
             self.begin_query(TIME_ELAPSED, query)
             self.end_query(TIME_ELAPSED)

@@ -139,10 +139,7 @@ ESTIMATES = {
 
 
 def compute_estimates(columns: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return the `ESTIMATES`, by name, whose terms are all in `columns`, values or arrays by name.
-
-    prefix : start of the names in `columns` and of the returned names
-    """
+    """Return by name the `ESTIMATES` whose terms are all in `columns`; `prefix` precedes names."""
     estimates = {}
     for name, estimate in ESTIMATES.items():
         values: dict[str, Any] = {term: columns.get(prefix + term) for term in estimate.terms}

@@ -74,10 +74,7 @@ class DeviceKind(NamedTuple):
 
 
 def find_vulkan_environment(patterns: Sequence[str]) -> dict[str, str] | None:
-    """Return variables that restrict Vulkan's loader to the first driver found, or None.
-
-    patterns : paths of the driver's manifest, with wildcards
-    """
+    """Return variables that restrict Vulkan to the first driver of the `patterns`, or None."""
     manifests = (sorted(Path("/").glob(pattern.lstrip("/"))) for pattern in patterns)
     icd = next(chain.from_iterable(manifests), None)
     if icd is None:
@@ -87,7 +84,6 @@ def find_vulkan_environment(patterns: Sequence[str]) -> dict[str, str] | None:
 
 
 def _filter_reports(kind: DeviceKind, reports: Reports) -> Reports:
-    """Return the reports about devices of a kind; a probe may also report other devices."""
     if kind.arguments[0] == "egl":
         return [report for report in reports if selects_renderer(kind.name, report["renderer"])]
     if kind.name != "gpu":
@@ -237,7 +233,6 @@ def _read_answer(file: Path) -> dict[str, Any] | None:
 
 
 def _hash_inputs(arguments: tuple[str, str], environment: Mapping[str, str]) -> str:
-    """Return a hash of all inputs of a probe: arguments, environment, drivers, devices, program."""
     paths = [path for pattern in DRIVER_PATHS for path in sorted(ROOT.glob(pattern))]
     paths.append(Path(sysconfig.get_path("platlib")))
     content = (
@@ -252,7 +247,6 @@ def _hash_inputs(arguments: tuple[str, str], environment: Mapping[str, str]) -> 
 
 
 def _wait_for_answer(process: subprocess.Popen[str], file: Path) -> dict[str, Any]:
-    """Return a probe's answer and cache it; a probe that fails or times out reports a problem."""
     try:
         out, errors = process.communicate(timeout=PROBE_TIMEOUT_S)
     except subprocess.TimeoutExpired:

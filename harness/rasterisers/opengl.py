@@ -37,10 +37,7 @@ IN_ORDER_RENDERERS = ("softpipe",)  # renderers that finish each triangle before
 
 
 class GLRasteriser(Rasteriser):
-    """A rasteriser on OpenGL through EGL, without a window.
-
-    `device.details` also has the driver's vendor, renderer and version.
-    """
+    """A rasteriser on OpenGL through EGL, without a window."""
 
     device_names: ClassVar[tuple[str, ...]] = ("gpu0", "llvmpipe", "softpipe", "zink")
     remedies: ClassVar[Mapping[str, str]] = {

@@ -17,10 +17,7 @@ SIDE = 16  # side in px of a buffer that OSMesa requires; drawings go elsewhere
 
 
 class OSMesaContext:
-    """A core-profile context of libOSMesa with the methods that moderngl requires.
-
-    Raises OSError if the library has no OpenGL 3.3 core context.
-    """
+    """A core-profile context of libOSMesa with the methods that moderngl requires."""
 
     def __init__(self, library: str) -> None:
         self._library = osmesa = ctypes.CDLL(library)

@@ -172,10 +172,7 @@ TILE_SIDES_PX = (16, 32, 64)
 def count_tiles_per_triangle(
     points: NDArray[np.int32], triangles: Triangles, window: NDArray[np.int64] = UNBOUNDED
 ) -> dict[str, NDArray[np.int64]]:
-    """Return the number of tiles in the window (pixels) of each triangle, (m,) by name.
-
-    tiles_16, tiles_32, tiles_64: binned by bounding box; tiles_16_exact, ...: exact binning.
-    """
+    """Return each triangle's number of tiles in the window (px), (m,) by name as in `Binning`."""
     counts = {}
     for side in TILE_SIDES_PX:
         binned = count_tiles(points, triangles, side * SUBPIXEL, window // side)
@@ -248,8 +245,7 @@ def find_tile_span(
 ) -> tuple[int, int]:
     """Return the first and last column of the tiles of `row` that meet the triangle's interior.
 
-    corners : (3, 2) vertices in 1/256 px, counter-clockwise
-    min_column, max_column : of the bounding box
+    `corners`, `min_column` and `max_column` are those of `find_tile_box`.
     """
     for k in range(3):
         x, y = corners[k, 0], corners[k, 1]

@@ -73,10 +73,7 @@ def set_up_edges(
 
 @njit(error_model="numpy", inline="always")
 def find_span(edges: Edges, y: int, min_x: int, max_x: int) -> tuple[int, int]:
-    """Return the first and last pixel of row `y` that a triangle covers; first > last if none.
-
-    min_x, max_x : columns of the bounding box
-    """
+    """Return first and last pixel of row `y` in a triangle and its box; first > last if none."""
     for k in range(3):
         value = edges[k, 0] + edges[k, 1] * y
         step = edges[k, 2]

@@ -141,10 +141,7 @@ class WebGPU(Rasteriser):
         self.gpu.destroy()
 
     def _find_step(self) -> int | None:
-        """Return the step of the device's grid of vertices, in 1/256 px, or None.
-
-        At this step the device's counters of random triangles equal the reference's.
-        """
+        """Return the step, in 1/256 px, at which counters equal the reference's, or None."""
         rng = np.random.default_rng(7)
         corners = rng.integers(SUBPIXEL, (PROBE_PX - 1) * SUBPIXEL, (3 * PROBES, 2))
         rows = np.arange(3 * PROBES, dtype=np.int32).reshape(-1, 3)
@@ -199,10 +196,7 @@ class WebGPU(Rasteriser):
         return frame.with_points(round_points(frame.points, self._step))
 
     def get_target(self, frame: Frame) -> Any:
-        """Return a view of a texture to draw into; the last texture is reused if the size is equal.
-
-        Raises UsageError if the frame is too large.
-        """
+        """Return a view of a texture to draw into; reuse the last texture if the size is equal."""
         check_size(frame.width, frame.height, self.max_size)
         size = (frame.width, frame.height, 1)
         if self._target is None or self._target.texture.size != size:
@@ -227,7 +221,6 @@ class WebGPU(Rasteriser):
         return self.gpu.create_bind_group(layout=layout, entries=entries)
 
     def _build_pipeline(self, name: str, entry: str, mask: int, buffers: Sequence[Any]) -> Any:
-        """Build a pipeline from shaders/NAME.wgsl; `entry` is its fragment shader's function."""
         module = self.gpu.create_shader_module(code=read_shader(f"{name}.wgsl"))
         return self.gpu.create_render_pipeline(
             layout="auto",
@@ -291,11 +284,7 @@ class _UploadedTriangles(Drawing):
             self._answers = self.gpu.create_buffer(size=16, usage="QUERY_RESOLVE|COPY_SRC")
 
     def sample(self, repeats: int) -> Sample:
-        """Draw `repeats` times.
-
-        A GPU that shades triangles immediately draws instances in one pass; others need a pass per
-        draw, see `IMMEDIATE`.
-        """
+        """Draw `repeats` times, in one pass of instances if possible (see `IMMEDIATE`)."""
         instances = repeats if self.one_pass else 1
         passes = [self._draws] if self.one_pass else [[rows] for rows in self._draws] * repeats
         commands = [
@@ -313,7 +302,6 @@ class _UploadedTriangles(Drawing):
         return replace(sample, gpu=(int(end) - int(begin)) * self.period_ns * 1e-9)
 
     def _encode(self, draws: Sequence[slice], instances: int, *, first: bool, last: bool) -> Any:
-        """Return the commands of a pass; the first and last pass write timestamps."""
         encoder = self.gpu.create_command_encoder()
         stamps: dict[str, Any] = {}
         if self.period_ns is not None:

@@ -59,10 +59,7 @@ class TimedTriangles(NamedTuple):
 
 
 class ModelDatabase:
-    """Triangulations by key; a context manager.
-
-    Raises StorageError if the file's folder cannot be written; `warn` reports damage.
-    """
+    """Triangulations by key, as a context manager; `warn` gets lines about damage."""
 
     def __init__(
         self, path: Path | None = None, warn: Callable[[str], None] = _LOG.warning
@@ -134,7 +131,6 @@ class ModelDatabase:
         return count
 
     def _run_or_default(self, action: Callable[[], _Result], default: _Result) -> _Result:
-        """Return an action's result, or `default`; a damaged file is replaced."""
         try:
             return action()
         except sqlite3.OperationalError as error:
@@ -256,11 +252,8 @@ def make_key(
 
 @cache
 def get_triangulators_version() -> str:
-    """Return a hash of the triangulators' source and of the versions of their libraries.
-
-    NumPy is not among them: its arithmetic and random numbers are the same in all supported
-    versions.
-    """
+    """Return a hash of the triangulators' source and of the versions of their libraries."""
+    # Not of NumPy: its arithmetic and random numbers are the same in all supported versions.
     code_hash = hash_sources(Path(triangulators.__file__).parent)
     digest = hashlib.blake2b(code_hash.encode(), digest_size=12)
     for name in ("shapely", "mapbox-earcut", "manifold3d", "highspy", "PyOpenGL"):
@@ -288,7 +281,6 @@ def _pack_entry(key: bytes, model: TimedTriangles) -> bytes:
 
 
 def _unpack_entry(key: bytes, value: Any) -> TimedTriangles | None:
-    """Return the triangles of an entry, or None if the entry is damaged."""
     if not isinstance(value, bytes) or len(value) < 32 or len(value) % 12 != 8:
         return None
     data = value[8:]
@@ -299,20 +291,17 @@ def _unpack_entry(key: bytes, value: Any) -> TimedTriangles | None:
     return TimedTriangles(triangles, seconds, None if math.isnan(gap) else gap, processor_hash)
 
 
+# Minimum computing time of cached triangulations. Measured on city, Helsinki, counties and
+# stress, in microseconds per polygon: reading 26 to 70 (and 4 to 35 once for writing); computing
+# the optimum of a footprint 120 to 280, with holes 1,200; computing a county 190 (ear clipping),
+# 630 (Delaunay), 740 (optimum), 3,700 (random).
 MIN_CACHED_S = 0.5e-3
-"""Minimum computing time of cached triangulations.
-
-Measured on city, Helsinki, counties and stress, in microseconds per polygon: reading 26 to 70 (and
-4 to 35 once for writing); computing the optimum of a footprint 120 to 280, with holes 1,200;
-computing a county 190 (ear clipping), 630 (Delaunay), 740 (optimum), 3,700 (random).
-"""
 
 
 class CacheLookup:
     """The model database for one triangulator; a context manager.
 
-    Without a usable database no entry is read or stored. `notes` has the reason, and
-    lines for the user about damage and about times of another processor.
+    If the database is unusable, no entry is read or stored; `notes` has the reason and warnings.
     """
 
     def __init__(self, path: Path | None, name: str, parameters: Mapping[str, Any]) -> None:

@@ -94,7 +94,6 @@ def _join_pieces(
 def _mark_invalid(
     polygons: PolygonArray, triangulations: Triangulations, conforming: bool
 ) -> Triangulations:
-    """Return the triangulations; mark invalid triangulations as failed, without triangles."""
     pieces = list(triangulations)
     triangles_by_index = {
         number: piece for number, piece in enumerate(pieces) if number not in triangulations.failed

@@ -99,10 +99,9 @@ class Recipe:
     def triangulate_batch(
         self, polygons: PolygonArray
     ) -> tuple[Sequence[NDArray[np.int32]], NDArray[np.bool_]]:
-        """Triangulate those polygons that compiled code can solve, together and on one thread.
+        """Triangulate together, on one thread, those polygons that compiled code can solve.
 
-        Returns triangles (m, 3) of each polygon, and flags (p,) of the polygons that were solved;
-        third-party triangulators solve none.
+        Returns triangles (m, 3) of each polygon, and flags (p,) of the solved polygons.
         """
         if not self.builtin:
             return [], np.zeros(len(polygons), np.bool_)
@@ -135,10 +134,7 @@ class Recipe:
 
 
 def parse(text: str, *, seed: int = 0, calibration: Mapping[str, float] | None = None) -> Recipe:
-    """Parse a triangulator's name without importing third-party code; raise UsageError if unknown.
-
-    calibration : a device's coefficients, by term
-    """
+    """Parse a triangulator's name, without importing third-party code, or raise UsageError."""
     stem = text.removesuffix(UPRIGHT_MARK)
     base, mark, digits = stem.partition(NUMBER_MARK)
     if "@" in stem:

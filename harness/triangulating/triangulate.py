@@ -97,8 +97,7 @@ def time_in_rounds(
 ) -> list[list[float]]:
     """Return the seconds of each triangulator for all polygons, in each round.
 
-    The order is shuffled in each round, as for drawings, so that machine drift affects all
-    triangulators equally.
+    The order is shuffled in each round, so that machine drift affects all triangulators equally.
     """
     order = np.random.default_rng(seed)
     arrays = polygons if isinstance(polygons, PolygonArray) else PolygonArray.from_shapely(polygons)
@@ -129,7 +128,6 @@ class _Attempt:
 
 
 def _triangulate_one(recipe: Recipe, polygon: Polygon, result: FrameTriangulation) -> _Attempt:
-    """Triangulate a polygon; add the time, and the first traceback, to `result`."""
     part, gap, skipped, problem = None, None, "", ""
     start = cpu_clock()
     try:
@@ -147,7 +145,6 @@ def _triangulate_one(recipe: Recipe, polygon: Polygon, result: FrameTriangulatio
 def _check_unconfirmed(
     polygons: PolygonArray, triangles: dict[int, Rows]
 ) -> dict[int, tuple[int, str]]:
-    """Return the results of `check_triangles` for polygons that a quicker test does not confirm."""
     unconfirmed = find_unconfirmed(polygons, triangles)
     return {k: check_triangles(polygons[k], triangles[k]) for k in unconfirmed}
 

@@ -38,10 +38,7 @@ class WorkerSpec:
 
 
 class WorkerPool:
-    """Worker processes by name, started by `open_worker` on first use, replaced after a failure.
-
-    A worker runs one task at a time; tasks of different workers run at the same time.
-    """
+    """Worker processes by name, started on first use; each runs one task at a time."""
 
     def __init__(self, open_worker: OpenWorker, timeout_s: float) -> None:
         self._open_worker = open_worker

@@ -43,10 +43,7 @@ def wake_server() -> None:
 
 
 def start_server() -> ForkServerContext | SpawnContext:
-    """Start the server unless it runs; return multiprocessing's context that starts workers.
-
-    The server's imports continue in the background.
-    """
+    """Start the server unless it runs; return multiprocessing's context that starts workers."""
     if sys.platform != "linux" or not hasattr(os, "fork"):
         return multiprocessing.get_context("spawn")
     paths = (SOURCES, os.environ.get("PYTHONPATH", ""))

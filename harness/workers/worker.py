@@ -123,7 +123,6 @@ class Worker:
             self._output.unlink(missing_ok=True)
 
     def _start(self) -> None:
-        """Start a process; raise TaskError if the system cannot start another process."""
         with _STARTING:
             context = serving.start_server()
             forked = context.get_start_method() == "forkserver"
