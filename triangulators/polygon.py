@@ -262,7 +262,7 @@ def make_boundary(points: np.ndarray, ring_offsets: np.ndarray) -> Boundary:
 def find_vertices_on_edges(
     outline: Boundary, edges: np.ndarray, allowed: float
 ) -> dict[tuple[int, int], list[int]]:
-    """Return the vertices between the ends of each edge a-b, from a to b; omit edges without any."""
+    """Return the vertices inside each edge a-b, from a to b; omit edges without any."""
     points, candidates = outline.points, np.unique(outline.edges)
     candidates = candidates[np.argsort(points[candidates, 0])]
     incidences = find_touching_vertices(points, edges, candidates, allowed)
