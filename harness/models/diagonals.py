@@ -21,8 +21,7 @@ _ROUNDING = 1e-6  # minimum relative gain; smaller ones may be caused by roundin
 WORK_NS = (1.0, 10.0, 20.0, 45.0)  # measured per cubed vertex count, for 0, 1, 2 and 3 holes
 
 MAX_WORK_NS = 1e9
-"""Maximum sum of the times that `WORK_NS` estimates for a part; the slowest faces get flips. Times
-are estimated, not measured, so that a model gets the same diagonals on every machine."""
+"""Maximum work by `WORK_NS` in a part: estimated, so that all machines choose equal diagonals."""
 
 
 @njit(nogil=True)
@@ -124,11 +123,10 @@ def _copy_triangles(
     result: np.ndarray,
     unsolved: np.ndarray,
 ) -> None:
-    """Copy triangles of faces into `result` (t, 3), except for faces with a thin triangle.
+    """Copy faces without thin triangles into `result` (t, 3), and clear their `unsolved` (f,).
 
-    face: (c,) face numbers; optimal: the faces' triangles (k, 3) as point indices, and the offset
-    of each face in these; triangle_offsets: offsets of faces in `result`. unsolved: (f,) is set to
-    False for copied faces.
+    face: (c,) face numbers; optimal: triangles (k, 3) of these faces as point indices, and the
+    offset of each face in these; triangle_offsets: offsets of faces in `result`
     """
     triangles, row_offsets = optimal
     for number in range(len(face)):
@@ -162,14 +160,11 @@ def find_cheaper_faces(
 
 
 class Outlines(NamedTuple):
-    """Faces whose outline is a valid polygon that visits each vertex of the face once.
+    """Faces whose outline is a valid polygon that visits each vertex of the face once."""
 
-    face : (c,) face numbers; vertices : (n,) index in `Faces.points` of each polygon vertex
-    """
-
-    face: Ints
+    face: Ints  # (c,) face numbers
     polygons: PolygonArray
-    vertices: Ints
+    vertices: Ints  # (n,) index in `Faces.points` of each polygon vertex
 
     def take(self, flags: NDArray[np.bool_]) -> "Outlines":
         """Return the outlines flagged in (c,) `flags`."""
@@ -214,9 +209,9 @@ def _trace_rings(
     """Return the vertices of sound faces ring by ring, and the offsets of rings and of faces.
 
     following: (p,) next vertex of the outline; vertex_offsets: (f + 1,) of the faces' vertices.
-    `following` permutes a face's vertices, so the cycles are rings. The outer ring, which is
-    counter-clockwise, comes first: rings are traversed twice, and the first pass only finds the
-    outer ring. A face without exactly one counter-clockwise ring becomes unsound.
+    `following` permutes a face's vertices, so the cycles are rings. The first pass over the rings
+    finds the outer ring, the only counter-clockwise one of a sound face; the second writes it
+    first.
     """
     vertices = np.empty(len(points), dtype=np.int64)
     ring_offsets = np.zeros(len(points) + 1, dtype=np.int64)

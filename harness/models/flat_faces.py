@@ -1,17 +1,15 @@
 """Flat faces of a mesh: connected triangles in a plane with affine vertex attributes.
 
 The diagonals of a flat face do not change the picture: position, texture coordinates and the
-remaining interpolated attributes are affine functions on the face, which every triangulation
-reproduces.
+remaining interpolated attributes are affine functions on the face.
 
 Two adjacent triangles a, b, c and d, c, b are joined if the four vertices are coplanar and the
 attributes agree. Four points of a plane have an affine dependency: weights w_a, ..., w_d of sum 0
-with w_a a + w_b b + w_c c + w_d d = 0. Scale the weights so that the absolute values sum to 2. Then
-the same combination of an attribute is the difference between the two diagonals at the
-intersection, which is the largest difference (Radon's partition; in a non-convex quadrilateral, at
-the vertex inside the triangle of the remaining vertices). This visible difference must be small. A
-joined face is then tested against a plane and an affine map by least squares, so that small bends
-do not add up to a curved face.
+with w_a a + w_b b + w_c c + w_d d = 0. With weights scaled to absolute values of sum 2, the same
+combination of an attribute is the largest difference between the two diagonals, at the intersection
+(Radon's partition; in a non-convex quadrilateral, at the vertex inside the triangle of the
+remaining vertices). It must be small. A face is then tested against a plane and an affine map by
+least squares, so that small bends do not add up to a curved face.
 """
 
 from collections import Counter
@@ -35,21 +33,15 @@ INDEX_BITS = 32  # of a vertex index in the number of an edge
 class ModelMesh:
     """Triangles of a draw, with vertices.
 
-    positions : (n, 3)
-    triangles : (m, 3) indices of vertices
-    affine : (n, k) interpolated attributes (texture coordinates, normals, colours, displacements),
-        each column in units of the column's tolerance
-    fixed : (n, j) attributes that must be constant on a face (joints, identifiers)
-    tolerance : flatness tolerance, in the units of positions
     uses : (n,) number of triangles from which each vertex's normal is computed; 0 if the file has
         the normal; None if the file has all normals
     """
 
-    positions: NDArray[np.float64]
-    triangles: NDArray[np.int64]
-    affine: NDArray[np.float64]
-    fixed: NDArray[np.float64]
-    tolerance: float
+    positions: NDArray[np.float64]  # (n, 3)
+    triangles: NDArray[np.int64]  # (m, 3) indices of vertices
+    affine: NDArray[np.float64]  # (n, k) interpolated, each column in units of its tolerance
+    fixed: NDArray[np.float64]  # (n, j) attributes that are constant on a face: joints, identifiers
+    tolerance: float  # of flatness, in the units of positions
     uses: NDArray[np.int64] | None = None
 
     @cached_property
@@ -61,17 +53,12 @@ class ModelMesh:
 
 @dataclass(frozen=True)
 class ModelPart:
-    """Triangles that a model draws together; they may share edges with other parts.
-
-    source : the model's reference to the triangles
-    reason_unchanged : reason why the triangles cannot be changed, or ""
-    placements : a (4, 4) matrix for each instance
-    """
+    """Triangles that a model draws together; they may share edges with other parts."""
 
     mesh: ModelMesh
-    source: Any
-    reason_unchanged: str = ""
-    placements: tuple[NDArray[np.float64], ...] = (np.eye(4),)
+    source: Any  # the model's reference to the triangles
+    reason_unchanged: str = ""  # why the triangles cannot be changed
+    placements: tuple[NDArray[np.float64], ...] = (np.eye(4),)  # a (4, 4) matrix for each instance
 
 
 def get_single_precision_tolerance(values: NDArray[np.float64]) -> float:
@@ -100,20 +87,13 @@ Floats = NDArray[np.float64]
 
 
 class Faces(NamedTuple):
-    """Flat faces of two or more triangles; vertices are numbered face by face.
+    """Flat faces of two or more triangles; vertices are numbered face by face."""
 
-    points : (p, 2) integers, steps of `GRID_STEP` tolerances in the face's plane
-    vertices : (p,) index of each point's vertex in the mesh
-    triangles : (t, 3) indices into points, counter-clockwise, face after face
-    slots : (t,) index of each triangle in the mesh
-    triangle_offsets : (f + 1,) offsets of the faces in `triangles`
-    """
-
-    points: Floats
-    vertices: Ints
-    triangles: Ints
-    slots: Ints
-    triangle_offsets: Ints
+    points: Floats  # (p, 2) integers, steps of `GRID_STEP` tolerances in the face's plane
+    vertices: Ints  # (p,) index of each point's vertex in the mesh
+    triangles: Ints  # (t, 3) indices into points, counter-clockwise, face after face
+    slots: Ints  # (t,) index of each triangle in the mesh
+    triangle_offsets: Ints  # (f + 1,) offsets of the faces in `triangles`
 
     @property
     def face_count(self) -> int:

@@ -1,7 +1,8 @@
 """Editor of the indices of glTF 2.0 files (.glb, .gltf); all else is unchanged.
 
 Bytes of indices are overwritten in place if no other accessor reads the bytes. Otherwise new
-indices are appended to the buffer, and the primitive refers to the new accessor.
+indices are appended to the buffer, and the primitive refers to the new accessor. Source: Khronos,
+"glTF 2.0 Specification", sections 3.6 (buffers, accessors), 4.4 (GLB).
 """
 
 import base64

@@ -41,26 +41,19 @@ _KIND = "a model"
 
 @dataclass
 class Changes:
-    """Statistics of a model's flat faces, and of the new diagonals.
-
-    triangles, flat : number of triangles, and of those in flat faces of two or more
-    faces, changed, optimal : number of flat faces; with new diagonals; with a proven optimum
-    area, flat_area, before, after : areas, and side lengths of the changed faces' triangles
-    unchanged : number of unchanged faces and parts by reason
-    views : counters before and after in views from several directions, if no file is written
-    """
+    """Statistics of a model's flat faces, and of the new diagonals."""
 
     triangles: int = 0
-    flat: int = 0
+    flat: int = 0  # triangles in flat faces of two or more triangles
     faces: int = 0
-    changed: int = 0
-    optimal: int = 0
-    area: float = 0.0
+    changed: int = 0  # number of flat faces with new diagonals
+    optimal: int = 0  # number of flat faces with a proven optimum
+    area: float = 0.0  # in the model's units
     flat_area: float = 0.0
-    before: float = 0.0
+    before: float = 0.0  # total side length of the changed faces' triangles, in the model's units
     after: float = 0.0
-    unchanged: Counter[str] = field(default_factory=Counter)
-    views: list[ViewCounts] = field(default_factory=list)
+    unchanged: Counter[str] = field(default_factory=Counter)  # faces and parts by reason
+    views: list[ViewCounts] = field(default_factory=list)  # if no file is written
     files: list[Path] = field(default_factory=list)
 
 
@@ -116,16 +109,12 @@ def open_model(source: Path) -> tuple[Model, list[list[ModelPart]]]:
 
 @dataclass
 class _NewPart:
-    """New triangles of a part.
-
-    face : (m,) changed face of each triangle, or -1
-    diagonals : (d, 2) new edges of changed faces; diagonal_face : (d,) their faces
-    """
+    """New triangles of a part."""
 
     triangles: Ints
-    face: Ints
-    diagonals: Ints
-    diagonal_face: Ints
+    face: Ints  # (m,) changed face of each triangle, or -1
+    diagonals: Ints  # (d, 2) new edges of changed faces
+    diagonal_face: Ints  # (d,)
 
 
 def _retriangulate_part(part: ModelPart, criterion: str, changes: Changes) -> _NewPart:

@@ -199,10 +199,10 @@ def _find_step(tokens: Iterable[bytes]) -> float:
 
 
 def _compute_tolerance(positions: NDArray[np.float64], step: float) -> float:
-    """Return the flatness tolerance of a part whose positions (n, 3) were read from decimal text.
+    """Return the flatness tolerance of positions (n, 3) that were read from decimal text.
 
-    The tolerance depends on distances from the part's centre, not from 0: decimal text, unlike
-    single precision, is as exact far from 0 as near it.
+    Only distances from the part's centre count: decimal text, unlike single precision, is as exact
+    far from 0 as near it.
     """
     finite = positions[np.isfinite(positions).all(axis=1)]
     local = finite - (finite.min(axis=0) / 2 + finite.max(axis=0) / 2) if len(finite) else finite

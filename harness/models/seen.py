@@ -40,21 +40,16 @@ from triangulators.polygon_arrays import PolygonArray, offsets_of
 class PartFaces:
     """The flat faces of a part that have several triangulations, and the remaining triangles.
 
-    faces : f outlines in the plane of each face, integers; invalid faces, which touch themselves or
+    faces : outlines in the plane of each face, integers; invalid faces, which touch themselves or
         have interior vertices, come last, with a single ring of all vertices
-    count : number of faces that are valid polygons
-    vertices : (n,) index in the part of each vertex of `faces`
-    triangles : for each face the triangles in the model, (m, 3) indices of the face's vertices
-    slots : (t,) indices of these triangles in the part, face after face
-    loose : (u,) indices of the triangles outside faces
     """
 
     faces: PolygonArray
-    count: int
-    vertices: Ints
-    triangles: list[Rows]
-    slots: Ints
-    loose: Ints
+    count: int  # number of faces that are valid polygons
+    vertices: Ints  # (n,) index in the part of each vertex of `faces`
+    triangles: list[Rows]  # of each face in the model, (m, 3) indices of the face's vertices
+    slots: Ints  # (t,) indices of these triangles in the part, face after face
+    loose: Ints  # (u,) indices of the triangles outside faces
 
     @property
     def polygons(self) -> list[shapely.Polygon]:
@@ -134,8 +129,7 @@ def read(
 ) -> Scene:
     """Read a model as a scene of perspective views from the first `views` of 24 directions.
 
-    pixels : side of each image, which contains the model's bounding sphere
-    distance : of the camera from the sphere's centre, in radii
+    pixels : side of each image; distance : of the camera from the model's centre, in radii
     """
     _check_parameters(views, pixels, distance, depth)
     try:
@@ -218,20 +212,15 @@ def _check_parameters(views: int, pixels: int, distance: float, depth: str) -> N
 
 
 class _PlacedPart(NamedTuple):
-    """A part at one of its placements in the model.
-
-    first : indices of the first polygon in the scene, and of the first face in its invalid faces
-    points : (n, 3) vertices; corners : (m, 3, 3) vertices of the triangles
-    triangle_fronts, face_fronts : normals of triangles and faces, not of unit length
-    """
+    """A part at one of its placements in the model."""
 
     part: ModelPart
     flat: PartFaces
-    first: tuple[int, int]
-    points: Floats
-    corners: Floats
-    triangle_fronts: Floats
-    face_fronts: Floats
+    first: tuple[int, int]  # indices of the first polygon and the first invalid face
+    points: Floats  # (n, 3)
+    corners: Floats  # (m, 3, 3) vertices of the triangles
+    triangle_fronts: Floats  # normals, not of unit length
+    face_fronts: Floats  # normals, not of unit length
 
 
 def _place_part(
@@ -272,17 +261,13 @@ def _describe_coverage(placed_parts: list[_PlacedPart], faces: int, views: int) 
 
 
 class _ViewPieces(NamedTuple):
-    """Pieces of a view; sources and ranks as in `Viewing`.
+    """Pieces of a view; sources and ranks as in `Viewing`."""
 
-    outlines : p projected pieces, in 1/256 px; depths : (n,) depths of the vertices
-    other_triangles : triangles of the last pieces, which are not polygons
-    """
-
-    outlines: PolygonArray
-    depths: NDArray[np.int32]
+    outlines: PolygonArray  # projected pieces, in 1/256 px
+    depths: NDArray[np.int32]  # (n,) of the vertices
     sources: Ints
     ranks: Ints
-    other_triangles: list[Rows]
+    other_triangles: list[Rows]  # of the last pieces, which are not polygons
 
 
 def _list_pieces(

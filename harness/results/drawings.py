@@ -19,16 +19,11 @@ _COLUMNS = ("points", "offsets", "source", "ring_ends")  # docs/reference/files.
 
 @dataclass(frozen=True)
 class Geometry:
-    """A frame's polygons and their triangulations.
+    """A frame's polygons and their triangulations."""
 
-    grid : the p polygons, int32 coordinates in 1/256 px, y up
-    source : (p,) int64, numbers of the polygons in the scene
-    triangles : triangulator -> (m, 3) int32 rows of `points`, polygon by polygon
-    """
-
-    grid: PolygonArray
-    source: NDArray[np.int64]
-    triangles: dict[str, NDArray[np.int32]]
+    grid: PolygonArray  # int32 coordinates in 1/256 px, y up
+    source: NDArray[np.int64]  # (p,) numbers of the polygons in the scene
+    triangles: dict[str, NDArray[np.int32]]  # triangulator -> (m, 3) rows of `points`, by polygon
 
     @property
     def points(self) -> NDArray[np.int32]:

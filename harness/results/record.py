@@ -95,25 +95,19 @@ class CaseGroup:
 
 @dataclass(frozen=True)
 class CaseId:
-    """Identity of a case. Cases that differ in the scene's content alone are equal.
-
-    triangulator : name with its criterion, without number and marks
-    number : seed of `random`, position in `pareto` or `listed`; None if the name has none
-    upright : True if polygons were triangulated at rotation 0 and then turned
-    scene_hash : hash of the scene's content, "" if unknown; a part of `key`, not of equality
-    """
+    """Identity of a case. Cases that differ in the scene's content alone are equal."""
 
     scene: str
     view: View
-    triangulator: str
+    triangulator: str  # with its criterion, without number and marks
     rasteriser: str
     device: str
     options: Options
-    number: Integer | None = None
-    upright: bool = False
+    number: Integer | None = None  # seed of `random`, position in `pareto` or `listed`
+    upright: bool = False  # triangulated at rotation 0, then turned
     version: Version = ""
     host: str = ""
-    scene_hash: str = field(default="", compare=False)
+    scene_hash: str = field(default="", compare=False)  # "" if unknown; part of `key`
 
     @cached_property
     def group(self) -> CaseGroup:
@@ -152,44 +146,31 @@ class CaseId:
         return make_printable(f"{self.name}, {self.group}")
 
     def __lt__(self, other: Self) -> bool:
-        """Order cases by group, then by the triangulator's name."""
         return (self.group, self.name) < (other.group, other.name)
 
 
 @dataclass(frozen=True)
 class Time:
-    """Times of one draw in s; sample r of each tuple is from round r.
+    """Times of one draw in s; sample r of each tuple is from round r."""
 
-    timer : "gpu", "cpu" or "wall"
-    median_s, ci95_s : median of the undisturbed samples, and the ends of its 95 % interval
-    wall_s, waited_s : if `timer` is "cpu": wall time, and time that threads waited for a core
-    empty_s, reference_s : times of an empty draw and of the reference triangle
-    epochs, processes : number of rounds in each epoch and in each process
-    repeats : number of draws in a sample; samples are times of a batch, divided by this number
-    disturbed : number of samples that `find_undisturbed` excludes
-    stolen_s, others_s, timing_s : totals over all rounds: core time that the host took, CPU time of
-        other processes, duration
-    round_group : identifier of the rounds; cases with equal identifiers can be paired
-    """
-
-    timer: str = ""
+    timer: str = ""  # gpu, cpu or wall
     samples_s: tuple[Number, ...] = ()
-    wall_s: tuple[Number, ...] = ()
-    waited_s: tuple[Number, ...] = ()
-    disturbed: Integer | None = None
-    stolen_s: Number | None = None
-    others_s: Number | None = None
-    timing_s: Number | None = None
-    median_s: Number | None = None
+    wall_s: tuple[Number, ...] = ()  # wall time, if `timer` is cpu
+    waited_s: tuple[Number, ...] = ()  # time that threads waited for a core, if `timer` is cpu
+    disturbed: Integer | None = None  # number of samples that `find_undisturbed` excludes
+    stolen_s: Number | None = None  # core time that the host took, in all rounds
+    others_s: Number | None = None  # CPU time of other processes, in all rounds
+    timing_s: Number | None = None  # duration of all rounds
+    median_s: Number | None = None  # of the undisturbed samples
     ci95_s: tuple[Number, Number] | None = None
-    repeats: Integer | None = None
-    epochs: tuple[Annotated[Integer, Ge(1)], ...] = ()
-    processes: tuple[Integer, ...] = ()
+    repeats: Integer | None = None  # draws in a batch; a sample is a batch's time per draw
+    epochs: tuple[Annotated[Integer, Ge(1)], ...] = ()  # number of rounds in each
+    processes: tuple[Integer, ...] = ()  # number of rounds in each
     precision: Number | None = None
     precision_reached: bool | None = None
-    empty_s: tuple[Number, ...] = ()
-    reference_s: tuple[Number, ...] = ()
-    round_group: str = ""
+    empty_s: tuple[Number, ...] = ()  # of an empty draw
+    reference_s: tuple[Number, ...] = ()  # of the reference triangle
+    round_group: str = ""  # cases with equal identifiers can be paired
     warnings: tuple[str, ...] = ()
 
     def is_paired_with(self, other: "Time") -> bool:
@@ -200,16 +181,12 @@ class Time:
 
 @dataclass(frozen=True)
 class LeastQuads:
-    """Sums over the polygons whose minimum quad count is known.
-
-    quads : sum of these polygons' minimum quad counts
-    shaded, fragments : quads shaded and pixels covered by the record's triangles of these polygons
-    """
+    """Sums over the polygons whose minimum quad count is known."""
 
     polygons: Integer
-    quads: Integer
-    shaded: Integer
-    fragments: Integer
+    quads: Integer  # minimum
+    shaded: Integer  # quads that the record's triangles of these polygons shade
+    fragments: Integer  # pixels that these triangles cover
 
 
 @dataclass(frozen=True)
@@ -222,10 +199,7 @@ class ViewCounters:
 
 @dataclass(frozen=True)
 class Record:
-    """Result of a case; fields that were not measured are None or empty.
-
-    docs/reference/files.md describes the fields. `key` names the record's arrays in its run folder.
-    """
+    """Result of a case (docs/reference/files.md); fields not measured are None or empty."""
 
     id: CaseId
     status: Status
@@ -249,7 +223,7 @@ class Record:
     least: LeastQuads | None = None
     views: ViewCounters | None = None
     time: Time | None = None
-    key: str = ""
+    key: str = ""  # names the record's arrays in its run folder
 
     def __post_init__(self) -> None:
         """Set `key` from the identity, unless the key was read from a file."""

@@ -45,21 +45,14 @@ UNREADABLE = (  # errors of numpy and zipfile for damaged files: empty, truncate
 
 @dataclass(frozen=True)
 class Run:
-    """A stored run.
+    """A stored run."""
 
-    path : folder, or `cases.jsonl` if only that file was given
-    facts : the content of `run.json`, or {} if missing
-    problems : a line for each unreadable part
-    modified : names of array files whose checksum differs
-    truncation : message if the file of records is shorter than when it was written, or ""
-    """
-
-    path: Path
-    facts: RunFacts
-    records: Sequence[Record]
-    problems: list[str] = field(default_factory=list)
-    modified: frozenset[str] = frozenset()
-    truncation: str = ""
+    path: Path  # folder, or `cases.jsonl` if only that file was given
+    facts: RunFacts  # the content of `run.json`, or {} if missing
+    records: Sequence[Record]  # in the order written
+    problems: list[str] = field(default_factory=list)  # a line for each unreadable part
+    modified: frozenset[str] = frozenset()  # names of array files whose checksum differs
+    truncation: str = ""  # message if the file of records is shorter than when it was written
 
     @property
     def base(self) -> str:

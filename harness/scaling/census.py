@@ -53,16 +53,12 @@ class Counting(PartWork):
 
 @dataclass(frozen=True)
 class Census(Counting):
-    """A census of footprints.
-
-    units_per_pixel : scale of the map; metres if the source is in degrees
-    cell : side of a map cell, in the source's units
-    """
+    """A census of footprints."""
 
     noun: ClassVar[str] = "footprints"
 
-    units_per_pixel: float
-    cell: float
+    units_per_pixel: float  # metres if the source is in degrees
+    cell: float  # side of a map cell, in the source's units
     layer: str | None = None
     where: str | None = None
 
@@ -289,10 +285,9 @@ def _count_shading(
     window: NDArray[np.int64],
     threads: int | None,
 ) -> tuple[NDArray[np.float64], dict[int, str]]:
-    """Triangulate polygons by a triangulator, and sum `MEASURES` over each polygon's triangles.
+    """Triangulate pieces on the pixel grid, and sum `MEASURES` over each polygon's triangles.
 
-    polygons, owners : p pieces on the pixel grid, and the index (0 to count - 1) of their polygons
-
+    owners : (p,) index (0 to count - 1) of each piece's polygon; window : as `Frame.window`.
     Returns the sums (count, len(MEASURES)), and the reason of each failure by the polygon's index.
     """
     result = triangulate_many(polygons, name, check=False, threads=threads)

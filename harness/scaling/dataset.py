@@ -53,16 +53,13 @@ _code_version = cache(environment.hash_code)
 class FilePart:
     """A range of rows of a file.
 
-    path : the file, absolute
-    rows : (first, last + 1), or None for all rows
-    size : number of rows, or 0 if unknown
     about : the file's name (`source`), a digest of its content (`identity`), `rows`, `options` and
-        `code`; and `key`, 16 hexadecimal digits of a hash of all of these except the name
+    `code`; and `key`, 16 hexadecimal digits of a hash of all of these except the name
     """
 
-    path: str
-    rows: tuple[int, int] | None
-    size: int
+    path: str  # absolute
+    rows: tuple[int, int] | None  # (first, last + 1), or None for all rows
+    size: int  # number of rows, or 0 if unknown
     about: dict[str, Any]
 
     @property
@@ -80,24 +77,17 @@ class FilePart:
 
 @dataclass(frozen=True)
 class PartResult:
-    """Result of a part whose file is in the folder.
-
-    counts : [kind, reason, number of polygons] of dropped, repaired and failed polygons
-    certified : fields of `Certified`, or None if not requested
-    about : identity of the part, as in `FilePart`
-    left_out : (kind, polygon, reason) of the first dropped and the first failed polygons
-    seconds : duration, or None if the file existed already
-    """
+    """Result of a part whose file is in the folder."""
 
     polygons: int
     triangles: int
-    proven: int
-    counts: list[list[Any]]
-    certified: dict[str, Any] | None
-    about: dict[str, Any]
-    notes: list[str] = field(default_factory=list)
-    left_out: list[tuple[str, str, str]] = field(default_factory=list)
-    seconds: float | None = None
+    proven: int  # number of polygons with a proven optimum
+    counts: list[list[Any]]  # [kind, reason, number] of dropped, repaired and failed polygons
+    certified: dict[str, Any] | None  # fields of `Certified`, or None if not requested
+    about: dict[str, Any]  # identity of the part, as in `FilePart`
+    notes: list[str] = field(default_factory=list)  # messages about the file
+    left_out: list[tuple[str, str, str]] = field(default_factory=list)  # (kind, polygon, reason)
+    seconds: float | None = None  # None if the file existed already
 
 
 @dataclass(frozen=True)
@@ -180,27 +170,20 @@ def list_files(pattern: str) -> list[Path]:
 
 @dataclass
 class Summary:
-    """State of the folder after a command.
-
-    counts : number of dropped, repaired and failed polygons by (kind, reason)
-    set_aside : reason by file or part that has no result
-    pruned : rows skipped because the row group's statistics exclude the condition
-    certified : fields of `Certified` of each part that has them
-    left_out : (file, kind, polygon, reason) of the first dropped and failed polygons of each part
-    """
+    """State of the folder after a command."""
 
     parts: int
-    parts_done: int
-    fresh: int
+    parts_done: int  # number of parts with a result
+    fresh: int  # parts that this command processed
     polygons: int
     triangles: int
     proven: int
-    counts: Counter[tuple[str, str]]
-    set_aside: dict[str, str]
-    pruned: int
-    seconds: float
-    certified: list[dict[str, Any]]
-    left_out: list[tuple[str, str, str, str]]
+    counts: Counter[tuple[str, str]]  # dropped, repaired and failed polygons by (kind, reason)
+    set_aside: dict[str, str]  # reason by file or part that has no result
+    pruned: int  # rows skipped because the row group's statistics exclude the condition
+    seconds: float  # wall time of this command
+    certified: list[dict[str, Any]]  # fields of `Certified` of each part that has them
+    left_out: list[tuple[str, str, str, str]]  # file, kind, polygon, reason: first of each part
 
 
 class Dataset:

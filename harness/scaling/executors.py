@@ -1,10 +1,9 @@
 """Executors of tasks: this process, or Dask workers, local or of a scheduler at an address.
 
-A task may run more than once, and must store the same result under the same name each time.
-
-Each thread of a Dask worker runs its tasks in a separate process. A task that crashes ends that
-process, not the worker, so the failing task is known. If the worker is killed, the process is
-killed as well (on Linux), and the task does not count as failed.
+A task may run more than once, and must store the same result under the same name each time. Each
+thread of a Dask worker runs its tasks in a separate process. A task that crashes ends that process,
+not the worker, so the failing task is known. If the worker is killed, the process is killed as well
+(on Linux), and the task does not count as failed.
 """
 
 from __future__ import annotations

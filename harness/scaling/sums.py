@@ -14,34 +14,27 @@ from harness.atomic import Output
 from harness.results.run_folder import UNREADABLE
 from harness.scaling.dataset import PartResult
 
-GAINED = (
+GAINED = (  # depend on the triangulation: exact counters, then criteria in px and px^2
     *("quads", "helper_lanes", "partial_quads", "blocks", "bbox_tests"),
     *("half_perimeter", "overdraw"),
 )
-"""Measures that depend on the triangulation: exact counters, then criteria in px and px^2."""
 
 MEASURES = ("fragments", "triangles", *GAINED)  # sums over a footprint's triangles
 BINS = 400  # of a gain's histogram, 0.5 % each, from -100 % (or less) to 100 %
 
 COUNTS = ("polygons", "vertices", "tiles", "dropped", "repaired")
-"""Counts of `Sums`. `tiles` are tiles with a polygon; `dropped` polygons cannot be drawn;
-`repaired` polygons were invalid."""
+"""Counts of `Sums`: tiles with a polygon, dropped (undrawable) and repaired (invalid) polygons."""
 
 Group = tuple[int | None, str]  # zoom and layer of polygons of map tiles
 FOOTPRINTS: Group = (None, "")  # the group of all footprints
 
 
 class Sums(NamedTuple):
-    """Sums over footprints, or polygons of map tiles, for t triangulators.
+    """Sums over footprints, or polygons of map tiles, for t triangulators."""
 
-    counts : (len(COUNTS),) int64
-    totals : (t, len(MEASURES)) float64; integers except the criteria
-    bins : (t, len(GAINED), BINS) int64, number of polygons by gain
-    """
-
-    counts: NDArray[np.int64]
-    totals: NDArray[np.float64]
-    bins: NDArray[np.int64]
+    counts: NDArray[np.int64]  # (len(COUNTS),)
+    totals: NDArray[np.float64]  # (t, len(MEASURES)), integers except the criteria
+    bins: NDArray[np.int64]  # (t, len(GAINED), BINS), number of polygons by gain
 
     @classmethod
     def empty(cls, triangulators: int, **counts: int) -> "Sums":
@@ -61,17 +54,12 @@ class Sums(NamedTuple):
 
 @dataclass
 class CensusCounts:
-    """Counts of one or more parts.
-
-    groups : sums by zoom and layer
-    cells : tables of map cells: indices `x` and `y`, `footprints`, helper lanes by triangulator
-    damaged : (tile, reason) of unreadable tiles
-    """
+    """Counts of one or more parts."""
 
     groups: dict[Group, Sums] = field(default_factory=dict)
-    cells: list[pd.DataFrame] = field(default_factory=list)
-    damaged: list[tuple[str, str]] = field(default_factory=list)
-    layers: set[str] = field(default_factory=set)
+    cells: list[pd.DataFrame] = field(default_factory=list)  # x, y, footprints, helper lanes
+    damaged: list[tuple[str, str]] = field(default_factory=list)  # (tile, reason)
+    layers: set[str] = field(default_factory=set)  # names
 
     def add(self, group: Group, sums: Sums) -> None:
         """Add sums to a group."""

@@ -29,11 +29,10 @@ UNKNOWN = (float("nan"), float("nan"))  # ends that the values do not determine
 def compute_median_interval(
     samples: list[float], confidence: float = CONFIDENCE
 ) -> tuple[float, float]:
-    """Return the exact order-statistics confidence interval of the median, by default of 95 %.
+    """Return the median's exact order-statistics interval, for any distribution of the samples.
 
-    No assumption is made about the distribution. For fewer than six samples the result is the
-    samples' range, whose confidence is lower. Source: David & Nagaraja, Order Statistics, section
-    7.1.
+    Fewer than six samples give their range, whose confidence is lower than 95 %. Source: David &
+    Nagaraja, Order Statistics, section 7.1.
     """
     from scipy.special import bdtr  # slow to import
 
@@ -65,11 +64,11 @@ def compute_student_interval(
 def compute_mean_interval(values: NDArray[np.float64], seed: int = 0) -> tuple[float, float]:
     """Return the studentised bootstrap's 95 % confidence interval of the mean of (n,) values.
 
-    The interval is asymmetric if the values are skewed, unlike Student's. The result is `UNKNOWN`
-    for fewer than `MIN_VALUES` values, for equal values, whose spread is unknown, and if one value
-    outweighs the others so much that either end is unbounded. If rare values dominate the mean, one
-    in n or fewer, they may be absent from the n values, and no interval allows for them. Source:
-    B. Efron and R. Tibshirani, An Introduction to the Bootstrap, 12.5.
+    The interval is asymmetric if the values are skewed, unlike Student's. It is `UNKNOWN` for fewer
+    than `MIN_VALUES` values, for equal values, and if one value outweighs the others so much that
+    either end is unbounded. Values so rare, one in n or fewer, that they may be absent from the n
+    values are not allowed for. Source: B. Efron and R. Tibshirani, An Introduction to the
+    Bootstrap, 12.5.
     """
     n = len(values)
     if n < MIN_VALUES or np.ptp(values) == 0:
@@ -86,12 +85,11 @@ def compute_ratio_interval(
 ) -> tuple[float, float]:
     """Return the studentised bootstrap's 95 % interval of sum(values) / sum(base), both (n,).
 
-    Each value is resampled together with its base; a ratio's standard error is the jackknife's.
-    The result is `UNKNOWN` in the cases of `compute_mean_interval`; if an element of `base` is
-    negative, or all are 0; and if an end of the interval lies outside the range of the ratios
-    value / base by more than the width of that range, which happens if resamples of a few values
-    are so similar that their standard errors are almost 0. Source: B. Efron and R. Tibshirani, An
-    Introduction to the Bootstrap, 11 and 12.5.
+    Each value is resampled together with its base; a ratio's standard error is the jackknife's. The
+    result is `UNKNOWN` in the cases of `compute_mean_interval`; if an element of `base` is
+    negative, or all are 0; and if an end lies outside the range of value / base by more than its
+    width, because resamples of few values are so similar that their standard errors are almost 0.
+    Source: as above, 11 and 12.5.
     """
     n = len(values)
     if n < MIN_VALUES or (base < 0).any() or not base.any():
@@ -126,8 +124,8 @@ def _estimate_errors(
 ) -> NDArray[np.float64]:
     """Return the jackknife standard errors (k,) of k ratios sum(values) / sum(base), row by row.
 
-    residuals : (k, n), the values less ratio * base; a factor common to all rows is omitted, as it
-    cancels in the studentised bootstrap
+    residuals, base : (k, n), values - ratio * base, and base. A factor common to all rows is
+    omitted, as it cancels in the studentised bootstrap.
     """
     remainder = base.sum(axis=1, keepdims=True) - base
     errors: NDArray[np.float64] = np.sqrt(((residuals / remainder) ** 2).sum(axis=1))
@@ -147,20 +145,14 @@ UNDECIDED: Final = "not significant"
 
 @dataclass(frozen=True)
 class Ratio:
-    """Ratio of the times of two drawings, with a 95 % confidence interval.
-
-    rounds : number of rounds from which the ratio was computed
-    quiet : False if the run was disturbed, so that the verdict is always "not significant"
-    joint : the same ratio with an interval that allows for the choice of the lowest of several
-        ratios, or None if not computed
-    """
+    """Ratio of the times of two drawings, with a 95 % confidence interval."""
 
     value: float
     low: float
     high: float
-    rounds: int
-    quiet: bool = True
-    joint: "Ratio | None" = None
+    rounds: int  # number of rounds from which the ratio was computed
+    quiet: bool = True  # if False, the verdict is always "not significant"
+    joint: "Ratio | None" = None  # allows for the choice of the lowest of several ratios
 
     @property
     def verdict(self) -> Verdict:
@@ -184,10 +176,10 @@ SINGLE_EPOCH_PARTS = 6  # into which the rounds of a single epoch are divided
 def split_rounds(
     processes: Sequence[int], epochs: Sequence[int], rounds: int
 ) -> list[NDArray[np.intp]]:
-    """Split the `rounds` rounds of a timing into parts that are as independent as possible.
+    """Return the indices of the rounds of each part; parts are as independent as possible.
 
-    A part is a process if there are several; otherwise an epoch if there are `MIN_EPOCHS`;
-    otherwise every sixth round (`SINGLE_EPOCH_PARTS`). Returns the indices of each part's rounds.
+    Parts are processes if there are several; otherwise epochs if there are `MIN_EPOCHS`; otherwise
+    every sixth round. processes, epochs : number of rounds of each
     """
     for parts, minimum in ((processes, 2), (epochs, MIN_EPOCHS)):
         if len(parts) >= minimum and sum(parts) == rounds:
@@ -277,8 +269,8 @@ def _count_rounds(mask: NDArray[np.bool_], parts: Sequence[int] | None) -> list[
 def add_run_scatter(ratio: Ratio, candidates: int = 1) -> Ratio:
     """Return a run's ratio with its interval widened by the scatter between runs.
 
-    The new half-width, of the log ratio, is the root of the sum of squares of the old half-width
-    and the half-width that `RUN_SCATTER` alone would give.
+    The squares of two half-widths of the log ratio add up: the old one, and that of `RUN_SCATTER`
+    alone. candidates : as for `compute_paired_ratio`
     """
     middle, low, high = np.log([ratio.value, ratio.low, ratio.high])
     quantile = NormalDist().inv_cdf(0.5 + CONFIDENCE ** (1 / max(1, candidates)) / 2)

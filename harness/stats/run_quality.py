@@ -78,12 +78,11 @@ class RunState:
 
 
 def find_undisturbed(time: Time) -> NDArray[np.bool_]:
-    """Return the (r,) mask of samples with a share of waiting of at most `MAX_WAITED_SHARE`.
+    """Return the (r,) mask of samples that waited at most `MAX_WAITED_SHARE`; all, if unknown.
 
-    If the waiting is unknown, all samples are in the mask. Threads of one process that wait for
-    each other, as in Vulkan on the CPU, are not a disturbance. So a sample's waiting counts only up
-    to the excess of its wall time over the wall time that an undisturbed sample needs for the same
-    CPU time, which with parallel threads may be less than the CPU time.
+    Threads of one process that wait for each other, as in Vulkan on the CPU, are not a disturbance.
+    So waiting counts only up to the excess of the sample's wall time over that of an undisturbed
+    sample with the same CPU time, which with parallel threads may be less than the CPU time.
     """
     samples, waited, wall = map(np.array, (time.samples_s, time.waited_s, time.wall_s))
     if len(waited) != len(samples):
@@ -96,11 +95,7 @@ def find_undisturbed(time: Time) -> NDArray[np.bool_]:
 
 
 def select_rounds(time: Time, base: Time) -> NDArray[np.bool_]:
-    """Return the (r,) mask of the rounds to use for the ratio of two drawings.
-
-    These are the rounds in which both samples are undisturbed, or all rounds if there are fewer
-    than `MIN_QUIET_ROUNDS` of these.
-    """
+    """Return the (r,) mask of rounds with both samples undisturbed, or of all if few are."""
     first, second = find_undisturbed(time), find_undisturbed(base)
     if len(first) != len(second):
         raise ValueError(f"{len(first)} and {len(second)} samples are not rounds of one group")
@@ -231,7 +226,7 @@ def get_run_state(run: Run) -> RunState:
 
 
 def explain_incomparable(base: Time, head: Time, *, machines_differ: bool) -> str:
-    """Return why a case's times in two separate runs are incomparable, or "" if they are not."""
+    """Return why a case's times in two separate runs are incomparable, or "" if comparable."""
     for name, time in (("BASE", base), ("HEAD", head)):
         if problems := _find_disturbances({"the case": time}):
             return f"{name} was disturbed ({next(iter(problems))}); use run --beside"

@@ -90,9 +90,8 @@ def list_faster(table: pd.DataFrame, base: str) -> pd.DataFrame:
 def split_by_order(table: pd.DataFrame, base: str) -> pd.DataFrame:
     """Separate the gain of the triangles' order from the gain of the diagonals.
 
-    Returns a row for each view and triangulator drawn in its native and in other orders: column
-    `native`, the time relative to the base with both in native order, and a column for each other
-    order with the ratio in that order. The gain in a common order is that of the diagonals; the
+    Returns a row for each view and triangulator, with the time relative to the base in native order
+    (`native`) and in each other order. The gain in a common order is that of the diagonals; the
     additional gain of `native` is that of the order, which any triangulation can have.
     """
     rows = table[(table["base"] == base) & (table["triangulator"] != base)]

@@ -58,8 +58,7 @@ WITH_C = name_mixture(1, 1, 1)  # the paper's C (complexity) has no effect on th
 
 CRITERIA = ("overdraw", "shape", "complexity", "half_perimeter", "edge_length", "triangles")
 
-FRONTS = ("polygon", "k", "overdraw", "shape", "measured")
-"""Columns of fronts.csv, with a row for each point of a polygon's front; k is its rank by A."""
+FRONTS = ("polygon", "k", "overdraw", "shape", "measured")  # of fronts.csv; k is the rank by A
 
 
 def list_compared() -> tuple[str, ...]:
@@ -176,8 +175,7 @@ def mark_undominated(
 ) -> NDArray[np.bool_]:
     """Return the (c,) mask of the rows of (c, 2) costs that no row of `reference` dominates.
 
-    A row dominates another if it is at most as large in both columns and smaller in one; relative
-    differences up to `TOLERANCE` are ties.
+    A row dominates another if it is nowhere larger and somewhere smaller, beyond `TOLERANCE`.
     """
     slack = TOLERANCE * np.maximum(np.abs(costs).max(axis=0, initial=0.0), 1e-300)
     not_larger = (reference[None] <= costs[:, None] + slack).all(axis=2)
@@ -207,8 +205,7 @@ def make_triangulation_table(
 ) -> pd.DataFrame:
     """Return one row per triangulation, sorted by overdraw; columns `CRITERIA` and two more.
 
-    conforming : whether the triangulation has no T-junctions
-    diagonals : pairs of vertex numbers, "1-3 3-5"
+    conforming : without T-junctions; diagonals : pairs of vertex numbers, "1-3 3-5"
     """
     points = vertices(polygon)
     rows = []

@@ -50,13 +50,11 @@ SUMMARY = (
 def estimate_regret(values: Column, selected: int) -> tuple[float, float]:
     """Return a lower and an upper estimate of the regret of the candidate `selected`.
 
-    values : (k, b) costs of k candidates in b independent blocks of noisy measurements
-
-    The plug-in estimate compares with the minimum of the means over all blocks, which is too low,
-    so that the estimate is too high on average. The cross-fitted estimate compares with the
-    candidate that is best in the other blocks; it is too low on average, and may be below 0. The
-    true regret lies between the expectations of both estimates, as the minimum is concave (Jensen's
-    inequality).
+    values : (k, b) costs of k candidates in b independent blocks of noisy measurements. The plug-in
+    estimate compares with the minimum of the means over all blocks, which is too low, so that the
+    estimate is too high on average. The cross-fitted estimate compares with the best candidate of
+    the other blocks; it is too low on average, and may be below 0. The true regret lies between the
+    expectations of both estimates, as the minimum is concave (Jensen's inequality).
     """
     logs = np.log(values)
     means = logs.mean(axis=1)
@@ -74,13 +72,11 @@ def compute_regret_interval(low: Column, high: Column) -> tuple[float, float]:
 
 
 def make_regret_table(records: Sequence[Record]) -> pd.DataFrame:
-    """Return one row for each polygon, measure, and criterion or triangulator.
+    """Return one row for each polygon, measure, and criterion or triangulator (`kind`, `name`).
 
-    kind : "criterion" or "triangulator", with `name`; `triangulator` is the selected triangulator
-    best : the triangulator with the minimum, for times over all rounds
-    least_known : whether the minimum is proven over all possible triangulations
-    regret : ratio to the minimum, less 1; for a time, the mean of both estimates
-    regret_low, regret_high : cross-fitted and plug-in estimate; equal for counters
+    triangulator : the selected one; best : the one with the minimum, for times over all rounds;
+    least_known : whether the minimum is proven over all triangulations; regret : ratio to the
+    minimum, less 1, for a time the mean of `regret_low` (cross-fitted) and `regret_high` (plug-in)
     """
     rows = []
     counted: set[tuple[Any, ...]] = set()

@@ -62,19 +62,15 @@ TABLES = {  # gains.csv: triangles in native order, in walk order, and rotated
 
 @dataclass(frozen=True)
 class Finding:
-    """A result with an interval, and whether the result supports the claim.
-
-    comparison : text about the compared value, which follows the result in `text`
-    too_few : True if there are too few polygons to decide
-    """
+    """A result with an interval, and whether the result supports the claim."""
 
     value: float
     low: float
     high: float
     holds: bool = True
     percent: bool = False
-    comparison: str = ""
-    too_few: bool = False
+    comparison: str = ""  # text about the compared value, which follows the result in `text`
+    too_few: bool = False  # too few polygons to decide
 
     @property
     def verdict(self) -> str:
@@ -103,8 +99,8 @@ def _find_row(
 ) -> pd.Series[Any] | None:
     """Return the row whose columns have `values`, in the largest viewport, or None.
 
-    boxes : True for a row of the rasteriser that scans bounding boxes; False for a row of OpenGL
-        or, if that is missing, of the CPU reference, which has the same counters
+    boxes : True for the rasteriser that scans bounding boxes; False for OpenGL, else the CPU
+    reference
     """
     if table is None:
         return None

@@ -91,11 +91,9 @@ def choose_triangulators(design: StudySize, polygon: Polygon) -> tuple[Recipe, .
     return parse_all([*methods, *optimised, *(f"random#{seed}" for seed in range(design.random))])
 
 
-POLYGONS = 24
-RANDOM = 20
-MAX_VERTICES = 60
-"""Limits of `evaluate_triangulations`: polygons, random triangulations of each polygon, and
-vertices of a polygon, because random triangulations of larger polygons are slow."""
+POLYGONS = 24  # limit of `evaluate_triangulations`
+RANDOM = 20  # random triangulations of each polygon
+MAX_VERTICES = 60  # random triangulations of larger polygons are slow
 
 COUNTED = (  # in addition to random triangulations
     "ear-clipping",
