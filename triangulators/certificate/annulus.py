@@ -47,11 +47,9 @@ def classify_edges(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the kind of each edge (CUT to BRIDGE), and two numbers that locate it, (e,) each.
 
-    outer (m,), inner (q,): rings of sites with the polygon on the left; inner[0] is leftmost. cut,
-    usable (e,): flags of cuts, and of edges that cross no cut. For a bridge, the numbers are the
-    positions on the outer ring and on the hole. For the pocket of an edge a-b, a < b, the first
-    number is the number of ring sides that the pocket spans, negative if these lead from b to a;
-    the second is 0.
+    outer (m,), inner (q,): rings of sites; inner[0] is leftmost. For a bridge, the numbers are the
+    positions on both rings. For the pocket of an edge a-b, a < b, the first is the number of ring
+    sides that the pocket spans, negative if these lead from b to a; the second is 0.
     """
     points, edges, side = candidates.points, candidates.edges, candidates.side
     m, q, tip, upper = len(outer), len(inner), inner[0], inner[1]

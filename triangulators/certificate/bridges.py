@@ -9,20 +9,18 @@ two bridges, and its third side closes a pocket, or is a side of a ring:
     walk(b) = min over the triangles with the bridges a and b of walk(a) + weight + the pocket of
               the third side.
 
-Around the hole, the bridges of a triangulation follow each other counter-clockwise: a closed walk,
-in which each triangle advances one end, along the outer ring or along the hole. Pockets are the
-same for all walks. Walks begin at the bridges of an extreme vertex of the hole, such as the
-leftmost: the polygon's angle there exceeds 180 degrees, a triangle's does not, so each
-triangulation has a bridge that leads from this vertex further to the left. Of the four extreme
-vertices, that with the fewest such bridges is taken.
+Around the hole, the bridges of a triangulation form a closed walk, counter-clockwise, in which each
+triangle advances one end, along the outer ring or along the hole. Pockets are the same for all
+walks. Walks begin at an extreme vertex of the hole, such as the leftmost: the polygon's angle there
+exceeds 180 degrees, a triangle's does not, so each triangulation has a bridge that leads from there
+further to the left. Of the four extreme vertices, that with the fewest such bridges is taken.
 
 Order of a walk. Number the sites of both rings counter-clockwise, the outer ring 0..m - 1, the hole
-0..q - 1 from the leftmost vertex on; each further turn around the hole adds m and q. A bridge from
-outer position `o` ends on the hole at a position in the same turn as `o`, or in the next or
-previous turn if the bridge crosses the ray from the leftmost vertex to the left. Two bridges cross
-if their positions are in opposite order on the two rings. So a walk from a bridge visits bridges
-whose two positions have an ascending sum, until the sum has grown by m + q: an acyclic graph. Exact
-predicates count the turns.
+0..q - 1 from the leftmost vertex on; each further turn around the hole adds m and q. A bridge ends
+in the same turn on both rings, or one turn apart if the bridge crosses the ray from the leftmost
+vertex to the left (exact predicates count the turns). Two bridges cross if their positions are in
+opposite order on the two rings. So a walk from a bridge visits bridges whose two positions have an
+ascending sum, until the sum has grown by m + q: an acyclic graph.
 
 More holes. The extreme vertex of all holes in a direction has an edge to the ring outside. Cut
 along one such edge, and repeat until one hole is left; all choices of cuts are tried. Edges that
@@ -62,10 +60,9 @@ def solve_by_bridges(
 ) -> np.ndarray:
     """Return the indices (m,) of the candidates that form the triangulation of minimum weight.
 
-    ring_offsets (h + 2,), h > 0: rings that do not touch, whose vertices are sites; alive (t,):
-    flags of the usable triangles; weights (t,): weight of each triangle; none: a number that
-    exceeds the weight of every triangulation, small enough that the sum of three does not overflow.
-    The result is empty if there are more than `MAX_CUTS` ways to cut, or no triangulation.
+    ring_offsets (h + 2,), h > 0: rings that do not touch; none: exceeds the weight of every
+    triangulation, but the sum of three does not overflow. The result is empty if there are more
+    than `MAX_CUTS` ways to cut, or no triangulation of the triangles flagged in `alive` (t,).
     """
     c = candidates
     holes, size = len(ring_offsets) - 2, len(c.edges)
@@ -166,11 +163,10 @@ def _find_pockets_and_steps(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the pocket (t,) that each triangle can close, and the steps (s, 4) of walks.
 
-    A triangle without a bridge closes the pocket of the side across which the hole lies: the
-    pocket's edge index, or the number of edges if there is none. A triangle with two bridges is a
-    step: index of the bridge before it, of the bridge after it, of the triangle, and of its third
-    edge. kind, length (e,): see `classify_edges`. A triangle is outside the pocket of a side if it
-    runs along the side in the direction of the pocket.
+    A triangle without a bridge closes the pocket of the side across which the hole lies: an edge
+    index, or the number of edges if there is none. A triangle with two bridges is a step: indices
+    of the bridges before and after it, of the triangle, and of its third edge. A triangle is
+    outside the pocket of a side if it runs along the side in the direction of the pocket.
     """
     c = candidates
     pocket_of = np.full(len(alive), len(c.edges), dtype=np.int64)
@@ -214,8 +210,7 @@ def _minimise_pockets(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the minimum weight (e,) of each edge's pocket, and the triangle (e,) at the edge.
 
-    The weight is 0 for sides and cuts, and `none` for bridges, for unused edges, and for pockets
-    without a triangulation. Arguments: see `_find_pockets_and_steps`.
+    The weight is 0 for sides and cuts, and `none` for bridges, unused edges and impossible pockets.
     """
     sides, count = candidates.sides, len(kind)
     pocket = np.full(count, none, dtype=weights.dtype)
@@ -254,10 +249,9 @@ def _solve_annulus(
     starts: np.ndarray,
     none: Any,
 ) -> tuple[Any, np.ndarray]:
-    """Return the minimum weight of a cut polygon with one hole, and the indices (m,) of triangles.
+    """Return the minimum weight of a cut polygon with one hole, or `none`, and its triangles (m,).
 
-    starts: bridges of which each triangulation has at least one. The weight is `none` if there is
-    no triangulation.
+    Each triangulation contains at least one of the bridges `starts`.
     """
     c, (outer, inner) = candidates, find_annulus_rings(candidates, ring_offsets, hole, cut)
     m, q = len(outer), len(inner)
@@ -338,11 +332,9 @@ def _find_lightest_walk(
     """Return the minimum weight of a closed walk over bridges; write the last steps to `via`.
 
     order: bridges by their sums of positions, with `start` at index `at`; the walk visits those up
-    to the end, then, a turn ahead, those from the beginning to `start`. turn: sizes (m, q) of the
-    rings. first, second (e,): positions of bridges. steps (s, 4): see `_find_pockets_and_steps`;
-    sizes, costs (s,): number of ring sides that a step advances, and weight of its triangle and
-    pocket. by_target: the steps grouped by the bridge that they lead to; via (e,): output, the last
-    step of the lightest walk to each bridge; walk (e,): workspace, the weights of these walks.
+    to the end, then, a turn ahead (m, q), those from the beginning to `start`. sizes, costs (s,):
+    ring sides that a step advances, and weight of its triangle and pocket. by_target: steps by the
+    bridge after them. walk, via (e,): weight and last step of the lightest walk to each bridge.
     """
     begin, items = by_target
     m, q = turn

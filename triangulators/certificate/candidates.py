@@ -23,20 +23,17 @@ _BLOCK_TRIANGLES = 256  # triangles whose costs are computed in one call
 class Candidates(NamedTuple):
     """Edges and triangles of a polygon.
 
-    points (n, 2). edges (e, 2): pairs of sites a < b, in ascending order; side (e,): 1 if a-b is a
-    boundary edge with the interior on the left, -1 if b-a is, 0 for a diagonal. triangles (t, 3):
-    sites, counter-clockwise; sides (t, 3): index of the edge from vertex k to vertex k + 1. start
-    (2 e + 1,), items (3 t,): `items[start[2 * i]:start[2 * i + 1]]` are the triangles on the left
-    of edge i, seen from a to b, and those up to `start[2 * i + 2]` the triangles on the right.
+    `items[start[2 * i]:start[2 * i + 1]]` are the triangles on the left of edge i, seen from a to
+    b, and those up to `start[2 * i + 2]` the triangles on the right.
     """
 
-    points: np.ndarray
-    edges: np.ndarray
-    side: np.ndarray
-    triangles: np.ndarray
-    sides: np.ndarray
-    start: np.ndarray
-    items: np.ndarray
+    points: np.ndarray  # (n, 2)
+    edges: np.ndarray  # (e, 2): pairs of sites a < b, in ascending order
+    side: np.ndarray  # (e,): 1 if a-b is a boundary edge (interior on the left), -1 if b-a, else 0
+    triangles: np.ndarray  # (t, 3): sites, counter-clockwise
+    sides: np.ndarray  # (t, 3): index of the edge from vertex k to vertex k + 1
+    start: np.ndarray  # (2 e + 1,)
+    items: np.ndarray  # (3 t,)
 
 
 def find_candidates(
@@ -84,8 +81,8 @@ def _list_triangles(
 ) -> tuple[int, np.ndarray]:
     """Return the number of mutually visible triples, and the empty triangles, (t, 6).
 
-    A row has the indices of a triangle's three vertices and three sides. Edges first[a] to
-    first[a + 1] - 1 begin at a. Stops when there are more than `max_triples` triples.
+    A row has the indices of three vertices and three sides. Edges first[a] to first[a + 1] - 1
+    begin at a. Stops when there are more than `max_triples` triples.
     """
     n = len(points)
     edge_to = np.full(n, -1, dtype=np.int32)
@@ -148,8 +145,7 @@ def weigh_candidates(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> n
 def contains_hole(points: np.ndarray, rings: np.ndarray, a: int, b: int, c: int, sign: int) -> bool:
     """Whether a hole is inside the triangle a-b-c, counter-clockwise if sign is 1, clockwise if -1.
 
-    rings (h, 4): see `_sample_holes`. No hole crosses the sides, so the first of a hole's four
-    sites that is not a vertex of the triangle decides.
+    No hole crosses the sides: the first of its four sites that is not a vertex decides.
     """
     low_x = min(points[a, 0], points[b, 0], points[c, 0])
     high_x = max(points[a, 0], points[b, 0], points[c, 0])

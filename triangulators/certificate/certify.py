@@ -178,7 +178,6 @@ def _certify_exact_sums(
 
 
 def _round_down(value: Fraction) -> float:
-    """Return the largest float that does not exceed a number."""
     nearest = float(value)
     return nearest if nearest <= value else math.nextafter(nearest, -math.inf)
 

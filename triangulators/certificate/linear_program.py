@@ -26,10 +26,7 @@ from triangulators.certificate.candidates import Candidates
 from triangulators.compute.kernels import njit
 from triangulators.compute.operations import merge_trees
 
-_LOG2_TOTAL = 17
-"""Weights are scaled so that the initial solution weighs at most 2^17: the solver's tolerances are
-absolute."""
-
+_LOG2_TOTAL = 17  # scales the initial solution to 2^17 or less: the solver has absolute tolerances
 _MAX_POTENTIAL = 2.0**20  # bound of scaled potentials: 8 to 16 times the initial weight
 _PENALTY = 2.0  # of a triangle that is not allowed, relative to the initial weight
 
@@ -50,8 +47,7 @@ _OPTIONS: dict[str, Any] = {
 class LinearProgram:
     """The linear program over some candidate triangles of a polygon.
 
-    start (m,): indices of the triangles of an initial solution, which makes the program feasible.
-    Those not flagged in allowed (t,) get a penalty, which excludes them from optimal solutions.
+    Triangles of the initial solution `start` (m,) that are not `allowed` (t,) get a penalty.
     Without a bound some potentials become needlessly large; with a much larger bound the
     interior-point method does not converge.
     """
@@ -80,10 +76,9 @@ class LinearProgram:
     def solve(self, seconds: float, *, basic: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """Return the potentials (e,) of the edges, and the share (t,) of each triangle.
 
-        HiGHS's interior-point method is many times faster than the simplex method here. Potentials
-        have about twelve correct digits; all are zero if the solver did not finish within
-        `seconds`. basic: continue with the much slower simplex method, whose shares are more often
-        0 or 1, a triangulation.
+        Potentials have about twelve correct digits; all are zero if the solver did not finish
+        within `seconds`. The interior-point method is many times faster than the simplex method,
+        which follows it if `basic` is True: then more shares are 0 or 1, a triangulation.
         """
         model = highspy.Highs()
         crossover = {"run_crossover": "on" if basic else "off"}

@@ -11,22 +11,18 @@ gives another triangulation; so
 
 This uses only that the cost is a sum over triangles. Pair each remaining triangle on the left of an
 edge with each on the right: if a flip makes every pair lighter, the edge is excluded, and so are
-all triangles with that edge. Fewer triangles may allow further exclusions, so edges are examined
-until a fixed point is reached. A pair without a strictly convex quadrilateral cannot be flipped and
-blocks the exclusion: an optimum may contain the pair, whatever the weight. With the noise of
+all triangles with that edge, until a fixed point is reached. A pair without a strictly convex
+quadrilateral cannot be flipped and blocks the exclusion, whatever the weight. With the noise of
 `checking.units` ties are very rare; a tie would retain both diagonals of a rectangle.
 
 The fixed point does not depend on the order in which edges are examined: fewer triangles make fewer
 pairs, so an edge that can be excluded now can be excluded later. The order of exclusion is stored
-because each exclusion is justified by the earlier exclusions.
-
-An edge with t left and u right triangles takes at most t * u trial flips in total, plus one for
-each time that the edge is examined again, at most t + u times.
+because each exclusion is justified by the earlier exclusions. An edge with t left and u right
+triangles takes at most t * u trial flips, plus at most t + u for examining the edge again.
 
 Potentials of excluded edges. The checker knows nothing of exclusions: it requires a potential of
-every edge, so that no triangulation weighs less than the bound (`linear_program`). The potentials
-of the remaining edges always extend to the excluded edges (`extend_potentials`). Compare A. Yousefi
-and N. E. Young, "On a linear program for minimum-weight triangulation", 2014.
+every edge (see `linear_program`, also for the source). The potentials of the remaining edges always
+extend to the excluded edges.
 
 Take the excluded edges in reverse, the last first. Let a-b be the next, and let abc on the left
 and bad on the right be the triangles at a-b whose other sides have potentials. The potential y(ab)
@@ -42,13 +38,12 @@ because a-b was excluded, so a flip makes the pair lighter:
 
 and y(cd) + y(dc) = 0. (c-d was not excluded before a-b: abc and bad were alive then, too, and would
 have been the lighter pair. So the inequalities of cad and dbc hold already.) No potential of the
-boundary changes, so the bound does not change. With a lift, which is at most 0, dbc and cad may
-exceed their weights by -lift each; y(ab) is then the midpoint, so that abc and bad exceed
-their weights by no more.
+boundary changes, nor does the bound. With a lift, which is at most 0, dbc and cad may exceed their
+weights by -lift each; y(ab) is then the midpoint, so that abc and bad exceed theirs by no more.
 
 If no triangle on one side of a-b has potentials at both other sides, y(ab) is unbounded above or
-below. A triangle that has several excluded sides is considered when the last of them gets a
-potential, the one that was excluded first; so the inequality of every triangle is considered once.
+below. A triangle with several excluded sides is considered when the last of them gets a potential,
+so the inequality of every triangle is considered once.
 """
 
 import numpy as np
@@ -88,9 +83,9 @@ def _is_lighter_flipped(
 ) -> np.bool_:
     """Whether the triangles a-b-c and b-a-d weigh less after a flip of a-b to c-d.
 
-    value: cost of both triangles, in units, without noise. The quadrilateral a-d-b-c is strictly
-    convex if its boundary also turns left at b and at a. The noise of the four sides cancels, and
-    twice an edge's noise is less than a unit, so the noise of the diagonals only breaks ties.
+    value: cost of both triangles, in units. The quadrilateral a-d-b-c is strictly convex if its
+    boundary also turns left at b and at a. The noise of the sides cancels; that of the diagonals
+    only breaks ties, because twice an edge's noise is less than a unit.
     """
     if orientation(points, d, b, c) <= 0.0 or orientation(points, c, a, d) <= 0.0:
         return np.bool_(False)
@@ -113,14 +108,11 @@ def _exclude_queued_edges(
 ) -> np.ndarray:
     """Return the edges in order of exclusion; clear `alive` of the triangles at these edges.
 
-    value (t,): cost of each triangle in units, without noise; queue (e,): all edges. An edge
-    without a remaining triangle on one side has no pair and is excluded.
-
-    Each edge e has a position (left index, right index) in the list of pairs: for each triangle on
-    the left, all triangles on the right. Invariant: no pair before that position blocks. Whether a
-    flip makes a pair lighter never changes, and an excluded triangle never returns, so the search
-    never goes back, and it stops at the pair that blocks. When a triangle at the edge is excluded,
-    the blocking pair may have contained it, so the edge is examined again (`_requeue_sides`).
+    value (t,): costs in units; queue (e,): all edges. An edge without a triangle on one side is
+    excluded, too. The pairs at an edge are all right triangles for each left triangle. Invariant:
+    no pair before the position (left index, right index) blocks. Whether a flip makes a pair
+    lighter never changes, and an excluded triangle never returns: the search stops at the pair that
+    blocks, and continues there when a triangle at the edge was excluded (`_requeue_sides`).
     """
     points, edges, side, triangles, _sides, start, items = candidates
     excluded = np.empty(len(queue), dtype=np.int32)
@@ -221,8 +213,7 @@ def _set_excluded_potentials(
 ) -> bool:
     """Set the potentials (e,) of the excluded edges; return False if one would be too large.
 
-    last_first (k,): the excluded edges, the last excluded first; is_set (e,): updated flags of
-    edges with a potential, for which the inequality of the module holds, up to the lift.
+    Invariant: the module's inequality, up to the lift, for triangles of edges in `is_set` (e,).
     """
     triangles, sides, start = candidates.triangles, candidates.sides, candidates.start
     for e in last_first:

@@ -40,27 +40,21 @@ _MAX_POTENTIAL = 2.0**59  # the checker adds three potentials below 2^60 in 64 b
 
 @dataclass(frozen=True)
 class Proof:
-    """The best triangulation found (m, 3), and potentials that bound the cost of all others.
+    """The best triangulation found, and potentials that bound the cost of all others."""
 
-    weights (t,): integer weights of the candidate triangles. excluded (k,): edges in order of
-    exclusion. potentials (e,), lift: satisfy the inequality of `checker` for the candidate
-    triangles without an excluded edge.
-    """
-
-    triangles: np.ndarray
+    triangles: np.ndarray  # (m, 3)
     gap: float
     candidates: Candidates
-    weights: np.ndarray
+    weights: np.ndarray  # (t,), of the candidate triangles
     units: Units
-    excluded: np.ndarray
-    potentials: np.ndarray
+    excluded: np.ndarray  # (k,): edges in order of exclusion
+    potentials: np.ndarray  # (e,): valid, with `lift`, for triangles without an excluded edge
     lift: int
 
     def make_evidence(self) -> Evidence:
         """Return unchecked evidence of the bound, with potentials also for the excluded edges.
 
-        If such a potential would be too large for the checker, the evidence is that of a weak
-        bound: all potentials are 0, and the lift is the smallest weight, or 0.
+        If such a potential would be too large for the checker, the evidence is of a weak bound.
         """
         potentials = extend_potentials(
             self.candidates, self.weights, self.excluded, self.potentials
@@ -91,8 +85,7 @@ class _Search:
         """Optimise over the candidates flagged in `alive` (t,); return potentials and a lift <= 0.
 
         The bound equals the optimum if the dynamic program applies, or if the linear program's
-        solution is integral. A linear program is solved if `seconds` is finite and positive, or
-        infinite and there are at most 100,000 rows.
+        solution is integral. `seconds`: see `prove`.
         """
         c = self.candidates
         optimum = solve_skeleton(c, alive, cost, self.units)
@@ -139,8 +132,7 @@ class _Search:
     def _round_potentials(self, alive: np.ndarray, in_units: np.ndarray) -> tuple[np.ndarray, int]:
         """Return the potentials `in_units` (e,), converted to integer weights, and the lift.
 
-        -lift is the largest amount by which the sum of the potentials around a triangle that is
-        `alive` (t,) exceeds the triangle's weight, or 0.
+        -lift is the largest excess of the potentials around an `alive` triangle over its weight.
         """
         c = self.candidates
         scaled = in_units * self.units.factor
@@ -152,12 +144,10 @@ class _Search:
         return potentials, min(int(slack.min()), 0) if len(slack) else 0
 
     def compute_bound(self, potentials: np.ndarray, lift: int) -> int:
-        """Return the lower bound of weights that potentials (e,) and a lift give."""
         total: int = sum((potentials * self.candidates.side).tolist())
         return total + lift * len(self.incumbent)
 
     def _is_bound_tight(self, potentials: np.ndarray, lift: int) -> bool:
-        """Whether the bound shows that no triangulation costs a unit less than the incumbent."""
         factor = self.units.factor
         return self.compute_bound(potentials, lift) // factor >= self.min_weight // factor
 

@@ -30,8 +30,8 @@ def solve_skeleton(
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Return the optimum (m, 3) over the candidates flagged in `alive` (t,), and its potentials.
 
-    The potentials (e,), int64, prove the optimum: their bound equals its weight. Return None if the
-    skeleton does not connect all rings, or if these triangles contain no triangulation.
+    The potentials (e,) prove the optimum. Return None if the skeleton does not connect all rings,
+    or if these triangles contain no triangulation.
     """
     c = candidates
     remaining = c.side != 0
@@ -151,9 +151,8 @@ def _is_in_angle(points: np.ndarray, before: int, vertex: int, after: int, other
 def make_ring(candidates: Candidates, cut: np.ndarray, root: int) -> np.ndarray:
     """Return the cut polygon's ring through edge `root`: sites in order, with repetitions.
 
-    The polygon is on the left. The last site leads to the first along `root`, a boundary edge. The
-    ring follows the boundary's directed edges, and each cut in both directions. The edge after u-v
-    is the first that leaves v, clockwise from u, because no cut lies in the angle between the two.
+    The polygon is on the left; the last site leads to the first along `root`, a boundary edge. The
+    edge after u-v is the first that leaves v, clockwise from u: no cut lies between the two.
     """
     points, edges, side = candidates.points, candidates.edges, candidates.side
     count = 2 * cut.sum() + (side != 0).sum()
