@@ -1,16 +1,13 @@
 """Check a certificate of optimality in exact arithmetic, without code of the search.
 
-The input is the polygon's boundary, the criterion, the triangles and the evidence:
-
 1. The polygon, the criterion and the triangles determine the units of weights (`units`); evidence
    in other units is rejected.
 2. The polygon's edges and empty triangles are enumerated here, from exact orientations (`edges`): a
    triangle is three edges that do not surround a hole.
-3. With y the potential of an edge (negative in the opposite direction), y(ab) + y(bc) + y(ca) +
-   lift must be at most the weight of abc, for every empty triangle; an edge that is missing from
-   the evidence has the potential 0. In the sum over a triangulation the potentials of diagonals
-   cancel. What remains is the lower bound: the sum of the potentials of the boundary, plus lift
-   times the number of triangles.
+3. With y the potential of an edge (negative in the opposite direction, 0 if missing from the
+   evidence), y(ab) + y(bc) + y(ca) + lift must be at most the weight of abc, for every empty
+   triangle. In the sum over a triangulation the potentials of diagonals cancel. What remains is the
+   lower bound: the potentials of the boundary, plus lift times the number of triangles.
 4. A bound above the weight of the certified triangles is a contradiction, and is rejected.
 """
 
@@ -75,9 +72,8 @@ def _check_potentials(
 ) -> None:
     """Check y(ab) + y(bc) + y(ca) + lift <= weight(abc) for every empty triangle.
 
-    potential (e,), lift and weights are below 2^60, so that sums of five fit 64 bits. Triangles are
-    enumerated without being stored, by merging the sorted neighbours of both ends of each edge: the
-    time is proportional to the sum of the degrees of all ends, the memory to the number of edges.
+    All terms are below 2^60, so that sums of five fit 64 bits. Triangles are not stored: the time
+    is proportional to the sum of the degrees of all ends, the memory to the number of edges.
     """
     n = len(edges.points)
     starts = np.searchsorted(edges.keys, np.arange(n + 1, dtype=np.int64) * n)
@@ -108,11 +104,10 @@ def _find_violation(
     number: int,
     slices: int,
 ) -> np.ndarray:
-    """Return the vertices of the first empty triangle that violates the inequality.
+    """Return the vertices of the first empty triangle a < b < c that violates the inequality.
 
-    Checks the triangles a < b < c for which a-b is edge `number`, or every `slices`-th edge after
-    it. starts (n + 1,): index of the first edge a-b of each a. Returns an empty array if there is
-    no violation, and an array of length 1 if a weight is too large.
+    a-b is edge `number`, or every `slices`-th edge after it; starts (n + 1,): first edge of each a.
+    The result is empty if there is no violation, and of length 1 if a weight is too large.
     """
     ends, directions = edges.ends, edges.directions
     for e in range(number, len(ends), slices):

@@ -1,13 +1,11 @@
 """Edges of a polygon for `checker`, computed from the boundary with exact orientations.
 
 An edge is a boundary edge or a diagonal: a segment between two sites that starts into the interior
-at both ends and meets no boundary edge between the ends. A binary tree of bounding boxes of the
-boundary edges finds the boundary edges that a segment may meet. Boxes are compared with a margin;
-then exact orientations decide.
+at both ends and meets no boundary edge between the ends. A binary tree of bounding boxes, compared
+with a margin, finds the boundary edges that a segment may meet; then exact orientations decide.
 
-Order. Each site is paired with all later sites. A boundary edge that a segment from the site meets
-hides the sites behind the edge. The last eight such edges are tested first, so most pairs need no
-search of the tree.
+Each site is paired with all later sites. A boundary edge that a segment from the site meets hides
+the sites behind the edge: the last eight such edges are tested first, which saves most searches.
 """
 
 from typing import NamedTuple
@@ -22,18 +20,13 @@ _MAX_HIDING = 8  # number of boundary edges that are tested before the tree is s
 
 
 class Edges(NamedTuple):
-    """Boundary edges and diagonals a-b of a polygon.
+    """Boundary edges and diagonals a-b of a polygon."""
 
-    points (n, 2); ends (e, 2): pairs of sites a < b, in ascending order; keys (e,): a n + b, for
-    binary search; directions (e,): 1 if a-b is a boundary edge (interior on the left), -1 if b-a
-    is, 0 for diagonals; holes (h, 4): up to four sites of each hole, padded with -1.
-    """
-
-    points: np.ndarray
-    ends: np.ndarray
-    keys: np.ndarray
-    directions: np.ndarray
-    holes: np.ndarray
+    points: np.ndarray  # (n, 2)
+    ends: np.ndarray  # (e, 2): pairs of sites a < b, in ascending order
+    keys: np.ndarray  # (e,): a n + b, for binary search
+    directions: np.ndarray  # (e,): 1 if a-b is a boundary edge, interior left, -1 if b-a, else 0
+    holes: np.ndarray  # (h, 4): up to four sites of each hole, padded with -1
 
     def find_indices(self, pairs: np.ndarray) -> np.ndarray:
         """Return the edge index (k,) of each pair of sites (k, 2), -1 if there is no such edge."""
@@ -85,19 +78,17 @@ def surrounds_hole(points: np.ndarray, holes: np.ndarray, a: int, b: int, c: int
 class _Sides(NamedTuple):
     """The boundary of a polygon, with a tree of bounding boxes.
 
-    points (n, 2); edges (b, 2): directed, with the interior on the left; following (b,): index of
-    the next edge of the ring. ending (b,), first (n + 1,): the edges that end at site v are
-    `ending[first[v]:first[v + 1]]`, several if rings touch there; each forms an angle with the next
-    edge, and the interior at v is inside all these angles. boxes (2 s, 4), s a power of two: min x,
-    min y, max x, max y; row s + e bounds edge e, row k < s bounds rows 2 k and 2 k + 1.
+    The edges `ending[first[v]:first[v + 1]]` end at site v, several if rings touch there; the
+    interior at v is inside the angles of all these with their next edges. Row s + e of `boxes`
+    bounds edge e, row k < s bounds rows 2 k and 2 k + 1.
     """
 
-    points: np.ndarray
-    edges: np.ndarray
-    following: np.ndarray
-    ending: np.ndarray
-    first: np.ndarray
-    boxes: np.ndarray
+    points: np.ndarray  # (n, 2)
+    edges: np.ndarray  # (b, 2): directed, with the interior on the left
+    following: np.ndarray  # (b,): index of the next edge of the ring
+    ending: np.ndarray  # (b,)
+    first: np.ndarray  # (n + 1,)
+    boxes: np.ndarray  # (2 s, 4), s a power of two: min x, min y, max x, max y
 
 
 def find_diagonals(outline: Boundary) -> np.ndarray:
@@ -179,9 +170,8 @@ def _do_segments_meet(points: np.ndarray, a: int, b: int, c: int, d: int) -> boo
 def _find_meeting_edge(sides: _Sides, scale: float, a: int, b: int, stack: np.ndarray) -> int:
     """Return the index of a boundary edge that a-b meets, -1 if there is none, -2 if a-b is one.
 
-    scale: largest absolute coordinate; stack: workspace, two elements per level of the tree. A box
-    is skipped if the segment's box does not meet it, or if the segment's line passes it at more
-    than the rounding error.
+    a-b starts into the interior at both ends. A box is skipped if the segment's box does not meet
+    it, or if the segment's line passes it at more than the rounding error, a multiple of `scale`.
     """
     points, edges, _following, _ending, _first, boxes = sides
     ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
@@ -220,8 +210,7 @@ def _find_meeting_edge(sides: _Sides, scale: float, a: int, b: int, stack: np.nd
 def _is_hidden(points: np.ndarray, a: int, hiding: np.ndarray, b: int) -> bool:
     """Whether the segment a-b crosses an edge of `hiding` (k, 2); move that edge to the front.
 
-    a is left of all these edges, so a-b crosses an edge if b is right of the edge and between the
-    rays from a to the ends of the edge.
+    a is left of all these edges.
     """
     for index in range(len(hiding)):
         c, d = hiding[index, 0], hiding[index, 1]
@@ -237,7 +226,6 @@ def _is_hidden(points: np.ndarray, a: int, hiding: np.ndarray, b: int) -> bool:
 
 @njit
 def _move_to_front(hiding: np.ndarray, index: int, c: int, d: int) -> None:
-    """Put the edge c-d first in `hiding` (k, 2), and shift the edges before `index` by one row."""
     for k in range(index, 0, -1):
         hiding[k] = hiding[k - 1]
     hiding[0, 0], hiding[0, 1] = c, d

@@ -28,17 +28,14 @@ class Evidence:
     cost is computed with the vertex of the lowest index first. The noise of an edge a < b is the
     upper `bits` bits of splitmix64's mix of a * 0x9E3779B97F4A7C15 + b * 0xD1B54A32D192ED03. The
     polygon, the criterion and the triangulation determine scale, factor and bits (see `units`).
-
-    edges (e, 2): pairs of sites a < b; potentials (e,) int64: potential of each edge in the
-    direction from a to b; lift: constant added to the three potentials of every triangle.
     """
 
     scale: float
     factor: int
     bits: int
-    edges: np.ndarray
-    potentials: np.ndarray
-    lift: int
+    edges: np.ndarray  # (e, 2): pairs of sites a < b
+    potentials: np.ndarray  # (e,) int64: of each edge in the direction from a to b
+    lift: int  # added to the three potentials of every triangle
 
     @property
     def weight_parameters(self) -> tuple[float, int, int]:

@@ -1,20 +1,17 @@
 """Integer weights of triangles, so that adding and comparing costs is exact.
 
-The units follow from the polygon, the criterion and the certified triangulation by the rules below,
-never from the claim's evidence: units that are too coarse would prove anything.
-
-A triangle's cost is counted in units of 1 / scale, rounded down. A small noise, a fixed hash of
-each edge (see `Evidence`), is added: ties are common in the L1 metric, where both diagonals of a
-rectangle have equal lengths, and with a tie neither diagonal could be excluded. The weight of the
-triangle a-b-c is
+The units follow from the polygon, the criterion and the certified triangulation, never from the
+claim's evidence: units that are too coarse would prove anything. A triangle's cost is counted in
+units of 1 / scale, rounded down. The weight of the triangle a-b-c is
 
     factor * (cost in units) + noise(ab) + noise(bc) + noise(ca)
 
-and `factor` exceeds the noise of a full triangulation, three edges times 2^bits - 1 for each
-triangle. So a triangulation of minimum weight has minimum cost in units, and the weight of a
-triangulation // factor is its cost in units. Weights are clamped to 2^59 to fit 64 bits: a weight
-that is too low leaves the bound valid. One that is too high would not: a cost far below 0, or NaN,
-gets the weight `TOO_LARGE`, and the checker rejects all evidence.
+The noise, a fixed hash of each edge (see `Evidence`), breaks ties, which are common in the L1
+metric: both diagonals of a rectangle have equal lengths, and neither could be excluded. `factor`
+exceeds the noise of a full triangulation, so a triangulation of minimum weight has minimum cost in
+units, which is its weight // factor. Weights are clamped to 2^59 to fit 64 bits: a weight that is
+too low leaves the bound valid. One that is too high would not: a cost far below 0, or NaN, gets the
+weight `TOO_LARGE`, and the checker rejects all evidence.
 
 Integer costs. Half-perimeter, overdraw and similar costs are sums and products of coordinates. If
 coordinates are multiples of 2^-k, half-perimeters are integers in units of 2^-k, areas of triangles
@@ -54,18 +51,13 @@ _EXACT_FACTOR = 2.0**25  # integers up to which products are exact
 
 
 class Units(NamedTuple):
-    """The conversion of costs to weights, also for compiled code.
+    """The conversion of costs to weights; if `scale` is 2^900, the maximum, nothing is proven."""
 
-    scale: units in a cost of 1, a power of two; factor: weight of a unit; bits: an edge's noise is
-    below 2^bits; exact: True if no triangle's cost is rounded; real: True if costs are real
-    numbers, so that optimality is proven up to a relative error.
-    """
-
-    scale: float
-    factor: int
-    bits: int
-    exact: bool
-    real: bool
+    scale: float  # units in a cost of 1, a power of two
+    factor: int  # weight of a unit
+    bits: int  # an edge's noise is below 2^bits
+    exact: bool  # no triangle's cost is rounded
+    real: bool  # costs are real numbers: optimality is proven up to a relative error
 
 
 def find_units(outline: Boundary, triangles: np.ndarray, cost: Cost) -> Units:
@@ -111,7 +103,7 @@ def compute_exact_total(
 
 
 def proves_optimality(total: Fraction, bound_units: int, count: int, units: Units) -> bool:
-    """Whether a lower bound proves the triangulation with cost `total` optimal.
+    """Whether a lower bound in units proves `count` triangles of cost `total` optimal.
 
     bound_units: the bound in units, not above the total. Costs are rounded down to units, so that a
     difference of less than a unit per triangle proves optimality, unless units may be too coarse.
@@ -169,7 +161,7 @@ def compute_costs(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.n
 
 @njit
 def rotate_lowest_first(a: int, b: int, c: int) -> tuple[int, int, int]:
-    """Rotate a triangle's vertex indices so that the lowest comes first."""
+    """Put the lowest vertex index first: the last digit of a cost may depend on the order."""
     if b < a and b < c:
         return b, c, a
     if c < a and c < b:
@@ -179,14 +171,12 @@ def rotate_lowest_first(a: int, b: int, c: int) -> tuple[int, int, int]:
 
 @njit
 def compute_noise(a: int, b: int, bits: int) -> np.int64:
-    """Return the noise of the edge a-b, in 0..2^bits - 1: a hash of both ends by splitmix64.
-
-    splitmix64's last step is omitted, because it changes only bits below the highest 31.
-    """
+    """Return the noise of the edge a-b, in 0..2^bits - 1: a hash of both ends by splitmix64."""
     x = np.uint64(min(a, b)) * np.uint64(0x9E3779B97F4A7C15)
     x += np.uint64(max(a, b)) * np.uint64(0xD1B54A32D192ED03)
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    # splitmix64's last step is omitted: it changes only bits below the highest 31.
     return np.int64(x >> np.uint64(64 - bits)) if bits > 0 else np.int64(0)
 
 
