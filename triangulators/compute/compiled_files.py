@@ -47,8 +47,8 @@ def cache_folder() -> Path:
 def is_trusted(info: os.stat_result) -> bool:
     """Whether a file or folder is owned and writable by this user or the administrator only.
 
-    Code of other users must not be loaded, because loading compiled code runs it. A folder with the
-    sticky bit, such as /tmp, is trusted, because each file in the folder is checked as well.
+    Loading compiled code runs it. A folder with the sticky bit, such as /tmp, is trusted, because
+    each file in the folder is checked as well.
     """
     if os.name != "posix":
         return True
@@ -160,15 +160,12 @@ def is_cached(module: str) -> bool:
 
 
 class CacheUsage(NamedTuple):
-    """Disk usage of compiled code in a folder: number of files, and their size in bytes.
-
-    old : folders with code of earlier versions of the sources, not used for `MAX_UNUSED_S` seconds
-    """
+    """Disk usage of compiled code in a folder."""
 
     folder: Path
     files: int
     file_bytes: int
-    old: tuple[Path, ...]
+    old: tuple[Path, ...]  # folders of earlier sources, unused for `MAX_UNUSED_S`
 
 
 def measure_cache() -> CacheUsage:
@@ -187,7 +184,6 @@ def remove_old_code() -> int:
 
 
 def _find_old_folders(root: Path) -> Iterator[Path]:
-    """Yield the folders of code compiled from earlier sources and unused for `MAX_UNUSED_S`."""
     current_names = {
         f"{find_module_name(f)}-{compute_digest(f)}"
         for p in PACKAGES

@@ -95,10 +95,9 @@ def update_minimum_costs(_typing: Any, rows: Any, _numbers: Any, _lane: Any, _va
 
     update_minimum_costs(rows, (to, x, y, weight, beyond), lane, (a, b, cost, none)): if
     a * rows[y, j] > b * rows[x, j], that is, if the triangle of apex (a, b) is counter-clockwise,
-    rows[to, j] = min(rows[to, j], cost + rows[beyond, j] + rows[weight, j]). The first tuple has
-    indices of rows: minimum costs, x and y of vertex j, cost of the diagonal to j, cost of the
-    sub-polygon from the apex to j. The second has int32 numbers: x and y of the apex, cost of the
-    sub-polygon up to the apex, and a number that is at least every value of rows[to].
+    rows[to, j] = min(rows[to, j], cost + rows[beyond, j] + rows[weight, j]). The rows: minimum
+    costs, x and y of vertex j, cost of the diagonal to j and of the sub-polygon from the apex to j;
+    cost: of the sub-polygon up to the apex; none: at least every value of rows[to].
     """
     from llvmlite import ir
     from numba import types

@@ -77,8 +77,7 @@ def forbid_compiling() -> Iterator[None]:
 def _lock_compilation(key: str) -> Iterator[None]:
     """Let one process at a time compile a kernel: a second waits, then loads the cached code.
 
-    Locks a byte of a file, which the system unlocks when the process exits. If locking fails, both
-    processes compile.
+    The system unlocks when the process exits. If locking fails, both processes compile.
     """
     byte = int.from_bytes(hashlib.sha256(key.encode()).digest()[:4], "big") >> 1
     _set_lock("LOCK_EX", byte)
