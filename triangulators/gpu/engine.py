@@ -182,7 +182,6 @@ def solve_on_device(
 
 
 def _warn_once(line: str) -> None:
-    """Log a warning unless it was logged before: the polygons of a file come in many batches."""
     if line not in _warned:
         _warned.add(line)
         _LOG.warning(line)
@@ -202,13 +201,10 @@ def close_all() -> None:
 
 @cache
 def _get_context_thread() -> ThreadPoolExecutor:
-    """Return the executor whose single thread uses all OpenGL contexts."""
     return ThreadPoolExecutor(1, thread_name_prefix="triangulators-gpu")
 
 
-_open_engines: dict[str, "Engine"] = {}
-"""Open devices by name, used only by the context thread."""
-
+_open_engines: dict[str, "Engine"] = {}  # by name; used only by the context thread
 _driver_pids: set[int] = set()
 """Process ids, of this process or parents, that have loaded a driver."""
 
@@ -240,10 +236,7 @@ def _close_all() -> None:
 
 
 def _solve_batch(name: str, *task: Any) -> int:
-    """Call `Engine.solve` with the arguments `task`; return the number of wrong results.
-
-    After an exception the device is closed, because a lost context makes all objects unusable.
-    """
+    """Call `Engine.solve`; close the device after an exception, because its context may be lost."""
     engine = _open_engine(name)
     try:
         return engine.solve(*task)
@@ -311,8 +304,8 @@ class Engine:
 def make_jobs(rings: Rings, first: int, last: int, kind: int) -> np.ndarray:
     """Return the jobs (k, 4) int32, one for each ring of a kind among polygons first..last - 1.
 
-    Columns: index of the ring's first vertex in the chunk, number of vertices, width plus height of
-    the bounding box, bits of the unit of the ring's grid as float32.
+    Columns: first vertex in the chunk, number of vertices, width plus height of the bounding box,
+    bits of the unit of the ring's grid as float32.
     """
     indices = first + np.flatnonzero(rings.kind[first:last] == kind)
     begin = rings.vertex_offsets[indices]

@@ -7,13 +7,12 @@ costs NONE of half-perimeters.
 In the triangle i < k < j of a triangulation, the vertex k is called the apex and the side (i, j)
 the base. Every vertex of a ring except the first and the last is the apex of exactly one triangle,
 so a device returns the base of each apex, and in the places of the first and the last vertex the
-low and the high word of the ring's cost. The triangles are a binary tree: the base (i, j) of a
-triangle is also a side of another triangle, the triangle of apex j if the base of j begins at i,
-otherwise that of apex i. The tree is walked from the base (0, n - 1), in the order of the CPU.
+low and the high word of the ring's cost. The triangles are a binary tree, walked from the base
+(0, n - 1) in the order of the CPU: the base (i, j) is also a side of the triangle of apex j if the
+base of j begins at i, otherwise of the triangle of apex i.
 
 Results of drivers are not trusted: the bases must form such a tree, all triangles must be
-counter-clockwise, as in a triangulation, and the costs must add up to the reported cost. The CPU
-solves rings with invalid results again.
+counter-clockwise, and the costs must add up to the reported cost. The CPU solves other rings.
 """
 
 from typing import NamedTuple
@@ -31,10 +30,7 @@ from triangulators.polygon_arrays import Batch
 SIZES = (16, 32, 64)  # maximum numbers of vertices of the three shaders, and sizes of cost tables
 
 MAX_VERTICES = SIZES[-1]
-KINDS = 2 * len(SIZES)
-"""Number of kinds of rings: two for each size. The kind is even if differences of coordinates are
-below 2^15 units, so that orientations fit int32, and odd otherwise (wide)."""
-
+KINDS = 2 * len(SIZES)  # two for each size; the odd is wide: differences of 2^15 units or more
 ON_CPU = -1  # kind of rings that devices do not support
 _INT32_LIMIT = 1 << 30  # limit of n (w + h)
 _MAX_UNIT = 2.0**64  # units of grids, float32 in shaders, are from 2^-64 to 2^64
@@ -42,21 +38,14 @@ _TOLERANCE = 1e-9  # tolerated relative difference of expected quads between dev
 
 
 class Rings(NamedTuple):
-    """The rings of p polygons without holes, prepared for a device, with n vertices in total.
+    """The rings of p polygons without holes, prepared for a device."""
 
-    corners (n, 2) int32: vertices of each ring counter-clockwise, in units of the ring's grid,
-    relative to the lower left of the ring's bounding box; vertex_offsets (p + 1,): offsets of the
-    rings in `corners`. kind (p,) int8: ON_CPU, or 2 * (index in SIZES) + (1 if wide, see KINDS);
-    longest (p,) int32: width plus height of the bounding box; turned (p,): True if the order of
-    vertices was reversed; unit (p,) float32: the grid's unit, a power of two.
-    """
-
-    vertex_offsets: np.ndarray
-    corners: np.ndarray
-    kind: np.ndarray
-    longest: np.ndarray
-    turned: np.ndarray
-    unit: np.ndarray
+    vertex_offsets: np.ndarray  # (p + 1,): offsets of the rings in `corners`
+    corners: np.ndarray  # (n, 2) int32: counter-clockwise, in grid units from the box's lower left
+    kind: np.ndarray  # (p,) int8: ON_CPU, or 2 * (index in SIZES) + (1 if wide, see KINDS)
+    longest: np.ndarray  # (p,) int32: width plus height of the bounding box
+    turned: np.ndarray  # (p,): True if the order of vertices was reversed
+    unit: np.ndarray  # (p,) float32: the grid's unit, a power of two
 
     @classmethod
     def allocate(cls, vertex_offsets: np.ndarray) -> "Rings":
@@ -226,8 +215,7 @@ def _write_ring_triangles(
 def _link_triangles(bases: np.ndarray, below: np.ndarray) -> int:
     """Link the triangles of a ring to a tree; return the apex of the root, or -1 if impossible.
 
-    below (n, 2): output; for each apex k with base (i, j), the apexes of the triangles whose bases
-    are the sides (i, k) and (k, j), or -1.
+    below (n, 2): output; apexes of the triangles at the sides (i, k) and (k, j) of apex k, or -1.
     """
     n, top = len(bases), -1
     below[:n] = -1
