@@ -51,7 +51,6 @@ def find_initial_triangulations(outline: Boundary) -> Iterator[np.ndarray]:
 
 
 def _is_triangulation(outline: Boundary, triangles: np.ndarray) -> bool:
-    """Whether the fast check accepts triangles (m, 3) as a conforming triangulation."""
     corner = triangles.reshape(-1)
     twin = link_half_edges(corner)
     return bool(is_triangulation(outline.points, outline.ring_offsets, corner, twin))
@@ -71,15 +70,11 @@ def find_any_triangulation(outline: Boundary) -> np.ndarray:
 
 
 class Cycle(NamedTuple):
-    """A polygon without holes: `cycle` (n,) has the vertices counter-clockwise, as indices.
+    """A polygon without holes, and the positions j > i that are visible from each position i."""
 
-    `points` (n, 2) are the coordinates of the cycle. `target[start[i]:start[i + 1]]` are the
-    positions j > i that are visible from position i, ascending (see `find_visible_pairs`).
-    """
-
-    cycle: np.ndarray
-    points: np.ndarray
-    start: np.ndarray
+    cycle: np.ndarray  # (n,): vertex indices, counter-clockwise
+    points: np.ndarray  # (n, 2)
+    start: np.ndarray  # (n + 1,): `target[start[i]:start[i + 1]]` are visible from i, ascending
     target: np.ndarray
 
 

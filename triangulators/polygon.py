@@ -25,18 +25,14 @@ UNSURE, COUNTERCLOCKWISE, CLOCKWISE = 0, 1, -1  # results of `find_ring_orientat
 class Boundary(NamedTuple):
     """A polygon's boundary, oriented so that the interior lies on the left.
 
-    `points` (n, 2) are `vertices(polygon)`, and `ring_offsets` (h + 2,) the offsets of the rings in
-    `points`; `site` (n,) maps a vertex to the first vertex with the same coordinates, so that rings
-    that touch share a site; `edges` (b, 2) are directed boundary edges between sites, ring by ring:
-    edges of length zero are omitted, and edges with a vertex of another ring on them are split
-    there; `holes` is the number of interiors.
+    Edges of length zero are omitted, and edges with a vertex of another ring on them are split.
     """
 
-    points: np.ndarray
-    ring_offsets: np.ndarray
-    site: np.ndarray
-    edges: np.ndarray
-    holes: int
+    points: np.ndarray  # (n, 2): `vertices(polygon)`
+    ring_offsets: np.ndarray  # (h + 2,): offsets of the rings in `points`
+    site: np.ndarray  # (n,): the first vertex with equal coordinates; rings that touch share a site
+    edges: np.ndarray  # (b, 2): directed boundary edges between sites, ring by ring
+    holes: int  # number of interiors
 
     @property
     def expected_triangles(self) -> int:
@@ -141,8 +137,7 @@ def _make_simple_boundary(polygon: shapely.Polygon) -> Boundary | None:
 def find_ring_orientation(coordinates: np.ndarray) -> int:
     """Return COUNTERCLOCKWISE or CLOCKWISE if a ring is certainly simple, otherwise UNSURE.
 
-    coordinates (n + 1, 2): the first vertex is repeated at the end, as in shapely. With holes the
-    first vertex is repeated in the middle, too, so the result is UNSURE.
+    coordinates (n + 1, 2): closed, as in shapely. A polygon with holes is UNSURE.
     """
     n = len(coordinates) - 1
     if n < 3 or n > MAX_SIMPLE_VERTICES:
@@ -240,9 +235,8 @@ def orient_rings(points: np.ndarray, ring_offsets: np.ndarray) -> np.ndarray:
 def make_boundary(points: np.ndarray, ring_offsets: np.ndarray) -> Boundary:
     """Return the `Boundary` of the rings of a valid polygon.
 
-    If rings touch, edges are split at vertices that lie exactly on an edge, as GEOS's validity test
-    decides. A vertex within rounding error of an edge is not on the edge: the sliver between vertex
-    and edge belongs to the polygon.
+    If rings touch, edges are split at vertices exactly on an edge, as GEOS's validity test decides.
+    If a vertex is within rounding error of an edge, the sliver between belongs to the polygon.
     """
     site = find_sites(points)
     edges = []

@@ -149,9 +149,7 @@ class PolygonArray(Sequence[shapely.Polygon]):
         return _unpickle, (self.coords, self.ring_offsets, self.geom_offsets)
 
 
-_unpickled: PolygonArray | None = None
-"""The array that this process unpickled last. A worker process receives the same polygons again for
-each triangulator; if it gets the same object, polygons are converted to shapely only once."""
+_unpickled: PolygonArray | None = None  # a worker receives the same polygons for each triangulator
 
 
 def _unpickle(*arrays: NDArray[Any]) -> PolygonArray:
@@ -220,19 +218,15 @@ class Triangulations(Sequence[np.ndarray]):
 
 
 class Batch(NamedTuple):
-    """The arrays of a `PolygonArray` with space for triangles, for compiled code.
-
-    triangle_offsets (p + 1,): offsets of the rows of `triangles` (m, 3) that are reserved for each
-    polygon; done (p,): True for polygons whose triangles are written.
-    """
+    """The arrays of a `PolygonArray` with space for triangles, for compiled code."""
 
     coords: np.ndarray
     ring_offsets: np.ndarray
     geom_offsets: np.ndarray
     vertex_offsets: np.ndarray
-    triangle_offsets: np.ndarray
-    triangles: np.ndarray
-    done: np.ndarray
+    triangle_offsets: np.ndarray  # (p + 1,): offsets of the rows of `triangles` for each polygon
+    triangles: np.ndarray  # (m, 3)
+    done: np.ndarray  # (p,): True for polygons whose triangles are written
 
 
 def allocate_batch(polygons: PolygonArray) -> Batch:

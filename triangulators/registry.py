@@ -20,29 +20,20 @@ Function = Callable[..., np.ndarray]
 
 @dataclass(frozen=True)
 class Entry:
-    """A registered triangulator.
-
-    function : "module:function"; built-in functions take (boundary, **parameters), third-party
-        functions the polygon
-    criteria : True if a criterion can follow the name, as in "optimal:overdraw"
-    tests : flip tests that can follow the name in place of a criterion, as in "flips:l1"
-    with_gap : "module:function" of a function that returns (triangles, gap to the optimum)
-    needs : a module that must be importable, or a "module:function" that must return True
-    order : the default order of triangles, "walk" from neighbour to neighbour, or "native"
-    """
+    """A registered triangulator."""
 
     name: str
     description: str
-    function: str
+    function: str  # "module:function"; of (boundary, **parameters) if built-in, else of a polygon
     handles_holes: bool = True
-    criteria: bool = False
+    criteria: bool = False  # a criterion can follow the name, as in "optimal:overdraw"
     default_criterion: str = "overdraw"
-    tests: tuple[str, ...] = ()
-    with_gap: str | None = None
-    needs: str | None = None
+    tests: tuple[str, ...] = ()  # flip tests that can follow the name, as in "flips:l1"
+    with_gap: str | None = None  # "module:function" that returns (triangles, gap to the optimum)
+    needs: str | None = None  # a module to import, or a "module:function" that must return True
     install: str | None = None
     builtin: bool = True
-    order: str = "native"
+    order: str = "native"  # default order: "walk" from neighbour to neighbour, or "native"
 
     def uses_walk(self, order: str | None) -> bool:
         """Return whether to put triangles in walk order; None is the entry's default order."""
@@ -88,7 +79,6 @@ def _make_method_entry(
 
 
 def _make_library_entry(name: str, description: str, **fields: Any) -> Entry:
-    """Return an entry for the function in `libraries` that has the triangulator's name."""
     function = f"triangulators.libraries:{name.replace('-', '_')}"
     return Entry(name, description, function, **fields)
 

@@ -34,25 +34,13 @@ Edge = tuple[int, int]
 
 @dataclass(frozen=True)
 class Verification:
-    """The result of `verify`.
-
-    Attributes
-    ----------
-    triangles, expected_triangles : int
-        The number of triangles, and the number that a conforming triangulation has.
-    area_error : float
-        The triangles' area minus the polygon's, in square units of the coordinates.
-    problems : list of str
-        Reasons why the triangles do not cover the polygon exactly once.
-    t_junctions : list
-        (vertex, (a, b)): the vertex lies inside the edge a-b of a triangle.
-    """
+    """The result of `verify`."""
 
     triangles: int
-    expected_triangles: int
-    area_error: float
-    problems: list[str] = field(default_factory=list)
-    t_junctions: list[tuple[int, Edge]] = field(default_factory=list)
+    expected_triangles: int  # in a conforming triangulation
+    area_error: float  # area of triangles minus the polygon's, in square units of the coordinates
+    problems: list[str] = field(default_factory=list)  # why the polygon is not covered exactly once
+    t_junctions: list[tuple[int, Edge]] = field(default_factory=list)  # (vertex, edge through it)
 
     @property
     def ok(self) -> bool:
@@ -141,8 +129,7 @@ def check_triangle_indices(triangles: Any, points: np.ndarray) -> np.ndarray:
 def find_unmatched_edges(outline: Boundary, triangles: np.ndarray) -> Counter[Edge]:
     """Return the directed edges, pairs of sites, that do not cancel, with their multiplicities.
 
-    A triangle's edge counts 1, a boundary edge -1, and a-b cancels b-a. The result is empty for a
-    conforming triangulation.
+    A triangle's edge counts 1, a boundary edge -1, and a-b cancels b-a.
     """
     size = len(outline.points)
     corners = outline.site[triangles].astype(np.int64)
@@ -162,8 +149,7 @@ def find_unmatched_edges(outline: Boundary, triangles: np.ndarray) -> Counter[Ed
 def find_unconfirmed(polygons: PolygonArray, triangles: Mapping[int, np.ndarray]) -> list[int]:
     """Return the indices of polygons whose triangles a fast check does not confirm.
 
-    triangles: (m, 3) of some polygons, by index. Triangles that are not confirmed may still cover
-    the polygon, for example with T-junctions: `verify` decides.
+    These may still cover the polygon, for example with T-junctions: `verify` decides.
     """
     if not triangles:
         return []
@@ -209,9 +195,8 @@ def orient_triangles(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 def insert_dropped_vertices(outline: Boundary, triangles: np.ndarray) -> np.ndarray:
     """Split triangles (m, 3) at vertices that lie on their edges; return the new triangles, int32.
 
-    At each T-junction a triangle is split by an edge from the vertex to the opposite vertex. Area,
-    coverage and orientation do not change; the order of unsplit triangles is preserved. A sliver
-    with a vertex on the opposite edge is removed: the triangle across that edge is split there.
+    Area, coverage and the order of unsplit triangles do not change. A sliver with a vertex on the
+    opposite edge is removed: the triangle across that edge is split there.
     """
     loose = find_unmatched_edges(outline, triangles)
     if not loose:
