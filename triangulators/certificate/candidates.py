@@ -81,8 +81,7 @@ def _list_triangles(
 ) -> tuple[int, np.ndarray]:
     """Return the number of mutually visible triples, and the empty triangles, (t, 6).
 
-    A row has the indices of three vertices and three sides. Edges first[a] to first[a + 1] - 1
-    begin at a. Stops when there are more than `max_triples` triples.
+    A row has three vertices and three sides. Edges first[a] to first[a + 1] - 1 begin at a.
     """
     n = len(points)
     edge_to = np.full(n, -1, dtype=np.int32)
@@ -145,7 +144,7 @@ def weigh_candidates(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> n
 def contains_hole(points: np.ndarray, rings: np.ndarray, a: int, b: int, c: int, sign: int) -> bool:
     """Whether a hole is inside the triangle a-b-c, counter-clockwise if sign is 1, clockwise if -1.
 
-    No hole crosses the sides: the first of its four sites that is not a vertex decides.
+    No hole crosses the sides, so the first of its four sites that is not a vertex decides.
     """
     low_x = min(points[a, 0], points[b, 0], points[c, 0])
     high_x = max(points[a, 0], points[b, 0], points[c, 0])

@@ -130,10 +130,7 @@ class _Search:
         return self._round_potentials(alive, potentials)
 
     def _round_potentials(self, alive: np.ndarray, in_units: np.ndarray) -> tuple[np.ndarray, int]:
-        """Return the potentials `in_units` (e,), converted to integer weights, and the lift.
-
-        -lift is the largest excess of the potentials around an `alive` triangle over its weight.
-        """
+        """Return the potentials `in_units` (e,), converted to integer weights, and the lift."""
         c = self.candidates
         scaled = in_units * self.units.factor
         scaled *= min(1.0, _MAX_POTENTIAL / max(float(np.abs(scaled).max()), 1.0))

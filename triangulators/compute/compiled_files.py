@@ -47,8 +47,7 @@ def cache_folder() -> Path:
 def is_trusted(info: os.stat_result) -> bool:
     """Whether a file or folder is owned and writable by this user or the administrator only.
 
-    Loading compiled code runs it. A folder with the sticky bit, such as /tmp, is trusted, because
-    each file in the folder is checked as well.
+    Loading code runs it. In a sticky folder, such as /tmp, each file is checked as well.
     """
     if os.name != "posix":
         return True
