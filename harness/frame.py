@@ -31,8 +31,7 @@ FIXED_VIEW_MESSAGE = (
     "pixels="
 )
 
-UNBOUNDED = np.array([-(2**30), -(2**30), 2**30, 2**30], np.int64)
-"""Bounds of the drawn pixels in a frame without scissor rectangle."""
+UNBOUNDED = np.array([-(2**30), -(2**30), 2**30, 2**30], np.int64)  # window without scissor
 
 
 @dataclass(frozen=True, order=True)

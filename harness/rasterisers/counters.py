@@ -38,7 +38,7 @@ _STATISTICS = (
     ("clipping_output_primitives", "primitives after clipping", "triangles"),
 )
 
-_TABLE = (
+_TABLE = (  # name, label, unit and description of the built-in rasterisers' counters
     ("helper_lanes", "helper lanes", "lanes", "uncovered lanes of shaded 2x2 quads"),
     ("bbox_tests", "bounding-box tests", "tests", "pixel centres tested in bounding boxes"),
     ("rows", "rows", "rows", "pixel rows in bounding boxes of triangles"),
@@ -75,7 +75,6 @@ _TABLE = (
         for name, label, unit in _STATISTICS
     ),
 )
-"""Names, labels, units and descriptions of the built-in rasterisers' counters."""
 
 _PROPERTIES: dict[str, dict[str, Any]] = {
     "helper_lanes": {"heading": "helpers", "best_case": 0.0},
@@ -87,11 +86,10 @@ _PROPERTIES: dict[str, dict[str, Any]] = {
     **{name: {"better": "none", "gated": False} for name, *_ in _STATISTICS},
 }
 
-COUNTERS = {
+COUNTERS = {  # of the built-in rasterisers, in display order
     name: Counter(name, label, unit, description=description, **_PROPERTIES.get(name, {}))
     for name, label, unit, description in _TABLE
 }
-"""Counters of the built-in rasterisers, in display order."""
 
 _registered = dict(COUNTERS)  # and counters registered by third-party rasterisers
 

@@ -30,8 +30,7 @@ INSTALL = "apt-get install -y libegl1 libgl1 libgl1-mesa-dri"
 INSTALL_VULKAN = "apt-get install -y libvulkan1 mesa-vulkan-drivers"
 
 SOFTWARE = {"LIBGL_ALWAYS_SOFTWARE": "1", "LP_NUM_THREADS": "0"}
-LLVMPIPE = {**SOFTWARE, "GALLIUM_DRIVER": "llvmpipe"}
-"""Environment with which Mesa draws on the CPU, in the calling thread."""
+LLVMPIPE = {**SOFTWARE, "GALLIUM_DRIVER": "llvmpipe"}  # Mesa on the CPU, in the calling thread
 
 LAVAPIPE = (
     "/usr/local/share/vulkan/icd.d/lvp_icd*.json",
@@ -46,8 +45,7 @@ SWIFTSHADER = (
 """Patterns of manifests, by which Vulkan's loader finds a driver; Chromium includes SwiftShader."""
 
 BACKENDS = {"darwin": ("Metal",), "win32": ("DX12", "Vulkan")}
-LINUX_BACKENDS = ("Vulkan", "GL")
-"""Backends of WebGPU in order of preference, as in browsers."""
+LINUX_BACKENDS = ("Vulkan", "GL")  # of WebGPU, in order of preference, as in browsers
 
 REPORTED_BACKENDS = {"DX12": "D3D12", "GL": "OpenGL"}  # names that adapters report
 
@@ -182,11 +180,10 @@ DRIVER_PATHS = (
     "dev/nvidia*",
 )
 
-DRIVER_VARIABLES = re.compile(
+DRIVER_VARIABLES = re.compile(  # names of variables that drivers and loaders read
     r"(LD|LIBGL|MESA|GALLIUM|EGL|__EGL|__GLX|__NV|NVIDIA|CUDA|VK|LP|ZINK|WGPU|WAYLAND)_|DISPLAY$|"
     r"PYTHONPATH$"
 )
-"""Names of environment variables that drivers and loaders read."""
 
 ROOT = Path("/")
 

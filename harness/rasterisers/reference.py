@@ -188,10 +188,7 @@ def count_tiles(
     side: int,
     window: NDArray[np.int64],
 ) -> NDArray[np.int64]:
-    """Return the number of tiles of `side` (1/256 px) of each triangle: by box, and exact, (m, 2).
-
-    The window is in tiles. A triangle without an area is in no tile.
-    """
+    """Return each triangle's number of tiles of `side` (1/256 px): by box, and exact, (m, 2)."""
     counts = np.zeros((len(triangles), 2), np.int64)
     corners = np.zeros((3, 2), np.int64)
     for t in range(len(triangles)):
@@ -215,8 +212,8 @@ def find_tile_box(
 ) -> tuple[int, int, int, int]:
     """Return first and last column, first and last row of the tiles of a triangle's bounding box.
 
-    Tiles are clipped to `window`; a triangle without an area has none. `corners` (3, 2) receives
-    the triangle's vertices, counter-clockwise.
+    Tiles are clipped to `window` (in tiles); a triangle without an area has none. `corners` (3, 2)
+    receives the triangle's vertices, counter-clockwise.
     """
     for k in range(3):
         corners[k, 0] = points[triangle[k], 0]

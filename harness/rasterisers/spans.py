@@ -25,8 +25,7 @@ Triangles = NDArray[np.int32]
 Edges = NDArray[np.int64]
 Window = NDArray[np.int64]  # first column and row, last column and row: `Frame.window`
 
-FRAGMENTS, QUADS, PARTIAL_QUADS, BLOCKS, BBOX_TESTS = range(5)
-"""Columns of the result of `count_pixels_per_triangle`."""
+FRAGMENTS, QUADS, PARTIAL_QUADS, BLOCKS, BBOX_TESTS = range(5)  # columns of counts per triangle
 
 _UNIT = 256
 _HALF = 128
