@@ -9,13 +9,12 @@
     >>> vertices(polygon)[triangles].shape
     (4, 3, 2)
 
-Guarantees: orientations are decided exactly for all doubles (without overflow or underflow), so
-every result of `optimal`, `worst`, `exhaustive`, `greedy`, `max-area`, `random`, `fan` and `strip`
-is a conforming triangulation of the input polygon, and `verify` decides coverage exactly. Only the
-comparison of costs is subject to rounding. Triangles of other libraries (`ear-clipping`,
-`delaunay`, `sweep`, `manifold`) are only made counter-clockwise; if coordinates are not on a grid
-(see `predicates.find_grid_unit`), verification and repair treat a vertex within rounding error of
-an edge as lying on it.
+Guarantees: orientations are exact for all doubles, so every result of `optimal`, `worst`,
+`exhaustive`, `greedy`, `max-area`, `random`, `fan` and `strip` is a conforming triangulation, and
+`verify` decides coverage exactly. Only the comparison of costs is subject to rounding. Triangles of
+other libraries (`ear-clipping`, `delaunay`, `sweep`, `manifold`) are only made counter-clockwise;
+off a grid (see `predicates.find_grid_unit`), verification and repair treat a vertex within rounding
+error of an edge as lying on it.
 """
 
 from importlib import import_module as _import_module

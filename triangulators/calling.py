@@ -129,7 +129,6 @@ def triangulate_with_gap(
 def _order_triangles(
     outline: Boundary, triangles: np.ndarray, choice: Choice, order: str | None
 ) -> np.ndarray:
-    """Return triangles (m, 3), put in an order from neighbour to neighbour if `order` is "walk"."""
     if not choice.entry.uses_walk(order):
         return triangles
     return np.asarray(put_in_walk_order(np.ascontiguousarray(triangles), len(outline.points)))
@@ -143,10 +142,7 @@ def _run_triangulator(
     *,
     with_gap: bool = False,
 ) -> tuple[Boundary, Choice, Any]:
-    """Return the polygon's boundary, the parsed name, and the triangulator's unchecked result.
-
-    The result is triangles, or (triangles, gap) if `with_gap` and `Entry.with_gap` are set.
-    """
+    """Return boundary, parsed name and unchecked triangles, or (triangles, gap) if supported."""
     choice = parse(name)
     entry = choice.entry
     check_criterion(name, criterion)
@@ -160,7 +156,6 @@ def _run_triangulator(
 
 
 def _check_triangles(outline: Boundary, raw: Any, choice: Choice, criterion: Any) -> np.ndarray:
-    """Return a triangulator's triangles (m, 3) as int32, counter-clockwise, all with an area."""
     try:
         triangles = orient_triangles(outline.points, check_triangle_indices(raw, outline.points))
     except ValueError as error:

@@ -44,15 +44,14 @@ from triangulators.polygon_arrays import (
 )
 from triangulators.registry import Choice, check_criterion, parse
 
+# Vertices that mapbox_earcut clips in less than the 5 ms for which a thread waits for the GIL.
 _CHUNK_VERTICES = 20_000
-"""Vertices per chunk of ear clipping; other threads improve earlier chunks. mapbox_earcut holds the
-GIL, for which a thread waits up to 5 ms, the time of clipping about 30,000 vertices."""
 _MIN_CHUNK_VERTICES = 1_000
 _DEVICE_FEATURES = ("half_perimeter", "expected_quads")  # minimised or maximised by devices
+# Flip test by full name of a triangulator.
 _FLIPS = {"ear-clipping": NONE, "earcut-refine": AS_EARCUT} | {
     f"flips:{name}": test for test, name in enumerate(FLIP_TESTS)
 }
-"""The test by which diagonals are flipped after ear clipping, by full name of a triangulator."""
 
 _FLIP_TRIANGULATORS = ("refined", "flips")  # triangulators whose flips can decrease any criterion
 
@@ -156,11 +155,7 @@ def triangulate_supported(
     order: str | None = None,
     **parameters: Any,
 ) -> Triangulations:
-    """Triangulate only the polygons that a device or compiled code supports.
-
-    Parameters and exceptions are those of `triangulate_many`, which triangulates all other polygons
-    afterwards. Triangles of polygons with `compiled[i] == False` are uninitialised.
-    """
+    """Triangulate polygons that a device or compiled code supports; others stay uninitialised."""
     if isinstance(polygons, shapely.Geometry):
         kind = type(polygons).__name__
         raise ArgumentError(f"polygons: expected a sequence, got one {kind}; give [polygon]")
@@ -204,10 +199,7 @@ def triangulate_supported(
 def _triangulate_optimally(
     batch: Batch, cost: Cost, valid: np.ndarray, threads: int, limit: int
 ) -> None:
-    """Write the optimal triangulations of the polygons that compiled code supports to `batch`.
-
-    Sets their `batch.done`. valid (p,): flags of the polygons to solve, overwritten.
-    """
+    """Write the optima of supported polygons to `batch`; valid (p,): overwritten."""
     vertices, rings = np.diff(batch.vertex_offsets), np.diff(batch.geom_offsets)
     valid &= (vertices >= 3) & (vertices <= min(limit, MAX_SMALL_VERTICES))
     single = valid & (rings == 1) & ~batch.done
@@ -229,12 +221,8 @@ def _triangulate_optimally(
 def _triangulate_with_holes(
     first: int, last: int, batch: Batch, indices: np.ndarray, box: np.ndarray
 ) -> None:
-    """Write optimal triangulations of the polygons indices[first:last], which have holes.
-
-    Sets their `batch.done`. The loop is in Python: a polygon takes fifty microseconds, of which the
-    call takes two or three, and a compiled loop would compile all of `cut_holes` a second time.
-    """
     offsets = batch.triangle_offsets
+    # Not compiled: that would compile all of `cut_holes` again, to save 3 of 50 us per polygon.
     for index in indices[first:last].tolist():
         points, rings = rings_at(index, batch.coords, batch.ring_offsets, batch.geom_offsets)
         triangles = batch.triangles[offsets[index] : offsets[index + 1]]
@@ -242,11 +230,7 @@ def _triangulate_with_holes(
 
 
 def _triangulate_by_ears(batch: Batch, valid: np.ndarray, threads: int, *how: Any) -> None:
-    """Triangulate the `valid` (p,) polygons by ear clipping and flips; set their `batch.done`.
-
-    In this thread, mapbox_earcut clips polygons that are large or have holes. In `threads` threads,
-    `improve_batch`, with its arguments `how`, clips all other polygons and flips diagonals.
-    """
+    """Clip large polygons and holes in this thread, clip others and flip in `threads` threads."""
     vertex_offsets, geom_offsets = batch.vertex_offsets.tolist(), batch.geom_offsets.tolist()
     first_vertices = np.repeat(batch.vertex_offsets[:-1], np.diff(batch.geom_offsets))
     # earcut expects the ends of rings relative to the polygon's first vertex.
@@ -291,10 +275,8 @@ def _triangulate_by_ears(batch: Batch, valid: np.ndarray, threads: int, *how: An
 
 
 def _find_device_feature(cost: Cost, device: str) -> tuple[str, bool] | None:
-    """Return the feature that a device optimises, and whether to maximise it; None for the CPU.
-
-    The weights of the number and the area of triangles, equal in all triangulations, do not count.
-    """
+    """Return the feature that a device optimises, and whether to maximise it; None for the CPU."""
+    # Without the number and the area of triangles, which are equal in all triangulations.
     weights = dict(zip(FEATURES[2:], cost["weights"][2:].tolist(), strict=True))
     for feature in _DEVICE_FEATURES:
         size = abs(weights[feature])

@@ -1,8 +1,8 @@
 """Criteria: predicted costs of a triangle, computed from its coordinates.
 
-A criterion sums a cost per triangle over a triangulation. Every built-in criterion except
-"exact-quads" is a weighted sum of `FEATURES`. A feature, and a user's criterion, is a Numba
-function of three points, given as six numbers. Units follow from the unit of the coordinates.
+A criterion sums a cost per triangle: a weighted sum of `FEATURES` (all built-in criteria except
+"exact-quads"), or a user's Numba function of three points (six numbers). Units follow from the unit
+of the coordinates.
 """
 
 from collections.abc import Callable, Mapping
@@ -118,9 +118,8 @@ CRITERIA: dict[str, Criterion] = {
         calibrated({"triangles": 1.0, "area": 1.0, "half_perimeter": 1.0}),
     )
 }
+# Tests of the triangulator "flips": shorter in the L1 metric, shorter in the L2 metric, Delaunay.
 FLIP_TESTS = ("l1", "euclidean", "delaunay")
-"""Flip tests that the triangulator "flips" takes in place of a criterion: shorter diagonals in the
-L1 metric, shorter diagonals in the Euclidean metric, the Delaunay condition."""
 
 
 def names() -> list[str]:
@@ -187,7 +186,6 @@ def find(name: str | Criterion | Callable[..., float], **parameters: Any) -> Cri
 
 
 def _make_criterion(criterion: Any, parameters: Mapping[str, Any]) -> Criterion:
-    """Return the criterion for a `Criterion` or a user's function; neither takes parameters."""
     if not (isinstance(criterion, Criterion) or callable(criterion)):
         raise ArgumentError(
             f"criterion: expected a name, a Criterion or a function, got {type(criterion).__name__}"

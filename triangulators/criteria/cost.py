@@ -1,7 +1,6 @@
 """A criterion as a record for compiled code.
 
-Kernels pass the record as a pointer, without copies or reference counts, so one compiled version of
-a kernel serves all criteria. A user's function is stored as the address of a C function.
+Kernels receive a pointer to the record, so one compiled version of a kernel serves all criteria.
 """
 
 import math
@@ -30,21 +29,17 @@ _BOX = [HALF_PERIMETER, BBOX_AREA, EDGE_LENGTH]  # indices of the weights in `Co
 MAX_COST = 1e200  # upper clamp of a triangle's cost; the sum of 10^6 such costs stays finite
 
 Cost: TypeAlias = np.record
-"""The cost to minimise: a weighted sum of features, or `sign` times a user's function; read only.
-
-Compiled code reads `cost.box`; Python code reads `cost["box"]`, which is eight times as fast there.
-sign: -1 to maximise, by which `weights` are multiplied. box (3,): the weights of half-perimeter,
-bounding-box area and edge length. is_box: True if no other feature has a weight, except the number
-and the area of triangles, whose sums are the same for every triangulation of a polygon.
-"""
+"""The cost to minimise, read only; in Python, `cost["box"]` is eight times as fast as `cost.box`."""
 
 _FIELDS = np.dtype(
     [
         ("weights", np.float64, (len(FEATURES),)),
-        ("function", np.int64),
-        ("sign", np.float64),
-        ("box", np.float64, (3,)),
+        ("function", np.int64),  # address of a user's C function
+        ("sign", np.float64),  # -1 to maximise; `weights` contain this factor
+        ("box", np.float64, (3,)),  # weights of half-perimeter, bounding-box area and edge length
         ("custom", np.bool_),
+        # No weights except `box`, and those of the number and the area of triangles, whose sums are
+        # the same for every triangulation of a polygon.
         ("is_box", np.bool_),
     ],
     align=True,
@@ -54,11 +49,6 @@ _RECORD = np.dtype((np.record, _FIELDS))
 
 @cache
 def _compile_c_function(function: Callable[..., float]) -> Any:
-    """Compile a function of three points as a C function, which is stored until the process exits.
-
-    A cost of a user's function that is NaN or too large is replaced by `MAX_COST`: a dynamic
-    program that compares costs with NaN would find no triangulation, and read outside its arrays.
-    """
     import numba
 
     if function is count_exact_quads:
@@ -69,6 +59,7 @@ def _compile_c_function(function: Callable[..., float]) -> Any:
 
     def cost(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
         value = float(inner(ax, ay, bx, by, cx, cy))
+        # With NaN, a dynamic program finds no triangulation, and reads outside its arrays.
         return value if abs(value) < MAX_COST else MAX_COST
 
     return numba.cfunc(SIGNATURE)(cost)
@@ -79,7 +70,6 @@ def _call_exact_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy:
 
 
 def require_finite_total(criterion: Criterion, points: np.ndarray, triangles: np.ndarray) -> None:
-    """Raise `TriangulationError` if a user's criterion, summed over triangles, is not finite."""
     if criterion.function is None:
         return
     try:
@@ -112,12 +102,10 @@ def make_cost(criterion: Criterion, polygon_area: float, triangles: int, sign: f
 
 
 def replace_fields(cost: Cost, **fields: Any) -> Cost:
-    """Return a cost with some fields replaced."""
     return _make_record(**{name: cost[name] for name in _FIELDS.names or ()} | fields)
 
 
 def _make_record(**fields: Any) -> Cost:
-    """Return a read-only `Cost` with these fields; other fields are zero."""
     records = np.zeros(1, _RECORD)
     for name, value in fields.items():
         records[name] = value
@@ -146,7 +134,6 @@ def call_address(
 def triangle_cost(
     cost: Cost, ax: float, ay: float, bx: float, by: float, cx: float, cy: float
 ) -> float:
-    """Return the cost of the triangle a, b, c, given by coordinates."""
     if cost.custom:
         return float(cost.sign * call_address(cost.function, ax, ay, bx, by, cx, cy))
     return weigh_triangle(cost.weights, ax, ay, bx, by, cx, cy)
@@ -189,7 +176,6 @@ def allocate_block(size: int) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
 
 @njit
 def compute_total_cost(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> float:
-    """Return the sum of the costs of triangles (m, 3) of points (n, 2)."""
     total = 0.0
     for row in range(len(triangles)):
         total += cost_at(points, triangles[row, 0], triangles[row, 1], triangles[row, 2], cost)

@@ -1,7 +1,4 @@
-"""Criteria: weighted sums of features or user functions, and the families `mixed` and `calibrated`.
-
-The name of a mixture can contain its weights: "mixed=1/0.5/0" is alpha 1, beta 0.5 and gamma 0.
-"""
+"""Criteria: weighted sums of features or user functions; the families `mixed` and `calibrated`."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -11,7 +8,7 @@ import numpy as np
 
 from triangulators.errors import ArgumentError
 
-FEATURES = (
+FEATURES = (  # of a triangle (see `features`), in the order of weights
     "triangles",
     "area",
     "half_perimeter",
@@ -23,14 +20,13 @@ FEATURES = (
     "expected_blocks",
     "expected_setups",
 )
-"""Features of a triangle (see `features`), in the order of weights."""
 
 WEIGHTS_MARK = "="  # separator between a criterion's name and its weights
 WEIGHTS_SEPARATOR = "/"  # separator between weights; not a comma, which separates names in a list
 BYTES_PER_TRIANGLE = 24.0  # three vertices of two 4-byte coordinates; M in the paper
 WORST_SHAPE = 240.0  # maximum of "shape" in degrees: |60 - 180| + 60 + 60, of a flat triangle
 
-CALIBRATED_FEATURES = (
+CALIBRATED_FEATURES = (  # features that a device's fitted time per triangle may depend on
     "triangles",
     "area",
     "half_perimeter",
@@ -40,7 +36,6 @@ CALIBRATED_FEATURES = (
     "expected_blocks",
     "expected_setups",
 )
-"""Features that a device's fitted time per triangle may depend on (see `calibrated`)."""
 
 MAX_WEIGHT = 1e200  # upper bound of a weight's size; sums of larger weights overflow
 
@@ -100,7 +95,6 @@ class Criterion:
         return self.name.replace("-", "_")
 
     def weights_for(self, polygon_area: float, triangles: int) -> np.ndarray:
-        """Return the weights (k,) of `FEATURES` for a polygon's area and number of triangles."""
         weights = np.array(self.weights, dtype=np.float64)
         if self.normalise is None:
             return weights
@@ -128,13 +122,12 @@ def make_weighted_criterion(
     unit: str,
     **coefficients: float,
 ) -> Criterion:
-    """Return a criterion that is a weighted sum of features."""
     weights = tuple(float(coefficients.get(feature, 0.0)) for feature in FEATURES)
     return Criterion(name, description, weights, label=label, symbol=symbol, unit=unit)
 
 
 def _normalise_per_polygon(weights: np.ndarray, polygon_area: float, triangles: int) -> np.ndarray:
-    """Return `mixed` weights for a polygon: areas per polygon area, all others per triangle."""
+    """Divide weights of areas by the polygon's area, all others by the number of triangles."""
     result = weights / triangles
     areas = [FEATURES.index("area"), FEATURES.index("bbox_area")]
     result[areas] = weights[areas] / polygon_area

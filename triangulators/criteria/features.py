@@ -1,9 +1,8 @@
-"""Features of a triangle; every built-in criterion is a weighted sum of them.
+"""Features of a triangle: Numba functions of three points as six numbers.
 
-A feature is a Numba function of three points as six numbers. `criterion.FEATURES` lists the names
-in the order of weights. A new feature is added to `FEATURES`, `FEATURE_COUNT`, `weigh_triangle`,
-`weigh_triangles` and `sum_features`. Only `exact_quads`, which is not in `FEATURES`, depends on the
-position on the pixel grid.
+A new feature is added to `criterion.FEATURES`, `FEATURE_COUNT`, `weigh_triangle`, `weigh_triangles`
+and `sum_features`. Only `exact_quads`, which is not in `FEATURES`, depends on the position on the
+pixel grid.
 """
 
 import math
@@ -20,7 +19,6 @@ SIGNATURE = f"float64({', '.join(['float64'] * 6)})"  # a feature or a user's cr
 
 @njit
 def area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Return the area of a triangle (S)."""
     return 0.5 * abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
 
 
@@ -32,7 +30,6 @@ def half_perimeter(ax: float, ay: float, bx: float, by: float, cx: float, cy: fl
 
 @njit
 def bbox_area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Return the width times the height of a triangle's bounding box."""
     return (max(ax, bx, cx) - min(ax, bx, cx)) * (max(ay, by, cy) - min(ay, by, cy))
 
 
@@ -80,22 +77,20 @@ def _sum_triple(p: float, q: float, u: float, v: float, x: float, y: float) -> f
 def _average_blocks(
     size: float, ax: float, ay: float, bx: float, by: float, cx: float, cy: float
 ) -> float:
-    """Return the number of b x b pixel blocks with a covered pixel centre, averaged over positions.
+    """Return the mean number of b x b pixel blocks, b = `size`, with a covered pixel centre.
 
-    b is `size`; the average is over all positions of the triangle on the grid. A block has a
-    covered pixel centre if at least one of b^2 copies of the triangle, shifted by 0 to b - 1 pixels
-    along x and y, covers the first centre of the block. So the mean is the area of the union of the
-    copies over b^2.
+    The mean is over all positions of the triangle on the grid. A block has a covered centre if one
+    of b^2 copies of the triangle, shifted by 0 to b - 1 pixels along x and y, covers its first
+    centre. So the mean is the area of the union of the copies over b^2.
 
     Intersection of copies. A counter-clockwise triangle T of area S is the set n.p >= c for each
-    edge e = (ex, ey), with the inward normal n = (-ey, ex). A copy shifted by m is the set
-    n.p >= c + n.m. So the intersection of T and the copies by all m of a set M has the thresholds
-    c + max(0, n.m): a smaller triangle, similar to T by the factor 1 - L / (2 S), with
+    edge e = (ex, ey), with the inward normal n = (-ey, ex); a copy shifted by m is the set n.p >= c
+    + n.m. So the intersection of T and the copies by all m of a set M is similar to T by the factor
+    1 - L / (2 S), and empty if L > 2 S:
 
-        L(M) = sum over the edges of max(0, n.m for m in M),     common(M) = (1 - L / (2 S))^2 S,
+        L(M) = sum over the edges of max(0, n.m for m in M),     common(M) = (1 - L / (2 S))^2 S
 
-    and empty if L > 2 S. The edges sum to zero, so the positive components along a direction add up
-    to the extent of the triangle in that direction:
+    The edges sum to zero, so the positive components along a direction add up to the extent there:
 
         pair      {(1, 0)}                  max(0, -ey)           L = height of the box
         pair      {(0, 1)}                  max(0, ex)            L = width
@@ -104,18 +99,17 @@ def _average_blocks(
         triple    {(r, 0), (0, u)}          max(0, -r ey, u ex)   r and u are 1 or -1: four of them
         four      {(1, 0), (0, 1), (1, 1)}  max(0, -ey) + max(0, ex)    L = width + height
 
-    Inclusion and exclusion over neighbours among the b^2 copies: there are b (b - 1) pairs in rows,
-    as many in columns, and (b - 1)^2 unit squares, each with two diagonals, four triples, one four.
-    With `pairs`, `diagonals`, `triples`, `four` the sums of common(M) / S of each kind:
+    Inclusion and exclusion: there are b (b - 1) pairs in rows, as many in columns, and (b - 1)^2
+    unit squares, each with two diagonals, four triples, one four. With sums of common(M) / S of
+    each kind:
 
         union / S = b^2 - b (b - 1) (pairs) + (b - 1)^2 (triples - diagonals - four)
 
-    For b = 2 these are all terms, and the result is exact. For larger b a block counts once for
-    each 8-connected group of covered centres, so only slivers that cover several groups of centres
-    in a block are overestimated.
+    This is exact for b = 2. For larger b a block counts once for each 8-connected group of covered
+    centres, so slivers that cover several groups of centres in a block are overestimated.
 
-    There are no branches, so that `weigh_triangles` evaluates eight triangles at a time. A triangle
-    of zero area has the value 0: L / 0 is infinite or NaN, so no area is in common.
+    There are no branches, so that `weigh_triangles` evaluates eight triangles at a time. Zero area
+    gives 0: L / 0 is infinite or NaN, so no area is in common.
     """
     ux, uy, vx, vy, wx, wy = bx - ax, by - ay, cx - bx, cy - by, ax - cx, ay - cy
     cross = ux * vy - uy * vx  # 2 S
@@ -195,7 +189,6 @@ def _add_feature(
     count: int,
     totals: np.ndarray,
 ) -> None:
-    """Add `weight` times a feature of `count` triangles to `totals`; see `weigh_triangles`."""
     ax, ay, bx, by, cx, cy = corners
     if weight != 0.0:
         for k in range(np.uint64(count)):
@@ -208,10 +201,10 @@ def weigh_triangles(
 ) -> None:
     """Write the results of `weigh_triangle` for `count` triangles to `totals`, equal in every bit.
 
-    corners: six arrays ax, ay, bx, by, cx, cy. The length of all arrays is at least the count,
-    rounded up to a multiple of 8; elements of `totals` beyond the count are undefined. Each feature
-    has a loop without branches, so LLVM evaluates all features except `shape` and `beauty` in SIMD
-    registers. Expected quads take 4 ns per triangle instead of 25 (AVX-512).
+    corners: arrays ax, ay, bx, by, cx, cy. Arrays are as long as the count, rounded up to a
+    multiple of 8; `totals` beyond the count are undefined. The loops have no branches, so LLVM uses
+    SIMD registers, except for `shape` and `beauty`: expected quads take 4 ns per triangle, not 25
+    (AVX-512).
     """
     lanes = (count + 7) & ~7
     for k in range(lanes):
@@ -282,9 +275,8 @@ def _restrict_span(value: int, step: int, low: int, high: int) -> tuple[int, int
 def exact_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
     """Return the number of 2x2 pixel quads with a covered pixel, at the triangle's position.
 
-    Coordinates are pixels, y up, rounded to 1/256. A pixel has 256 x 256 units, with the
-    centre at (128, 128). The pixel is covered if the centre is inside all three edge functions of
-    the counter-clockwise triangle; a centre on an edge is covered if that is a left edge (running
+    Coordinates are pixels, y up, rounded to units of 1/256. A pixel is covered if the centre, at
+    (128, 128), is inside all edges of the counter-clockwise triangle, or on a left edge (running
     down) or a bottom edge (horizontal, running right): the top-left rule of Direct3D and of Mesa,
     with y up.
 
@@ -292,13 +284,11 @@ def exact_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy: float
 
         (bx - ax) * (256 y + 128 - ay) - (by - ay) * (256 x + 128 - ax) = value(y) - step * x,
 
-    with step = 256 (by - ay). An edge whose points are not covered is shifted by a unit, the
-    resolution, so that inside is >= 0 for all edges. In a row, each edge admits all x up to a
-    maximum (step > 0), all x from a minimum (step < 0), or all or none: one floor division per
-    edge. The intersection is a span. The quads of two rows are the pairs of columns that either
-    span touches: the sum of both lengths in pairs, minus the overlap.
-
-    Loop order. Rows of pixels are visited in pairs, from the lowest y; no array is allocated.
+    with step = 256 (by - ay). An edge whose points are not covered is shifted by a unit, so inside
+    is >= 0 for all edges. In a row, an edge admits all x up to a maximum (step > 0), all x from a
+    minimum (step < 0), or all or none: one floor division per edge. The intersection is a span.
+    Rows are visited in pairs, from the lowest y. The quads of two rows are the pairs of columns
+    that either span touches: the sum of both lengths in pairs, minus the overlap.
 
     Integers. Coordinates below 2^14 px are below 2^22 units, products below 2^45.
     """

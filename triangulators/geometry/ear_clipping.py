@@ -1,17 +1,11 @@
-"""Ear clipping of one ring in compiled code: the triangles of mapbox_earcut, without the GIL.
-
-mapbox_earcut holds Python's global interpreter lock (GIL), so threads cannot clip at the same time,
-and a call takes about two microseconds. `clip_ears_of_ring` gives up if earcut would repair the
-ring: if no ear is left, or the first vertex is repeated at the end.
-"""
+"""Ear clipping of one ring: the triangles of mapbox_earcut, without the GIL and 2 us per call."""
 
 import numpy as np
 
 from triangulators.compute.kernels import njit
 
+# For larger rings earcut is faster, which sorts vertices along a space-filling curve.
 MAX_VERTICES = 128
-"""Maximum number of vertices. Each ear is compared with all vertices; for larger rings earcut,
-which sorts the vertices along a space-filling curve, is faster."""
 
 
 @njit(nogil=True)
@@ -51,8 +45,9 @@ def _is_ear(
 def clip_ears_of_ring(points: np.ndarray) -> np.ndarray:
     """Return the triangles (n - 2, 3) of a ring (n, 2), or (0, 3) if earcut would repair the ring.
 
-    As in earcut, the last vertex of a counter-clockwise ring is tried first, or the first vertex of
-    a clockwise ring; after a cut the next vertex is tried.
+    earcut repairs rings that repeat the first vertex at the end, or where no ear is left. As in
+    earcut, the last vertex of a counter-clockwise ring is tried first, or the first vertex of a
+    clockwise ring; after a cut the next vertex is tried.
     """
     n = len(points)
     triangles = np.empty((max(n - 2, 0), 3), dtype=np.int32)

@@ -1,9 +1,8 @@
 """Ear clipping by mapbox_earcut, after translating polygons that are far from the origin.
 
-earcut joins a hole to the outer ring where a horizontal line from the hole meets an edge, computed
-in absolute coordinates. Far from the origin the rounding error may choose the wrong edge, and
-triangles overlap: by 6.9 % of the area for a triangle with two holes at (2.5e6, -5e5). The
-translation is exact (Sterbenz' lemma), so the shape does not change.
+earcut finds the edge to which it joins a hole in absolute coordinates. Far from the origin rounding
+may choose the wrong edge, and triangles overlap: by 6.9 % of the area for a triangle with two holes
+at (2.5e6, -5e5). The translation is exact (Sterbenz' lemma).
 """
 
 from typing import Any
@@ -38,12 +37,12 @@ def run_earcut(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
 def find_far_offsets(points: np.ndarray, starts: np.ndarray) -> np.ndarray:
     """Return the offset (k, 2) to subtract from each polygon so that it is near the origin.
 
-    points (n, 2): vertices of all polygons; starts (k,): first vertex of each nonempty polygon. The
-    offset along an axis is 0 unless the polygon's distance from 0 exceeds its extent.
+    starts (k,): first vertex of each nonempty polygon. The offset along an axis is 0 unless the
+    polygon's distance from 0 exceeds its extent.
 
-    >>> points = np.array([(2e6, -5e5), (2e6 + 9, -5e5 - 7), (2e6, -1.0)])
-    >>> find_far_offsets(points, np.array([0])).tolist()
-    [[2000000.0, 0.0]]
+        >>> points = np.array([(2e6, -5e5), (2e6 + 9, -5e5 - 7), (2e6, -1.0)])
+        >>> find_far_offsets(points, np.array([0])).tolist()
+        [[2000000.0, 0.0]]
     """
     offsets = np.zeros((len(starts), 2), points.dtype)
     for k in range(len(starts)):

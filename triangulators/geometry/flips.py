@@ -1,10 +1,8 @@
 """Flips of diagonals, in the order that all language ports share (see ports/ORDER.md).
 
-Two triangles that share an edge form a quadrilateral. If the quadrilateral is strictly convex, a
-flip replaces its diagonal by the other diagonal. Each flip decreases a sum or replaces a diagonal
-by a shorter one, so no triangulation occurs twice and the flips terminate.
-
-A flip is made only if both new triangles certainly have the orientation of the old triangles. For
+A flip replaces the diagonal of a strictly convex quadrilateral, of two triangles that share an
+edge, by the other diagonal. It decreases a sum or a length, so no triangulation occurs twice, and
+flips terminate. Both new triangles must certainly have the orientation of the old triangles. For
 integer coordinates up to 2^25 orientations are exact; for others, a filter rejects flips that
 depend on rounding.
 
@@ -26,10 +24,7 @@ _UNDERFLOW = 1e-300  # exceeds the error that underflow causes in a product
 
 @njit(nogil=True)
 def push_diagonals(twin: np.ndarray, stack: np.ndarray, waiting: np.ndarray) -> int:
-    """Push the lower half-edge of each diagonal on `stack`; return the stack's size.
-
-    Diagonals are in ascending order of the higher half-edge, and are marked in `waiting`.
-    """
+    """Push the lower half-edge of each diagonal, by ascending higher half-edge; return the size."""
     size = 0
     for latter in range(len(twin)):
         former = twin[latter]
@@ -79,13 +74,12 @@ def flip_while_gaining(
     """Flip in place until no flip gains; return the number of flips.
 
     gains(points, a, b, c, d, context): whether the diagonal a-d is better than b-c, the common edge
-    of the triangles a, b, c and d, c, b; is_convex(points, a, b, c, d): whether the quadrilateral
-    of both triangles is convex.
+    of the triangles a, b, c and d, c, b; is_convex(points, a, b, c, d): whether a flip is valid.
 
-    Order: diagonals to try are on a stack, initially all. The top diagonal is tried; after a flip
-    the four sides of the quadrilateral are pushed, except sides that are on the stack already.
+    Order: all diagonals are pushed on a stack; the top one is tried. After a flip the sides of the
+    quadrilateral are pushed, except sides that are on the stack (`waiting`), so it cannot overflow.
     Invariant: flipping a diagonal that is not on the stack would not gain. A flip takes constant
-    time, and the stack cannot overflow, because `waiting` admits each half-edge once.
+    time.
     """
     stack = np.empty(len(corner), dtype=np.int32)
     waiting = np.zeros(len(corner), dtype=np.bool_)
@@ -107,7 +101,6 @@ def flip_while_gaining(
 
 @njit(nogil=True)
 def _are_all_integers(points: np.ndarray, a: int, b: int, c: int, d: int) -> bool:
-    """Whether the coordinates of four points are integers of at most 2^25 in size."""
     for point in (a, b, c, d):
         for value in (points[point, 0], points[point, 1]):
             if not (abs(value) <= _MAX_INTEGER and value == np.floor(value)):
@@ -148,10 +141,9 @@ def _is_shorter(points: np.ndarray, a: int, b: int, c: int, d: int, _: Any) -> b
 def _is_in_circle(points: np.ndarray, a: int, b: int, c: int, d: int, winding: float) -> bool:
     """Whether d is certainly inside the circle through a, b, c (counter-clockwise if winding > 0).
 
-    Flips that depend on rounding are rejected, so flips terminate. With s the sum of the squared
-    distances of a, b and c from d, the rounding error of the determinant is below 4e-16 s^2. For
-    integers s is at most 3 * 2^53; if the sign is in doubt, the exact determinant is below
-    1.4e-15 s^2 < 2^60, so 64-bit sums, which are exact modulo 2^64, give its value.
+    With s the sum of the squared distances of a, b and c from d, the rounding error of the
+    determinant is below 4e-16 s^2. For integers s is at most 3 * 2^53; if the sign is in doubt, the
+    exact determinant is below 1.4e-15 s^2 < 2^60: 64-bit sums, exact modulo 2^64, give its value.
     """
     px, py = points[a, 0] - points[d, 0], points[a, 1] - points[d, 1]
     qx, qy = points[b, 0] - points[d, 0], points[b, 1] - points[d, 1]
@@ -207,19 +199,16 @@ def _find_first_orientation(points: np.ndarray, corner: np.ndarray) -> float:
 
 @njit(nogil=True)
 def flip_by_l1(points: np.ndarray, corner: np.ndarray, twin: np.ndarray) -> int:
-    """Flip to diagonals that are shorter in the L1 metric; see `flip_while_gaining`."""
     return flip_while_gaining(points, corner, twin, _is_shorter_l1, is_convex, None)
 
 
 @njit(nogil=True)
 def flip_by_length(points: np.ndarray, corner: np.ndarray, twin: np.ndarray) -> int:
-    """Flip to diagonals that are shorter in the Euclidean metric; see `flip_while_gaining`."""
     return flip_while_gaining(points, corner, twin, _is_shorter, is_convex, None)
 
 
 @njit(nogil=True)
 def flip_by_delaunay(points: np.ndarray, corner: np.ndarray, twin: np.ndarray) -> int:
-    """Flip until no vertex is certainly inside an adjacent triangle's circumcircle."""
     return flip_while_gaining(
         points, corner, twin, _is_in_circle, is_convex, _find_first_orientation(points, corner)
     )

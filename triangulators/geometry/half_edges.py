@@ -1,7 +1,6 @@
-"""Half-edges: triangle t has the half-edges 3 t, 3 t + 1 and 3 t + 2, from a vertex to the next.
+"""Half-edges: 3 t, 3 t + 1 and 3 t + 2 run from each vertex of triangle t to the next.
 
-The twin of a half-edge is the half-edge of the adjacent triangle along the same edge, in the
-opposite direction.
+The twin of a half-edge is the opposite half-edge along the same edge, in the adjacent triangle.
 """
 
 from typing import Any
@@ -14,13 +13,11 @@ from triangulators.geometry.predicates import orientation
 
 @njit(nogil=True, inline="always")
 def next_edge(e: Any) -> Any:
-    """Return the next half-edge of the triangle of e."""
     return e + 1 if e % 3 < 2 else e - 2
 
 
 @njit(nogil=True, inline="always")
 def previous_edge(e: Any) -> Any:
-    """Return the previous half-edge of the triangle of e."""
     return e - 1 if e % 3 > 0 else e + 2
 
 
@@ -28,14 +25,12 @@ def previous_edge(e: Any) -> Any:
 def link_half_edges(corner: np.ndarray) -> np.ndarray:
     """Return the twin (3 m,) of each half-edge, or -1 on the boundary; twins are mutual.
 
-    corner (3 m,): start vertex of each half-edge. If several half-edges could be the twin, that
-    with the lowest number is taken.
+    corner (3 m,): start vertex of each half-edge. Of several candidates the lowest is the twin.
 
-    A hash table with open addressing, at most two thirds full, has a slot per undirected edge. The
-    slot has the last half-edge of a queue of unmatched half-edges of that edge, all in the same
-    direction, because a half-edge in the opposite direction is matched with the first. While e is
-    queued, twin[e] is -2 - f, where f is the half-edge after e in the queue, or the first one if e
-    is the last: both ends are reached in a step, and each repeated edge takes constant time.
+    A hash table with open addressing, at most two thirds full, has a slot per undirected edge: the
+    last half-edge of a queue of unmatched half-edges, all in the same direction. While e is queued,
+    twin[e] is -2 - f, where f is the half-edge after e in the queue, or the first one if e is the
+    last. So both ends are reached in a step, and each repeated edge takes constant time.
     """
     count = len(corner)
     bits = 4
@@ -74,7 +69,7 @@ def link_half_edges(corner: np.ndarray) -> np.ndarray:
 
 
 def find_twins(triangles: np.ndarray) -> np.ndarray:
-    """Return the twins (m, 3) of triangles (m, 3): row t has the twins of 3 t, 3 t + 1, 3 t + 2."""
+    """Return the twins (m, 3) of the half-edges of triangles (m, 3)."""
     corner = np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1)
     return np.asarray(link_half_edges(corner)).reshape(-1, 3)
 
@@ -86,8 +81,7 @@ def is_triangulation(
     """Whether triangles, given by half-edges, are a conforming triangulation of a polygon's rings.
 
     True if there are n + 2 h - 2 triangles, all counter-clockwise, and the edges without a twin are
-    the edges of the rings, of either orientation: all edges then add up to the boundary, so the
-    triangles cover the interior once.
+    the edges of the rings: all edges then add up to the boundary, so the interior is covered once.
     """
     n = len(points)
     if len(corner) != 3 * (n + 2 * (len(ring_offsets) - 2) - 2):

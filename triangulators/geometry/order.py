@@ -1,25 +1,21 @@
 """Triangle order: a walk over neighbours, or an order for a vertex cache.
 
-Walk order: each triangle is a neighbour of an earlier triangle, and its last vertex is the one that
-they do not share. A renderer shades a vertex again after the vertex has left the vertex cache, or
-when a batch ends. So the triangles are visited along the dual graph, depth first, the smaller
-branch first: at most about log2(m) edges then lead to unvisited triangles. Each triangle begins
-with the edge over which the walk enters: lookups in a vertex cache are then hit, hit, miss.
+Walk order: each triangle is a neighbour of an earlier triangle, and its last vertex is the new one:
+lookups in a vertex cache are then hit, hit, miss. A renderer shades a vertex again after the vertex
+has left the cache, or when a batch ends. So triangles are visited along the dual graph, depth
+first, the smaller branch first: at most about log2(m) edges then lead to unvisited triangles.
 
-Each connected component is walked from the first triangle with a single neighbour, or the first
-triangle if there is none, along a breadth-first spanning tree (holes are cycles of the dual graph).
-Neighbours are visited in order from the entry edge on, so that the order does not depend on the
-rotation of a triangle's vertices. The time is linear.
+Each connected component is walked from the first triangle with a single neighbour, or else the
+first triangle, along a breadth-first spanning tree (holes are cycles of the dual graph). Neighbours
+are visited from the entry edge on, so the order does not depend on the rotation of a triangle's
+vertices. The time is linear.
 
 Vertex cache: Tipsify, in linear time. Source: P. V. Sander, D. Nehab, J. Barczak, "Fast triangle
 reordering for vertex locality and reduced overdraw", ACM Transactions on Graphics 26(3), 2007,
-section 4.
-
-The model is a first-in first-out cache of shaded vertices. All remaining triangles around a
-vertex, a fan, are emitted. The next fan is around a vertex that is still in the cache: the oldest
-vertex whose fan can be emitted before the vertex leaves the cache; a fan of r triangles shades at
-most 2 r new vertices. If there is no such vertex, the last emitted vertex with remaining triangles
-is taken, and if there is none, the next such vertex by index.
+section 4. The model is a first-in first-out cache of shaded vertices. All remaining triangles
+around a vertex, a fan, are emitted. The next fan is around the oldest vertex in the cache whose fan
+can be emitted before the vertex leaves the cache; r triangles shade at most 2 r new vertices. If
+there is none, the last emitted vertex with remaining triangles is taken, or the next by index.
 """
 
 import numpy as np
@@ -31,9 +27,7 @@ from triangulators.geometry.half_edges import link_half_edges
 
 CACHE_SIZE = 16  # assumed size of the vertex cache; GPUs reuse 16 to 32 vertices in each batch
 
-ORDERS = ("walk", "native")
-"""Orders of triangles: "walk", from neighbour to neighbour; "native", as the triangulator returns
-them."""
+ORDERS = ("walk", "native")  # from neighbour to neighbour, or as the triangulator returns them
 
 # Values in place of the half-edge over which the walk enters a triangle: the triangle is not yet
 # reached, or is the first of a component.
@@ -73,7 +67,6 @@ def put_in_walk_order_by_twins(triangles: np.ndarray, twin: np.ndarray, count: i
 
 @njit(nogil=True)
 def _find_walk_order(twin: np.ndarray) -> np.ndarray:
-    """Return the indices (m,) of triangles in walk order, from the twins (3 m,)."""
     m = len(twin) // 3
     entry = np.full(m, _UNREACHED, dtype=np.int32)  # half-edge over which a triangle is entered
     size = np.ones(m, dtype=np.int32)  # triangles in the branch below a triangle
@@ -140,10 +133,7 @@ def _walk_component(
 
 @njit(nogil=True)
 def _find_leaf(twin: np.ndarray, first: int, entry: np.ndarray, queue: np.ndarray) -> int:
-    """Return a triangle of first's component with at most one neighbour, or else `first`.
-
-    entry (m,), queue (m,): workspaces; entry is _UNREACHED before and after.
-    """
+    """Return a triangle of the component with at most one neighbour, or else `first`."""
     queue[0] = first
     entry[first] = _ROOT
     head, tail, leaf = 0, 1, -1
@@ -177,7 +167,6 @@ def sort_for_vertex_cache(
 
 @njit(nogil=True)
 def _order_by_tipsify(triangles: np.ndarray, count: int, cache_size: int) -> np.ndarray:
-    """Return the indices (m,) of triangles (m, 3) of `count` points in the order of Tipsify."""
     m = len(triangles)
     begin, items = group_by_key(triangles.reshape(-1), count)
     around = items // np.int32(3)  # indices of each vertex's triangles, grouped as `items`

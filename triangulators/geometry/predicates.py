@@ -1,12 +1,10 @@
 """The orientation predicate, with an exact sign for doubles up to 1e150 (no overflow).
 
-If products would underflow, all coordinates are scaled up first. Products of two coordinates that
-are both below 1e-290 of the largest coordinate may still underflow, and count as 0.
-
-A float64 filter decides almost all calls; all others are evaluated exactly as an expansion, a sum
-of doubles that do not overlap.
-Source: J. R. Shewchuk, "Adaptive Precision Floating-Point Arithmetic and Fast Robust Geometric
-Predicates", 1997. On coordinates snapped to 1/256 below 2^14 the filter itself is already exact.
+A float64 filter decides almost all calls (all, for multiples of 1/256 below 2^14); an expansion, a
+sum of doubles that do not overlap, decides the others exactly. If products would underflow, all
+coordinates are scaled up first. Products of two coordinates that are both below 1e-290 of the
+largest coordinate may still underflow, and count as 0. Source: J. R. Shewchuk, "Adaptive Precision
+Floating-Point Arithmetic and Fast Robust Geometric Predicates", 1997.
 """
 
 import math
@@ -91,7 +89,6 @@ def _orient_by_expansion(ax: float, ay: float, bx: float, by: float, cx: float, 
 
 @njit(nogil=True)
 def _have_exact_differences(a: float, b: float, c: float, d: float) -> bool:
-    """Whether a - b and c - d are free of rounding errors."""
     x = a - b
     virtual = a - x
     if (a - (x + virtual)) + (virtual - b) != 0.0:
@@ -133,10 +130,7 @@ def orient(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> 
 
 @njit(nogil=True)
 def twice_area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Return twice the area of a, b, c, with eleven correct digits, also for slivers.
-
-    A sliver's rounded determinant has few correct digits, and depends on which vertex is first.
-    """
+    """Return twice the area of a, b, c, with eleven correct digits, also for slivers."""
     plus = (bx - ax) * (cy - ay)
     minus = (by - ay) * (cx - ax)
     if abs(plus - minus) > _MIN_ACCURATE_SHARE * (abs(plus) + abs(minus)) + _MIN_PRODUCT:
@@ -154,7 +148,6 @@ def orientation(points: np.ndarray, a: int, b: int, c: int) -> float:
 
 @njit(nogil=True)
 def compute_orientations(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Return `orientation` (m,) of each triangle (m, 3)."""
     result = np.empty(len(triangles))
     for index in range(len(triangles)):
         result[index] = orientation(
@@ -196,10 +189,7 @@ def is_on_segment(points: np.ndarray, v: int, a: int, b: int, tolerance: float) 
 def find_touching_vertices(
     points: np.ndarray, edges: np.ndarray, vertices: np.ndarray, allowed: float
 ) -> list[tuple[int, int]]:
-    """Return (row of `edges`, vertex) for each vertex on an edge, between the edge's ends.
-
-    vertices (k,): by ascending x, so that a short edge is compared with few vertices.
-    """
+    """Return (row of `edges`, vertex) of vertices inside an edge; vertices (k,): by ascending x."""
     incidences = [(0, 0) for _ in range(0)]
     x_of = points[vertices, 0]
     for edge in range(len(edges)):
@@ -254,10 +244,7 @@ def find_grid_unit(points: np.ndarray) -> float:
 
 
 def find_edge_tolerance(points: np.ndarray) -> float:
-    """Return the distance from an edge up to which a vertex counts as on the edge.
-
-    Zero on a grid, where determinants are exact, else four rounding errors of the largest value.
-    """
+    """Return the distance at which a vertex counts as on an edge; 0 on a grid, with exact signs."""
     return 0.0 if find_grid_unit(points) > 0.0 else float(np.abs(points).max()) * 4.0 * 2.0**-52
 
 

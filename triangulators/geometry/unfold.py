@@ -1,12 +1,9 @@
-"""Cut a triangulated region open along diagonals, into a simple polygon.
+"""Cut a triangulated region open along diagonals, into a simple polygon, in linear time.
 
 A region whose dual graph is a tree is a simple polygon, if a vertex that occurs several times on
 the outline counts as several vertices. So a tree of adjacent triangles defines the cuts: the edges
-between its triangles that the tree does not cross. No geometry of holes is needed, and the region's
-triangles are a triangulation of the polygon.
-
-All functions take time linear in the number of triangles of the tree. Half-edges are numbered as in
-`half_edges`; twin (m, 3) is the result of `find_twins`.
+between its triangles that the tree does not cross. No geometry of holes is needed. twin (m, 3): the
+result of `find_twins`.
 """
 
 import numpy as np
@@ -30,11 +27,10 @@ def grow_tree(
 ) -> int:
     """Grow a tree of up to `max_size` adjacent triangles from `root`; return their number.
 
-    depth_first: False for a compact region, True for a long region. first_edge: the edges of a
-    triangle are tried from this index (0 to 2) on. Writes the indices of the triangles to `rows`,
-    and marks the edges that the tree crosses, from both sides, in `tree` (m, 3). visited (m,):
-    workspace, False before and after. The tree contains at most `max_covered` triangles flagged in
-    covered (m,).
+    depth_first: False for a compact region, True for a long region. first_edge: the edge (0 to 2)
+    of a triangle to try first. Writes the triangles' indices to `rows`, and marks crossed edges,
+    from both sides, in `tree` (m, 3). visited (m,): workspace, False before and after. The tree has
+    at most `max_covered` triangles flagged in covered (m,).
     """
     # Half-edges over which to enter triangles. A triangle may occur three times; the second and the
     # third are skipped. The half-edge of the root only encodes the index of the root.
@@ -78,14 +74,13 @@ def unfold_tree(
     """Return a tree of triangles as a simple polygon: (cycle, local triangles, outline).
 
     With k = size + 2: cycle (k,), the polygon's vertices counter-clockwise, as indices of points;
-    local triangles (size, 3), the tree's triangles, breadth first, as positions in the cycle;
-    outline (k,), the half-edge from each vertex to the next. tree: the marks of `grow_tree`.
+    local triangles (size, 3), breadth first, as positions in the cycle; outline (k,), the half-edge
+    from each vertex to the next. tree: the marks of `grow_tree`.
 
-    The outline is built as a linked list of corners, initially those of the root. A triangle that
-    is entered over the side tail-head inserts a new corner for the apex between tail and head, even
-    if the point has a corner already: the outline then runs along both sides of a cut. Invariant:
-    the apexes of the first `discovered` triangles are inserted; `done` of these have been examined
-    for neighbours.
+    The outline is a linked list of corners, initially the root's. A triangle that is entered over
+    the side tail-head inserts a new corner, its apex, between tail and head, even if the point has
+    a corner already: the outline then runs along both sides of a cut. Invariant: the apexes of the
+    first `discovered` triangles are inserted; `done` of these have been examined for neighbours.
     """
     corner = np.empty(size + 2, dtype=np.int32)  # point of each corner, in order of discovery
     after = np.empty(size + 2, dtype=np.int32)  # the next corner on the outline
@@ -145,10 +140,9 @@ def replace_tree_triangles(
 ) -> None:
     """Replace the triangles `rows` (k,) by `better` (k, 3), positions in `cycle`; update `twin`.
 
-    A half-edge of `better` without a twin there is a side of the cycle, from a position to the
-    next, and gets the twin of the old half-edge. That twin is outside the tree or, across a cut, at
-    another position of the outline, where the half-edge is new as well. position_of (3 m,):
-    workspace for the positions of old half-edges, -1 before and after.
+    A half-edge of `better` without a twin there is a side of the cycle, and gets the twin of the
+    old half-edge: outside the tree or, across a cut, at another position of the outline, where the
+    half-edge is new as well. position_of (3 m,): workspace, -1 before and after.
     """
     size = len(cycle)
     inner = link_half_edges(better.reshape(-1))

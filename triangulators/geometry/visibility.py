@@ -1,28 +1,25 @@
 """Visible pairs of vertices of a simple polygon, by triangular expansion.
 
-From a vertex the view extends triangle by triangle through the visible edges. Source: Q. Xu et al.,
-F. Bungiu et al., "Efficient computation of visibility polygons" (triangular expansion), 2014. The
-time is proportional to the number of triangles seen from all vertices, not to pairs of vertices
-times edges, and only orientations are evaluated.
+Source: Q. Xu et al., F. Bungiu et al., "Efficient computation of visibility polygons" (triangular
+expansion), 2014. The time is proportional to the number of triangles seen from all vertices, and
+only orientations are evaluated.
 
 Derivation. The edge right-left opposite to v in a triangle at v is a window of v. The triangle
 behind the window has a third vertex, the apex, and two more edges, the next windows. The view
-through a window is the cone between two rays from v, through the vertices `view_right` and
+through a window is the cone between the rays from v through the vertices `view_right` and
 `view_left` that narrowed the view so far. The apex is inside, right of or left of the cone:
 
     inside: v sees the apex, the cone splits, and both windows are visible;
     right of the cone or on the right ray: only the left window is visible, the cone stays;
     left of the cone or on the left ray: only the right window.
 
-Each window is visited at most once from each vertex, because the dual graph is a tree.
+Each window is visited at most once from each vertex, because the dual graph is a tree. Both tests
+are exact orientations of three vertices. A vertex on a ray is hidden by the vertex that defines the
+ray: the segment from v would touch the boundary.
 
-Rounding. The two tests are exact orientations of v and two more vertices. A vertex on a ray is
-hidden by the vertex that defines the ray: the segment from v would touch the boundary.
-
-Loop order. Windows are taken from a stack, with the right window on top, then the apex, then the
-left window. So visible vertices are appended in the order of the cycle, and the lists of visible
-pairs are ascending without sorting. Only vertices after v are appended; windows whose vertices are
-all before v are never visited.
+Loop order. A stack has the right window on top, then the apex, then the left window, so visible
+vertices are appended in the order of the cycle, without sorting. Only vertices after v are
+appended; windows whose vertices are all before v are never visited.
 """
 
 import numpy as np
@@ -38,9 +35,9 @@ def find_visible_pairs(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (start, target): `target[start[i]:start[i + 1]]` are the vertices > i that i sees.
 
-    points (n, 2): a counter-clockwise cycle; triangles (n - 2, 3): any triangulation of the cycle.
-    Lists are ascending and include the sides of the polygon. If there are more than `max_pairs`
-    pairs, the result is incomplete, and `start[n] > max_pairs`.
+    points (n, 2): a counter-clockwise cycle; triangles (n - 2, 3): any triangulation. Lists ascend
+    and include the polygon's sides. Beyond `max_pairs` pairs the result is incomplete: `start[n]`
+    exceeds `max_pairs`.
     """
     n = len(points)
     start = np.zeros(n + 1, dtype=np.int64)
@@ -98,10 +95,9 @@ def _append_seen_through_window(
 ) -> int:
     """Append the vertices > floor that v sees through a window to `target`; return the new count.
 
-    stack (k, 5): workspace, whose first row has the first three columns of the window on entry. A
-    row is a window: the half-edge of the triangle behind it, from left to right; the right end; the
-    left end; and the vertices on the right and left rays that bound the view. Or a row is
-    (-1, vertex, ...): a vertex to append.
+    stack (k, 5): workspace; on entry row 0 has the first three columns of the window. A row is a
+    window: half-edge of the triangle behind it, from left to right; right end; left end; vertices
+    on the right and left rays that bound the view. Or it is (-1, vertex, ...): a vertex to append.
     """
     height = 1
     stack[0, 3], stack[0, 4] = stack[0, 1], stack[0, 2]

@@ -1,7 +1,7 @@
 """The number of triangulations of a simple polygon, and uniform random triangulations.
 
-The dynamic program is that of the optimum (`optimum.visible_lists`), with sums and products instead
-of minima and sums. Source: P. Epstein and J.-R. Sack, "Generating triangulations at random", 1994.
+The dynamic program of `optimum.visible_lists`, with sums and products instead of minima and sums.
+Source: P. Epstein and J.-R. Sack, "Generating triangulations at random", 1994.
 """
 
 import numpy as np
@@ -21,10 +21,7 @@ def count_triangulations(polygon: shapely.Polygon, max_count: int | None = None)
 
 
 def count_triangulations_of_cycle(ring: Cycle, max_count: int | None = None) -> int:
-    """Return the exact number of triangulations of a `Cycle`.
-
-    Above `max_count`, return the number of a sub-polygon that exceeds it: a lower bound.
-    """
+    """Return the exact number of triangulations of a cycle, or a lower bound above `max_count`."""
     n = len(ring.cycle)
     above = [ring.target[ring.start[i] : ring.start[i + 1]].tolist() for i in range(n)]
     # ways[j][k]: number of triangulations of the sub-polygon k..j
@@ -49,10 +46,10 @@ def count_triangulations_of_cycle(ring: Cycle, max_count: int | None = None) -> 
 def compute_log_counts(start: np.ndarray, target: np.ndarray) -> np.ndarray:
     """Return the logarithms (p,) of the numbers of triangulations of all pairs' sub-polygons.
 
-    The numbers themselves would overflow a float; in a sum, all terms are divided by the largest,
-    whose logarithm is `top`. Vertex i descends, so that the numbers of smaller sub-polygons are
-    available: `row[k]` is the logarithm for the sub-polygon i..k, `below[j, k]` for k..j, minus
-    infinity for pairs that do not see each other. Stores n^2 numbers; takes at most n^3 / 6 steps.
+    The numbers would overflow; in a sum, terms are divided by the largest, whose logarithm is
+    `top`. Vertex i descends: `row[k]` is the logarithm for the sub-polygon i..k, `below[j, k]` for
+    k..j, minus infinity for pairs that do not see each other. Stores n^2 numbers; takes at most n^3
+    / 6 steps.
     """
     n = len(start) - 1
     result = np.full(len(target), -np.inf)
@@ -84,11 +81,10 @@ def _draw_from_counts(
 ) -> np.ndarray:
     """Return a random triangulation (n - 2, 3) of a cycle of n vertices.
 
-    ways (p,): result of `compute_log_counts`; chances (n - 2,): uniform random numbers in [0, 1).
-    Of the W(i, j) triangulations of the sub-polygon i..j, W(i, k) W(k, j) have the apex k: this
-    fraction is subtracted from a random number for one k after another. The first k that makes the
-    number negative is the apex, or the last possible k if rounding leaves a remainder. Stores n^2
-    numbers; takes up to n steps for each triangle.
+    chances (n - 2,): uniform random numbers in [0, 1). Of the W(i, j) triangulations of the
+    sub-polygon i..j, W(i, k) W(k, j) have the apex k. These fractions are subtracted from a random
+    number; the first k that makes it negative is the apex, or the last possible k if rounding
+    leaves a remainder.
     """
     n = len(start) - 1
     counts = np.full((n, n), -np.inf)

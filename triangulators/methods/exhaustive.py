@@ -1,8 +1,8 @@
 """The method of the paper (Kryvda and Sulema): list all triangulations, return the best.
 
-Mode `paper` is the paper's recursion over cuts (`Recursion`). Like the paper's program, it drops
-vertices that have become collinear after a cut, so some results have T-junctions. Mode `conforming`
-lists every conforming triangulation once, by a recursion over the apexes of one side.
+Mode `paper` is the paper's recursion over cuts. Like the paper's program, it drops vertices that
+are collinear after a cut, so some results have T-junctions. Mode `conforming` lists every
+conforming triangulation once, by a recursion over the apexes of one side.
 """
 
 from collections.abc import Callable, Sequence
@@ -39,8 +39,7 @@ def enumerate_triangulations(
 ) -> np.ndarray | list[np.ndarray]:
     """Return all distinct triangulations of a polygon without holes.
 
-    Mode `conforming`: one array (count, n - 2, 3) int32. Mode `paper`: a list of arrays (m, 3).
-    Raises `SkippedError` for holes and above 10^6 triangulations (20,000 in mode `paper`).
+    Mode `conforming`: one array (count, n - 2, 3). Mode `paper`: a list of arrays (m, 3).
     """
     outline = checked_boundary(polygon)
     ring = make_cycle(outline, "exhaustive")
@@ -120,7 +119,6 @@ def triangulate_listed(outline: Boundary, *, k: int = 0) -> np.ndarray:
 
 @lru_cache(maxsize=8)
 def _list_by_overdraw_and_shape(wkb: bytes) -> list[np.ndarray]:
-    """Return all triangulations of a polygon in mode `paper`, by ascending overdraw and shape."""
     polygon = shapely.from_wkb(wkb)
     points = vertices(polygon)
 
@@ -133,13 +131,12 @@ def _list_by_overdraw_and_shape(wkb: bytes) -> list[np.ndarray]:
 
 
 class Recursion:
-    """The triangulations of polygons whose vertices are in `points`, found by cutting ears.
+    """The triangulations of polygons whose vertices are in `points`, by cutting ears.
 
     From each edge of the remaining polygon three cuts are tried: the triangle of this and the next
-    edge (firstPart in the paper), the triangle of the two edges before (secondPart), and both
-    triangles (thirdPart). A cut is allowed if the triangles are inside the polygon; the remaining
-    polygon is cut in the same way until one triangle is left. drop_straight: drop a vertex that a
-    cut has made collinear, like the paper's program; the results then do not conform.
+    edge (firstPart in the paper), that of the two edges before (secondPart), and both (thirdPart).
+    The rest is cut in the same way until one triangle is left. drop_straight: drop a vertex that a
+    cut has made collinear; the results then do not conform.
     """
 
     def __init__(self, points: np.ndarray, *, drop_straight: bool) -> None:
@@ -150,11 +147,9 @@ class Recursion:
         self._triangulations = cache(self._list_by_cuts)
 
     def list_triangulations(self, cycle: Sequence[int]) -> set[Triangulation]:
-        """Return the distinct triangulations of a counter-clockwise cycle of points."""
         return self._triangulations(_rotate_to_lowest(list(cycle)))
 
     def _list_by_cuts(self, cycle: Corners) -> set[Triangulation]:
-        """Return the triangulations of a remaining polygon, over all cuts at all edges."""
         results: set[Triangulation] = set()
         if len(cycle) == 3:
             if self._orientation(*cycle) > 0.0:
@@ -196,7 +191,6 @@ class Recursion:
         )
 
     def _remove_vertex(self, cycle: Corners, at: int) -> Corners:
-        """Return a cycle without the vertex at index `at`; drop collinear neighbours."""
         remaining = [*cycle[at + 1 :], *cycle[:at]]
         if self._drop_straight:
             # Only the neighbours of the cut vertex, the ends of `remaining`, may have become

@@ -1,8 +1,7 @@
 """Flips of existing triangles, and the triangulators that flip after ear clipping.
 
-Diagonals are flipped (see `geometry.flips`) until no flip reduces the cost. For the half-perimeter
-H the test is whether the other diagonal is shorter in the L1 metric, because 2 H is the L1 length
-of the boundary plus twice the L1 length of the diagonals.
+Twice the half-perimeter is the L1 length of the boundary plus twice that of the diagonals, so it is
+decreased by flips to diagonals that are shorter in the L1 metric.
 """
 
 import math
@@ -46,7 +45,6 @@ NO_COST = make_cost(criteria.find("half-perimeter"), 1.0, 1)
 
 @njit(nogil=True)
 def flip_by_test(points: np.ndarray, corner: np.ndarray, twin: np.ndarray, test: int) -> int:
-    """Flip in place until no flip passes `test` (any except COST); return the number of flips."""
     if test == L1:
         return flip_by_l1(points, corner, twin)
     if test == EUCLIDEAN:
@@ -62,7 +60,7 @@ def flip_by_test(points: np.ndarray, corner: np.ndarray, twin: np.ndarray, test:
 def _shorten_if_cheaper(
     points: np.ndarray, corner: np.ndarray, twin: np.ndarray, cost: Cost
 ) -> None:
-    """Flip by L1 lengths, in place, if the result costs less; corner, twin: (3 m,) half-edges."""
+    """Flip by L1 lengths, in place, if the result costs less."""
     shorter, shorter_twin = corner.copy(), twin.copy()
     flip_by_l1(points, shorter, shorter_twin)
     before = compute_total_cost(points, corner.reshape(-1, 3), cost)
@@ -84,16 +82,14 @@ def refine(
 
     corner, twin: (3 m,) half-edges, overwritten. decreased: the cost if `test` is COST, else None.
 
-    For L1 and Euclidean lengths, there are two initial solutions, because the result of flips
-    depends on the initial solution: the given triangulation, and the constrained Delaunay
-    triangulation, reached from the given one by flips with the in-circle test. Diagonals of both
-    are flipped, and the cheaper result is returned.
+    L1 and Euclidean lengths: diagonals of two initial solutions are flipped, of the given and of
+    the constrained Delaunay triangulation (flips by the in-circle test); the cheaper result is
+    returned.
 
-    For other costs, windows (trees of up to 28 triangles) are optimised, then diagonals flipped.
-    If there may be several windows, flips by L1 lengths come first: they shorten long edges that
-    cross several windows. A flip evaluates four triangles, so that flips alone, from both initial
-    solutions, take as long and leave the expected quads of letters 3.5 % above the optimum, not
-    0.1 %.
+    Other costs: windows (trees of up to 28 triangles) are optimised, then diagonals flipped. If
+    there may be several windows, flips by L1 lengths come first: they shorten long edges that cross
+    several windows. Flips alone, from both initial solutions, take as long and leave the expected
+    quads of letters 3.5 % above the optimum, not 0.1 %.
     """
     rows = corner.reshape(-1, 3)
     if decreased is not None:
@@ -143,10 +139,9 @@ def improve_batch(
 ) -> None:
     """Write improved triangles of polygons first..last - 1 to `batch`; set `done` if they conform.
 
-    raw: (triangles, bounds, to_clip): triangles (m, 3) of ear clipping, which are overwritten;
-    polygon i has the rows bounds[i - first] to bounds[i - first + 1] - 1; to_clip (p,): flags of
-    polygons without such rows, whose ears are clipped here. uses_refine: True to improve triangles
-    by `refine`, whose result is always in walk order, False to flip the given triangles only.
+    raw: (triangles, bounds, to_clip): ear clipping's triangles (m, 3), overwritten; polygon i has
+    the rows from bounds[i - first] to bounds[i - first + 1]; to_clip (p,): polygons without rows,
+    to clip here. uses_refine: improve by `refine`, always in walk order, instead of flips only.
     """
     raw_triangles, bounds, to_clip = raw
     coords, ring_offsets, geom_offsets, _vertex_offsets, offsets, triangles, done = batch
@@ -266,7 +261,6 @@ def _resolve_cost(
     by: criteria.Criterion | str | Callable[..., float],
     parameters: dict[str, Any],
 ) -> tuple[Cost, int]:
-    """Return the cost and the flip test of `flip`'s argument `by`."""
     if isinstance(by, str) and by in FLIP_TESTS and not parameters:
         return NO_COST, FLIP_TESTS.index(by)
     try:

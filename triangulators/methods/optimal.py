@@ -1,9 +1,9 @@
 """The optimum of a criterion over all triangulations of a polygon.
 
-Without holes a dynamic program over all sub-polygons is exact, up to `limit` vertices. For few
-holes and vertices all ways to cut the holes open are tried (`cut_holes`, `bridges`). Otherwise
-`certificate.proof` improves the better of the ear-clipping and the Delaunay triangulation, and
-proves optimality if possible. Beyond `limit` vertices, pieces of that triangulation are optimised.
+Without holes a dynamic program is exact, up to `limit` vertices. For few holes and vertices all
+ways to cut the holes open are tried (`cut_holes`, `bridges`). Otherwise `certificate.proof`
+improves the better of the ear-clipping and the Delaunay triangulation, and proves optimality if
+possible. Beyond `limit` vertices, pieces of that triangulation are optimised.
 """
 
 import math
@@ -36,28 +36,17 @@ from triangulators.polygon import Boundary, boundary_area
 LIMIT = 2000  # number of vertices up to which a polygon is optimised in one piece
 MAX_PLACED_VERTICES = 500  # for criteria that depend on the position on the pixel grid
 
+# For a linear program, if the skeleton does not connect all rings: larger ones can take minutes.
 MAX_PROGRAM_VERTICES = 500
-"""Maximum number of vertices for a linear program, if the skeleton does not connect all rings.
-
-With more vertices a linear program can take minutes; `certify` uses it for polygons of any size.
-`worst` uses none, because local minimality excludes almost no edge when a cost is maximised.
-"""
-
-
 MAX_BRIDGED_HOLES = 2  # for `bridges` over all edges, without excluding any first
 MAX_TRIPLES = 1_500_000  # mutually visible vertices, for `bridges` over all edges
 
 
 class SearchOptions(NamedTuple):
-    """Parameters of `optimal` and `worst` other than the criterion and its parameters.
+    """Parameters of `optimal` and `worst` other than the criterion and its parameters."""
 
-    limit : number of vertices up to which a polygon is optimised as a whole, in cubic time at
-        worst; larger polygons are optimised piece by piece
-    seed : seed of the random choices of the local search
-    """
-
-    limit: int = LIMIT
-    seed: int = 0
+    limit: int = LIMIT  # vertices up to which a polygon is optimised as a whole, not in pieces
+    seed: int = 0  # seed of the random choices of the local search
 
     @classmethod
     def split(cls, parameters: Mapping[str, Any]) -> tuple["SearchOptions", dict[str, Any]]:
@@ -81,9 +70,9 @@ def triangulate_worst(outline: Boundary, **parameters: Any) -> np.ndarray:
 def triangulate_with_gap(outline: Boundary, **parameters: Any) -> tuple[np.ndarray, float]:
     """Return the result of `triangulate`, and its gap to the optimum, relative to its cost.
 
-    The gap is 0 if a dynamic program found the optimum, or if a proof as in `certify` shows
-    optimality; for real costs, up to rounding. If sums of integer costs exceed 2^53, the gap is a
-    bound of the rounding error, about 1e-16. It is infinite after local search.
+    The gap is 0 if a dynamic program or a proof as in `certify` shows optimality; for real costs,
+    up to rounding. If sums of integer costs exceed 2^53, it bounds the rounding error, about 1e-16.
+    It is infinite after local search.
     """
     result = _find_optimum_in_walk_order(outline, 1.0, **parameters)
     if result.exact_for is None:
@@ -96,9 +85,9 @@ def _bound_rounding_gap(
 ) -> float:
     """Return a bound of the gap of a dynamic program's result (m, 3) that rounding may cause.
 
-    For costs that are not negative, the bound is 0 if the partial sums of the optimum are exact,
-    because larger sums are never chosen. Otherwise each sum has a relative error of 2^-53 for each
-    number added, and for the three operations that computed the number.
+    For costs that are not negative, it is 0 if the partial sums of the optimum are exact, because
+    larger sums are never chosen. Otherwise each sum has a relative error of 2^-53 for each number
+    added, and for the three operations that computed the number.
     """
     points, count = outline.points, outline.expected_triangles
     cost = make_cost(criterion, boundary_area(outline), count)
@@ -125,15 +114,9 @@ def _bound_rounding_gap(
 
 
 class _Result(NamedTuple):
-    """A triangulation (m, 3) and its relative gap to the optimum, infinite if unknown.
-
-    exact_for: the criterion that a dynamic program in doubles minimised or maximised; None if
-    another method gave the result.
-    """
-
     triangles: np.ndarray
-    gap: float
-    exact_for: criteria.Criterion | None = None
+    gap: float  # relative to the cost; infinite if unknown
+    exact_for: criteria.Criterion | None = None  # optimised by a dynamic program in doubles
 
 
 def _find_optimum_in_walk_order(
@@ -143,7 +126,6 @@ def _find_optimum_in_walk_order(
     criterion: criteria.Criterion | str | Callable[..., float] = "overdraw",
     **parameters: Any,
 ) -> _Result:
-    """Return the optimum, in walk order; sign: 1 to minimise, -1 to maximise."""
     options, weights = SearchOptions.split(parameters)
     resolved = criteria.find(criterion, **weights)
     small = find_optimum_of_small_polygon(outline, resolved, sign, options.limit)
@@ -178,6 +160,7 @@ def _search_optimum(
         return _Result(optimal, 0.0, criterion)
     if sign > 0.0:
         # No time limit, or no linear program (0 s): with a limit, results would depend on speed.
+        # To maximise, local minimality excludes almost no edge.
         seconds = math.inf if len(points) <= MAX_PROGRAM_VERTICES else 0.0
         # Imported here, because most polygons have no holes and need no proof.
         from triangulators.certificate.proof import minimise_cost
@@ -191,7 +174,6 @@ def _search_optimum(
 
 
 def _find_optimum_with_few_holes(outline: Boundary, cost: Cost) -> np.ndarray | None:
-    """Return the optimum (m, 3) of a polygon with one or two holes, or None."""
     # Imported here, because only polygons with holes need these modules.
     from triangulators.certificate.bridges import solve_by_bridges
     from triangulators.certificate.candidates import find_candidates, weigh_candidates

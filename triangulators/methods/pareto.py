@@ -1,8 +1,7 @@
 """The Pareto front of two criteria over all triangulations of a simple polygon.
 
-The dynamic program is that of the optimum (`optimum.visible_lists`), with sets of non-dominated
-pairs of costs instead of single costs. The fronts of sub-polygons are small in practice, but no
-bound of their size is proven.
+The dynamic program of `optimum.visible_lists`, with sets of non-dominated pairs of costs. The
+fronts of sub-polygons are small in practice, but no bound of their size is proven.
 """
 
 from collections.abc import Callable
@@ -35,14 +34,10 @@ class Front(NamedTuple):
 
 
 class _Partial(NamedTuple):
-    """The Pareto front of a sub-polygon i..j: costs (f, 2), and the origin (f, 3) of each point.
-
-    The origin of a point is the apex k, a point's index in the front of i..k, and a point's index
-    in the front of k..j: the costs of both points and of the triangle i, k, j add up to the point.
-    """
+    """The Pareto front of a sub-polygon i..j: costs (f, 2), and their origin (f, 3)."""
 
     costs: np.ndarray
-    origin: np.ndarray
+    origin: np.ndarray  # apex k, index of a point in the front of i..k, and in the front of k..j
 
 
 def pareto_front(
@@ -108,7 +103,6 @@ def _find_sub_polygon_front(
     apexes: list[int],
     pair: tuple[Cost, Cost],
 ) -> _Partial:
-    """Return the Pareto front of the sub-polygon i..j, over the possible apexes of side i-j."""
     costs: list[np.ndarray] = []
     origins: list[np.ndarray] = []
     for k in apexes:
@@ -144,7 +138,6 @@ def _find_non_dominated(costs: np.ndarray) -> np.ndarray:
 
 
 def _list_triangles(fronts: dict[tuple[int, int], _Partial], n: int, entry: int) -> list[Any]:
-    """Return the triangles of point `entry` of the front of the full polygon, 0..n - 1."""
     triangles: list[tuple[int, int, int]] = []
     waiting = [(0, n - 1, entry)]
     while waiting:

@@ -31,7 +31,6 @@ def triangulate_strip(outline: Boundary) -> np.ndarray:
 def _triangulate_ring(
     outline: Boundary, name: str, rule: Callable[..., Any], reason: str
 ) -> np.ndarray:
-    """Return the triangles of `rule`(points, ring); raise `SkippedError` if there are none."""
     if outline.holes:
         raise SkippedError(f"{name}: the polygon has holes")
     triangles: np.ndarray = rule(outline.points, outline.edges[:, 0].copy())
@@ -42,10 +41,7 @@ def _triangulate_ring(
 
 @njit
 def _find_fan(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
-    """Return the first valid fan of a counter-clockwise ring, (n - 2, 3), or no rows.
-
-    A fan is valid if all triangles are counter-clockwise: their edges then add up to the boundary.
-    """
+    """Return the first fan whose triangles are all counter-clockwise, so valid, or no rows."""
     n = len(ring)
     triangles = np.empty((n - 2, 3), dtype=np.int32)
     for centre in range(n):
@@ -63,11 +59,10 @@ def _find_fan(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
 
 @njit
 def _find_zigzag(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
-    """Return the first valid zigzag of a counter-clockwise ring, (n - 2, 3), or no rows.
+    """Return the first zigzag whose triangles are all counter-clockwise, so valid, or no rows.
 
-    A zigzag starts at a side of the ring; the next triangle takes the next vertex after one end of
-    the current side, then after the other end, and so on. A zigzag is valid if all triangles are
-    counter-clockwise: their edges then add up to the boundary.
+    A zigzag starts at a side of the ring; the next triangles take the next vertex after one end of
+    the current side and after the other end, alternately.
     """
     n = len(ring)
     triangles = np.empty((n - 2, 3), dtype=np.int32)
@@ -128,10 +123,9 @@ def _triangulate_cycle_greedily(outline: Boundary) -> np.ndarray:
 def _select_uncrossed_pairs_of_cycle(n: int, pairs: np.ndarray) -> np.ndarray:
     """Return flags of the pairs (i, j) of a cycle, i < j, that cross no earlier selected pair.
 
-    pairs (p, 2): in order of preference. `lowest` and `highest` have the lowest and the highest
-    vertex to which selected pairs join each vertex. Diagonals of a cycle cross if their ends
-    alternate along the cycle: i-j crosses a selected pair if a vertex strictly between i and j is
-    joined to a vertex outside i..j; testing a pair takes j - i steps.
+    `lowest` and `highest` have the lowest and the highest vertex that selected pairs join to each
+    vertex. i-j crosses a selected pair if a vertex strictly between i and j is joined to a vertex
+    outside i..j; a test takes j - i steps.
     """
     lowest, highest = np.arange(n), np.arange(n)
     selected = np.zeros(len(pairs), dtype=np.bool_)
@@ -149,9 +143,8 @@ def _select_uncrossed_pairs_of_cycle(n: int, pairs: np.ndarray) -> np.ndarray:
 def triangulate_largest_first(outline: Boundary) -> np.ndarray:
     """Return the triangulation (n - 2, 3) that repeatedly cuts off the largest triangle.
 
-    The largest triangle divides the polygon into up to three sub-polygons, which are triangulated
-    in the same way. Source: E. Persson, "Triangulation", 2009, for convex polygons; here the
-    vertices of a triangle must see each other, so that the method applies to simple polygons.
+    Source: E. Persson, "Triangulation", 2009, for convex polygons; here the vertices of a triangle
+    must see each other, so that the method applies to simple polygons.
     """
     if len(outline.edges) > MAX_LARGEST_VERTICES:
         raise SkippedError(
@@ -169,12 +162,11 @@ def triangulate_largest_first(outline: Boundary) -> np.ndarray:
 def _cut_largest_triangles_first(points: np.ndarray, sees: np.ndarray) -> np.ndarray:
     """Return the triangles (n - 2, 3) of a counter-clockwise cycle (n, 2), the largest first.
 
-    sees (n, n): element [i, j], for i < j, is True if vertices i and j see each other. A stack has
-    the remaining sub-polygons, each as vertices in the cycle's order, so that every triangle
-    i < k < j of mutually visible vertices is counter-clockwise, with a positive doubled area. The
-    largest triangle p, q, r cuts off three sub-polygons, of the vertices p to q, q to r, and r
-    around to p; one that is a single side is not pushed. Of equal areas, that with the lowest i,
-    then k, then j is taken.
+    sees (n, n): [i, j], for i < j, is True if the vertices see each other. A stack has the
+    remaining sub-polygons as vertices in the cycle's order, so every triangle i < k < j of mutually
+    visible vertices is counter-clockwise. The largest, p, q, r, cuts off the sub-polygons p to q, q
+    to r, and r around to p, unless that is a side. Of equal areas, the lowest i, then k, then j is
+    taken.
     """
     n = len(points)
     triangles = np.empty((n - 2, 3), dtype=np.int32)

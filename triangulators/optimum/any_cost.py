@@ -1,12 +1,9 @@
 """Sparse dynamic program for any cost; the costs of triangles are computed in blocks.
 
-The recurrence, the visible pairs and the order of the loops are those of `visible_lists`, but
-computing a triangle's cost takes much longer than two additions. So the triangles of many pairs i-j
-are collected first, and their costs are computed in one block: the list of one j is so short that
-it would leave SIMD lanes empty. The best apex of each pair is stored.
-
-For expected quads, a ring of 21 vertices (letters) takes 22 microseconds; with one call for each
-triangle it took 46.
+Recurrence, visible pairs and loop order are those of `visible_lists`, but computing a triangle's
+cost takes much longer than two additions. So the triangles of many pairs i-j are weighed in one
+block, because the list of one j would leave SIMD lanes empty. For expected quads, a ring of 21
+vertices takes 22 microseconds; with one call for each triangle it took 46.
 """
 
 from typing import Any
@@ -59,12 +56,10 @@ def solve_any_cost(
 def _find_best_apexes(
     start: np.ndarray, target: np.ndarray, points: np.ndarray, cost: Cost
 ) -> np.ndarray:
-    """Return the best apex (p,) of each visible pair, -1 if there is none.
+    """Return the best apex (p,) of each visible pair, of several the highest; -1 if there is none.
 
-    Which triangles i, k, j have three visible sides does not depend on costs: so the triangles of
-    the next pairs, i descending and j ascending, are weighed in a block, then compared pair by
-    pair: `row` has the costs of i-k, which precede i-j, and `below` those of k-j. Of several apexes
-    of minimum cost, the one with the highest index is taken.
+    The triangles of the next pairs, i descending and j ascending, are weighed in a block, then
+    compared pair by pair: `row` has the costs of i-k, which precede i-j, and `below` those of k-j.
     """
     n, pairs = len(points), start[len(points)]
     first = np.zeros(n + 1, dtype=np.int64)
@@ -122,12 +117,11 @@ def _collect_triangles(
 ) -> tuple[int, int, int]:
     """Collect a block of triangles, of the pair p of vertex i and the following pairs.
 
-    Returns the vertex and the pair that the next block begins with, -1 as the vertex at the end,
-    and the number of triangles. lists: start and end of each vertex's list, and the apexes of all
-    lists; list j has the vertices that see j, descending, up to the current i. Writes the
-    coordinates of each triangle to `corners`, the index of its apex k in the lists to `entries`,
-    and for each pair the number of triangles up to the pair, and the pair's own index in the lists,
-    to the two rows of `ends`.
+    Returns the next block's vertex (-1 at the end) and pair, and the number of triangles. lists:
+    start and end of each vertex's list, and the apexes of all lists; list j has the vertices that
+    see j, descending, up to the current i. Writes the coordinates of triangles to `corners`, the
+    index of the apex in the lists to `entries`, and to the rows of `ends`, for each pair, the
+    number of triangles up to the pair, and the pair's index in the lists.
     """
     first, end, apex = lists
     ax, ay, bx, by, cx, cy = corners

@@ -4,10 +4,9 @@ full_table     box and edge costs of small rings, or of rings where most vertice
 visible_lists  any cost of one ring, over the pairs of vertices that see each other; with `any_cost`
 cut_holes      box and edge costs of small polygons with few holes, over all ways to cut them open
 
-If no dynamic program applies to the polygon, pieces of a triangulation are optimised exactly. A
-piece is a tree of adjacent triangles, unfolded into a simple polygon (see `unfold`). No step
-increases the cost. If the piece is the complete polygon, the diagonals that the tree does not cross
-are the cuts between the holes and the outline; other trees give other cuts.
+Local search optimises pieces of a triangulation exactly: trees of adjacent triangles, unfolded into
+simple polygons (see `unfold`). No step increases the cost. If the piece is the complete polygon,
+the diagonals that the tree does not cross cut the holes open; other trees give other cuts.
 """
 
 import numpy as np
@@ -57,11 +56,8 @@ def find_optimum(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.nd
 
 @njit(nogil=True)
 def _count_apexes(n: int, target: np.ndarray) -> float:
-    """Return the approximate number of apexes that the sparse program tries in a ring.
-
-    It is half the sum of the squared lengths of the lists of `visible_lists`. `np.bincount` would
-    copy all pairs to int64, which takes a third of the memory of the lists.
-    """
+    """Return the approximate number of apexes that the sparse program tries in a ring."""
+    # Half the sum of the lists' squared lengths. `np.bincount` would copy all pairs to int64.
     seen_from_above = np.zeros(n)
     for j in target:
         seen_from_above[j] += 1.0
@@ -122,7 +118,6 @@ class Patchwork:
         return rows
 
     def compute_cost(self) -> float:
-        """Return the cost of all triangles."""
         return compute_total_cost(self.points, self.triangles, self.cost)
 
 

@@ -1,17 +1,14 @@
 """The optimum of a small polygon with holes: the best of all ways to cut it into one ring.
 
-Take the leftmost vertex of all holes. The polygon's angle there is open to the left and exceeds 180
-degrees, while a triangle's angle is less, so every triangulation has a diagonal from this vertex to
-a vertex further left, which belongs to no hole. Cutting along that diagonal joins the hole with the
-ring around it into one ring, with two more vertices. After one cut per hole a single ring remains,
-whose optimum the dynamic program finds (`full_table`). So the minimum over all choices of cuts is
-the optimum.
+The polygon's angle at the leftmost vertex of all holes is open to the left and exceeds 180 degrees,
+while a triangle's angle is less, so every triangulation has a diagonal from this vertex to a vertex
+further left, which belongs to no hole. A cut along that diagonal joins the hole with the ring
+around it, with two more vertices. After one cut per hole a single ring remains, whose optimum
+`full_table` finds. So the minimum over all choices of cuts is the optimum. Of leftmost, rightmost,
+highest and lowest vertex, each step uses the one with the fewest possible cuts.
 
-The same holds for the rightmost, highest and lowest vertex, so each step uses the direction with
-the fewest possible cuts. `solve_by_cuts` gives up after `_MAX_CUTS` choices.
-
-Rejected: the costs of vertex pairs that are the same for all cuts of a hole could be computed once
-and copied. The dynamic program from scratch takes less time than completing a copy.
+Rejected: computing the costs of vertex pairs that are the same for all cuts of a hole once, to copy
+them. The dynamic program from scratch takes less time than completing a copy.
 """
 
 import numpy as np
@@ -36,8 +33,7 @@ def solve_by_cuts(
     """Write the triangulation of minimum cost of a polygon with holes to `triangles`.
 
     Rings have either orientation, the exterior is first; triangles (n + 2h - 2, 3): in walk order.
-    Returns False if the polygon is unsupported: too large, with rings that touch, with too many
-    choices of cuts, or no triangulation was found.
+    False if unsupported: too large, rings that touch, more than `_MAX_CUTS` cuts, or no result.
     """
     n, holes = len(points), len(ring_offsets) - 2
     ring_size = n + 2 * holes
@@ -132,9 +128,8 @@ def _find_cut_ends(
 ) -> int:
     """Write to `cut_ends` the indices in `cycle` at which a cut may end; return their number.
 
-    All these cuts start at index tip[0] of `ring`, an output: the furthest vertex of all unmerged
-    holes in the direction with the fewest cuts. Diagonal directions are tried only if `doubt` is 0,
-    that is if sums of coordinates are exact.
+    Cuts start at index tip[0] of `ring`, an output: the furthest vertex of unmerged holes in the
+    direction with the fewest cuts. Diagonal directions need exact sums of coordinates (`doubt` 0).
     """
     edges = _list_blocking_edges(points, ring_offsets, ring, cycle, merged)
     min_count = len(cycle) + 1
@@ -217,9 +212,9 @@ def _list_blocking_edges(
 def _is_blocked(edges: np.ndarray, x: float, y: float, ax: float, ay: float, doubt: float) -> bool:
     """Whether the segment from x, y to ax, ay certainly crosses an edge in the interior of both.
 
-    Segment and edge cross if the ends of each are on different sides of the other, by determinants
-    of more than `doubt`. A segment that only touches an edge, or whose crossing is in doubt, is not
-    blocked: if such a cut is invalid, the dynamic program finds no triangulation of the ring.
+    The ends of each are then on different sides of the other, by determinants of more than `doubt`.
+    If a cut that touches an edge, or is in doubt, is invalid, the dynamic program finds no
+    triangulation.
     """
     dx, dy = ax - x, ay - y
     min_crossing = 0.0

@@ -1,38 +1,38 @@
 """Dense O(n^3) dynamic program over box and edge costs of one ring, microseconds for small rings.
 
-`triangulate`, `triangulate_many` and `dropin` all use this kernel for small rings, so a
-triangulator's name gives the same cost in all three. `best_way` uses the kernel also for larger
-rings in which most vertices see each other. The kernel tries n^3 / 6 apexes and stores n^2 numbers.
+`triangulate`, `triangulate_many` and `dropin` all use it for small rings, so a triangulator's name
+gives the same cost in all three; `best_way` also for larger rings in which most vertices see each
+other. It tries n^3 / 6 apexes and stores n^2 numbers.
 
 Source: G. T. Klincsek, "Minimal triangulations of polygonal domains", 1980 (and Gilbert 1979). With
-the interior on the left, let cost(i, j) be the minimum cost of the sub-polygon of vertices i,
-i + 1, ..., j. Its side i-j belongs to exactly one triangle, whose apex is some k between them, so
+the interior on the left, let cost(i, j) be the minimum cost of the sub-polygon of vertices i, i +
+1, ..., j. Its side i-j belongs to exactly one triangle, whose apex is some k between them, so
 
     cost(i, j) = diagonal(i, j) + min over k of cost(i, k) + cost(k, j) + box(i, k, j)
 
-over the k for which i, k, j is counter-clockwise; cost(i, i + 1) = 0. The order of the three loops
-is unusual. For small polygons the usual innermost loop, over the apex k of a pair (i, j), has few
+over the k for which i, k, j is counter-clockwise; cost(i, i + 1) = 0.
+
+Loop order. For small polygons the usual innermost loop, over the apex k of a pair (i, j), has few
 iterations and ends in a reduction. Here i descends, k ascends, and the innermost loop runs over j:
 once cost(i, k) is final, it is pushed into every cost(i, j) beyond it,
+
     row[j] = min(row[j], cost(i, k) + table[k, j])
 
-for each j > k for which i, k, j is counter-clockwise. That is an addition and a minimum in each
-SIMD lane, without a reduction. A pair (i, k) without a triangulation is skipped, which saves the
-loop over j. The cost of the diagonal (i, j) is added in the same lane, from a row filled once for
-each i. It is NONE if the diagonal does not start into the polygon's angle at i, so one comparison,
-which is sometimes mispredicted, skips such a pair. Rows are padded to full SIMD registers, and
-entries of the table left of its main diagonal are NONE: a sum with NONE is never the minimum, so
-the loop may begin at a register's first lane.
+for each j > k for which i, k, j is counter-clockwise: an addition and a minimum in each SIMD lane.
+A pair (i, k) without a triangulation is skipped. The cost of the diagonal (i, j) is added from a
+row filled once for each i; it is NONE if the diagonal does not start into the polygon's angle at i.
+Rows are padded to full SIMD registers, and entries left of the main diagonal are NONE: a sum with
+NONE is never the minimum, so the loop may begin at a register's first lane.
 
 No visibility is needed: a combinatorial triangulation of the ring whose triangles are all
 counter-clockwise is one of the polygon, because its edges add up to the boundary.
 
 Numbers. On a grid (`find_grid_unit`) coordinates become integers. The half-perimeters of a
 triangulation add up to half the L1 length of the boundary plus the L1 lengths of the diagonals, so
-only diagonals have a cost and sums are exact. If the width and the height of the ring are below
-2^15 units (128 px of 1/256), costs and doubled areas of triangles fit int32; for larger rings,
-float64 represents the same integers exactly. Off the grid float64 determinants decide orientations,
-except those within Shewchuk's error bound of zero, which the exact predicate decides.
+only diagonals have a cost and sums are exact. If width and height are below 2^15 units (128 px of
+1/256), costs and doubled areas of triangles fit int32; for larger rings, float64 represents the
+same integers. Off the grid float64 determinants decide orientations, except those within Shewchuk's
+error bound of zero, which the exact predicate decides.
 """
 
 import math
@@ -64,9 +64,9 @@ _FAR = 1e30  # x and y of the vertices that pad float64 rows, far from all verti
 def _fill_int_table(space: np.ndarray, n: int, sign: int, base: int) -> None:
     """Fill the cost table of a ring of n integer vertices.
 
-    space: (_TABLE + n, lanes) int32. Rows _X and _Y are input: coordinates, padded to full SIMD
-    registers. A diagonal costs `base` plus `sign` times its L1 length: sign -1, with the maximum
-    length as base, maximises lengths with costs that are not negative.
+    space: (_TABLE + n, lanes) int32; input: rows _X and _Y. A diagonal costs `base` plus `sign`
+    times its L1 length: sign -1, with base the maximum, maximises lengths with costs that are not
+    negative.
     """
     lanes = space.shape[1]
     for i in range(n):
@@ -92,8 +92,7 @@ def _fill_int_table(space: np.ndarray, n: int, sign: int, base: int) -> None:
 def _fill_rows_of_vertex(space: np.ndarray, n: int, i: int, sign: int, base: int) -> None:
     """Fill the workspace rows of vertex i: coordinates relative to i, costs of diagonals from i.
 
-    The row _ROW, the minimum costs found so far, is reset. A diagonal must start into the polygon's
-    angle at i: left of both sides, or of either side if the angle is reflex.
+    A diagonal must start into the angle at i: left of both sides, or of either if it is reflex.
     """
     x, y = space[_X, i], space[_Y, i]
     before = i - 1 if i > 0 else n - 1
@@ -122,9 +121,8 @@ def _fill_float_table(
 ) -> np.ndarray:
     """Return the cost table of a ring, (n, lanes) float64.
 
-    x, y (lanes,): coordinates, padded with coordinates far from all vertices; doubt: determinants
-    up to this size are evaluated exactly, none if `doubt` is negative; convex: True to skip
-    orientations: all ordered triples of a convex ring are counter-clockwise.
+    x, y (lanes,): padded with coordinates far from all vertices; doubt: determinants up to this
+    size are evaluated exactly; convex: True to skip orientations, which are all counter-clockwise.
     """
     lanes = len(x)
     table = np.full((n, lanes), _NONE)
@@ -181,7 +179,7 @@ def _is_convex(x: np.ndarray, y: np.ndarray, n: int) -> bool:
 def _compute_determinants(
     number: np.ndarray, rx: np.ndarray, ry: np.ndarray, k: int, first: np.uint64, side: np.ndarray
 ) -> float:
-    """Write the determinants of the triangles i, k, j to side[j] for j = first, first + 1, ....
+    """Write the determinants of the triangles i, k, j to side[j], from j = first on.
 
     rx, ry (lanes,): relative to vertex i. Returns the minimum absolute determinant over j > k.
     """
@@ -215,9 +213,9 @@ def _write_triangles(
 ) -> bool:
     """Write the optimum of a cost table to `triangles` (n - 2, 3); return False if there is none.
 
-    sign, base: cost of a diagonal (see `_fill_int_table`), sign 0 for float costs. The table has no
-    apexes: each is found again as the minimum of the same sums. Integer sums are exact, so the
-    search of a pair stops at the first apex whose sum equals the table's entry.
+    sign, base: see `_fill_int_table`; sign 0 for float costs. Each apex is found again as the
+    minimum of the same sums. Integer sums are exact: the search stops at a sum equal to the table's
+    entry.
     """
     n, none = len(triangles) + 2, float(_NO_INT) if sign != 0 else _NONE
     stack = np.empty((n, 2), dtype=np.int32)
@@ -270,8 +268,8 @@ def solve_ring(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> fl
     """Write the minimum-cost triangulation of a ring (n, 2) to `triangles` (n - 2, 3).
 
     box: coefficients of half-perimeter, bounding-box area and edge length, also negative. The ring
-    has either orientation; the triangles are counter-clockwise, each with its new vertex last.
-    Returns the cost, up to a constant, or `inf` if the ring is not simple or repeats a vertex.
+    has either orientation; triangles are counter-clockwise, with the new vertex last. Returns the
+    cost, up to a constant, or `inf` if the ring is not simple or repeats a vertex.
     """
     n = len(points)
     lanes = (n + LANES - 1) // LANES * LANES
@@ -315,11 +313,8 @@ def solve_ring(points: np.ndarray, box: np.ndarray, triangles: np.ndarray) -> fl
 def triangulate_rings_optimally(
     first: int, last: int, batch: Batch, selected: np.ndarray, box: np.ndarray
 ) -> None:
-    """Write the optima of the `selected` (p,) polygons among first..last - 1; none has a hole.
-
-    One call triangulates many polygons, because a call from Python takes as long as a polygon of
-    ten vertices. A thread's polygons are adjacent, so threads rarely share a cache line.
-    """
+    """Write the optima of the `selected` (p,) polygons among first..last - 1; none has a hole."""
+    # Compiled, because a call from Python takes as long as a polygon of ten vertices.
     for index in range(first, last):
         if selected[index]:
             points = batch.coords[batch.vertex_offsets[index] : batch.vertex_offsets[index + 1]]

@@ -4,20 +4,18 @@ The recurrence of `full_table`, with memory proportional to the visible pairs: i
 vertex sees a few per cent of the others, and n^3 / 6 apexes shrink to the number of mutually
 visible triples.
 
-Derivation. A diagonal of a triangulation joins two vertices that see each other, so cost(i, j) is
-needed for visible pairs only, and its apexes k are those that both i and j see. Three mutually
-visible vertices, in the order of the ring, are counter-clockwise, so no orientation is tested here:
-`visibility` has used the exact predicates.
+Derivation. A diagonal joins two vertices that see each other, so cost(i, j) is needed for visible
+pairs only, and its apexes k are those that both i and j see. Three mutually visible vertices, in
+the order of the ring, are counter-clockwise, so no orientation is tested here.
 
 Loop order. Vertex i descends. `row[k]` is cost(i, k) for the vertices k that i sees and `none` for
-all others. For each j there is a list of (k, cost(k, j)) for k > i, in descending order of k. The
-list grows at the end as i descends, so `first` and `end` of the lists are separate arrays, and the
-final lengths are counted in advance. The inner loop reads one list from front to back and gathers
-from one row of n numbers, which fits the first-level cache; for vertices that i does not see the
-row has `none`, which is never the minimum, so no branch is needed.
+all others, which is never the minimum: no branch is needed. For each j a list has (k, cost(k, j))
+for k > i, in descending order of k; it grows at the end as i descends, up to a length that is
+counted in advance. The inner loop reads one list from front to back and gathers from one row of n
+numbers, which fits the first-level cache.
 
-Three kinds of costs share the loop over pairs, each with a separate inner loop; `any_cost` is
-for all other costs:
+Three kinds of costs share the loop over pairs, each with a separate inner loop; `any_cost` is for
+all other costs:
 
 edges    only edges have a cost, triangles have none. For three numbers a <= b <= c,
          |a - b| + |b - c| + |a - c| = 2 (c - a), so twice the half-perimeter of a triangle's box is
@@ -27,18 +25,18 @@ edges    only edges have a cost, triangles have none. For three numbers a <= b <
 
          The optimum for the half-perimeter is the minimum-weight triangulation under L1, that for
          the edge length the one under L2.
-boxes    half-perimeters and areas of boxes, and edges
-weights  integers, whose minimum costs are evidence of optimality (see `compute_far_costs`)
+boxes    half-perimeters and areas of boxes, and edges weights  integers, whose minimum costs are
+evidence of optimality (see `compute_far_costs`)
 
 The loops of edges and boxes are inlined (`forceinline`): passing four arrays for each pair of
 vertices took a tenth of the time.
 
-Numbers. On a grid L1 lengths are integer multiples of the grid's unit. A triangulation of n
-vertices has n - 3 diagonals, none longer than w + h, the width plus height of the bounding box. So
-if n (w + h) is below 2^30 units, every sum fits int32, including none + none; for all other rings
-on a grid of 2^24 units int64 suffices. Both are exact. Off the grid, and for L2, sums are float64.
-To maximise, a diagonal's cost is w + h minus its length: all triangulations have the same number of
-diagonals, so the longest total has the lowest cost, and no cost is negative, as `none` requires.
+Numbers. On a grid L1 lengths are integer multiples of the grid's unit. The n - 3 diagonals of a
+triangulation are no longer than w + h, the width plus height of the bounding box. So if n (w + h)
+is below 2^30 units, every sum fits int32, including none + none; for all other rings on a grid of
+2^24 units int64 suffices. Off the grid, and for L2, sums are float64. To maximise, a diagonal's
+cost is w + h minus its length: all triangulations have the same number of diagonals, so the longest
+total has the lowest cost, and no cost is negative, as `none` requires.
 """
 
 from typing import Any
@@ -59,12 +57,12 @@ from triangulators.geometry.predicates import find_bounding_box, find_grid_unit
 from triangulators.optimum.any_cost import INFEASIBLE_COST, solve_any_cost
 
 INT32_LIMIT = 1 << 30  # sums of lengths fit int32 if n (w + h), in units of the grid, is below this
+# Cost of a sub-polygon without a triangulation; the sum of two does not overflow.
 _NONE: dict[np.dtype, Any] = {
     np.dtype(np.int32): np.int32((1 << 30) - 1),
     np.dtype(np.int64): np.int64((1 << 61) - 1),
     np.dtype(np.float64): np.float64(INFEASIBLE_COST),
 }
-"""Cost of a sub-polygon without a triangulation; the sum of two does not overflow."""
 
 # Weight of a sub-polygon without a triangulation; the sum of three fits int64.
 INFEASIBLE_WEIGHT = np.int64(2**60 - 1)
@@ -82,9 +80,9 @@ def _fill_costs(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Compute the minimum cost of the sub-polygon i, ..., j of every visible pair (i, j).
 
-    Returns the costs (p,) in the order of `target`; and the same costs in lists by j: starts of the
-    lists (n + 1,), apexes (p,), and lists (1 + b, p), whose first row has the costs, and the others
-    the columns of extra_rows (b, n). minimise(row, apex, lists, range, pair, none, context) returns
+    Returns the costs (p,) in the order of `target`; and in lists by j: starts of the lists (n +
+    1,), apexes (p,), and lists (1 + b, p), whose first row has the costs, and the others the
+    columns of extra_rows (b, n). minimise(row, apex, lists, range, pair, none, context) returns
     cost(i, j), the minimum over the apexes in a range of j's list; pair: i, j and the index of the
     pair in `target`.
     """
@@ -127,12 +125,11 @@ def _list_triangles(
     triangle_cost: Any,
     context: Any,
 ) -> np.ndarray:
-    """Return the triangles (n - 2, 3) of the optimum, from the result `filled` of `_fill_costs`.
+    """Return the triangles (n - 2, 3) of the optimum, from the result of `_fill_costs`, or no rows.
 
-    No rows if there is none. `_fill_costs` stores no apexes: for each pair i-j of the optimum the
-    apex, of several the one with the highest index, is found again as the minimum of the same sums,
-    without the cost of the pair itself. A function that is passed on to a further kernel would
-    prevent Numba from caching the caller, so `triangle_cost` is called here.
+    Each apex, of several the highest, is found again as the minimum of the same sums, without the
+    pair's cost. `triangle_cost` is called here: Numba could not cache the caller of a function that
+    is passed on to a further kernel.
     """
     row_cost, first, apex, lists = filled
     n = len(start) - 1
@@ -294,15 +291,14 @@ def compute_far_costs(
         far(i, i + 1) = 0,    far(i, j) = min over k of far(i, k) + far(k, j) + weight(ikj).
 
     These costs prove their optimality. Take -far(i, j) as the potential of the edge from i to j,
-    and so far(i, j) from j to i. A triangle i < k < j runs i-k, k-j and j-i, and the inequality
-    that potentials must satisfy,
+    and so far(i, j) from j to i. For a triangle i < k < j, which runs i-k, k-j and j-i, the
+    inequality that potentials must satisfy,
 
         -far(i, k) - far(k, j) + far(i, j) <= weight(ikj),
 
-    holds for every triangle of such pairs, because far(i, j) is the minimum over all k; also for
-    triangles in no triangulation, whose sums contain `INFEASIBLE_WEIGHT`. Sides of the ring have
-    the potential 0, except the side from n - 1 to 0, which has far(0, n - 1): so the bound equals
-    the optimum. Source: G. T. Klincsek, "Minimal triangulations of polygonal domains", 1980.
+    holds because far(i, j) is the minimum over all k; also for triangles in no triangulation, whose
+    sums contain `INFEASIBLE_WEIGHT`. Sides of the ring have the potential 0, except the side from n
+    - 1 to 0, which has far(0, n - 1): so the bound equals the optimum.
     """
     context = (points, ring, cost, units)
     extra_rows = np.empty((0, len(ring)), dtype=np.int64)
@@ -331,8 +327,8 @@ def weigh_pairs(
 ) -> np.ndarray:
     """Return the cost (p,) of each visible pair as a diagonal: int32, int64 or float64, >= 0.
 
-    On a grid, costs are integers, in units of the grid; elsewhere float64. If lengths are to be
-    maximised, a constant is added to all costs, so that none is negative.
+    On a grid, costs are integers, in its units. To maximise lengths, a constant is added to all
+    costs.
     """
     unit = find_grid_unit(points) if box[2] == 0.0 else 0.0
     if unit > 0.0:

@@ -1,11 +1,10 @@
 """Local search for any cost: windows of a triangulation are optimised exactly, one after another.
 
-A window is a tree of adjacent triangles, unfolded into a simple polygon (see `unfold`), which
-`any_cost` optimises exactly. A ring of up to 48 triangles is one window, which gives its optimum.
-Other windows have up to 28 triangles, of which 15 may be in earlier windows: windows that overlap
-freely have 2.2 times the triangles of a polygon with holes. On a scene of dense windows (cad), 48
-triangles with 20 in earlier windows take 1.2 times as long for the same result. Time and memory are
-linear, because only the used part of the workspaces is cleared.
+A window is a tree of adjacent triangles, unfolded into a simple polygon (see `unfold`). A ring of
+up to 48 triangles is one window, which gives its optimum. Other windows have up to 28 triangles, of
+which 15 may be in earlier windows: windows that overlap freely have 2.2 times the triangles of a
+polygon with holes. On a scene of dense windows (cad), 48 triangles with 20 in earlier windows take
+1.2 times as long for the same result. Time and memory are linear.
 """
 
 import numpy as np
@@ -52,7 +51,6 @@ def _optimise_ring(points: np.ndarray, triangles: np.ndarray, twin: np.ndarray, 
 
 @njit(nogil=True)
 def _reverse_vertices(corner: np.ndarray, count: int) -> None:
-    """Number the vertices 0 to count - 1 in the opposite order, in place."""
     for e in range(len(corner)):
         corner[e] = count - 1 - corner[e]
 
@@ -61,10 +59,10 @@ def _reverse_vertices(corner: np.ndarray, count: int) -> None:
 def optimise_windows(
     points: np.ndarray, triangles: np.ndarray, twin: np.ndarray, cost: Cost
 ) -> bool:
-    """Replace windows, trees of up to 28 adjacent triangles, by their optima, in place.
+    """Replace windows by their optima, in place; return True if the result is proven optimal.
 
-    Returns True if the first window is the full polygon, without cuts, which is then optimal.
-    Windows grow breadth first from the triangles that are in no window yet, in ascending order.
+    That is if the first window is the full polygon, without cuts. Windows grow breadth first from
+    the triangles that are in no window yet, in ascending order.
     """
     count = len(triangles)
     if count <= MAX_RING_TRIANGLES and _optimise_ring(points, triangles, twin, cost):
