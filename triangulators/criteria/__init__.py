@@ -259,7 +259,6 @@ def predict_many(
 
 
 def _combine_features(sums: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the sums of `predict` by name, (p,) each, from sums of `FEATURES` (p, k)."""
     columns = {name: sums[:, FEATURES.index(name)] for name in AUXILIARY_FEATURES}
     for criterion in list_predicted():
         columns[criterion.column] = sums @ np.array(criterion.weights)

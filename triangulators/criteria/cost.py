@@ -1,7 +1,4 @@
-"""A criterion as a record for compiled code.
-
-Kernels receive a pointer to the record, so one compiled version of a kernel serves all criteria.
-"""
+"""A criterion as a record; kernels get a pointer, so one compiled version serves all criteria."""
 
 import math
 from collections.abc import Callable
@@ -29,7 +26,7 @@ _BOX = [HALF_PERIMETER, BBOX_AREA, EDGE_LENGTH]  # indices of the weights in `Co
 MAX_COST = 1e200  # upper clamp of a triangle's cost; the sum of 10^6 such costs stays finite
 
 Cost: TypeAlias = np.record
-"""The cost to minimise, read only; in Python, `cost["box"]` is eight times as fast as `cost.box`."""
+"""The cost to minimise, read only; in Python `cost["box"]` is 8 times as fast as `cost.box`."""
 
 _FIELDS = np.dtype(
     [
@@ -70,6 +67,7 @@ def _call_exact_quads(ax: float, ay: float, bx: float, by: float, cx: float, cy:
 
 
 def require_finite_total(criterion: Criterion, points: np.ndarray, triangles: np.ndarray) -> None:
+    """Raise `TriangulationError` if a user's criterion, summed over triangles, is not finite."""
     if criterion.function is None:
         return
     try:
@@ -102,6 +100,7 @@ def make_cost(criterion: Criterion, polygon_area: float, triangles: int, sign: f
 
 
 def replace_fields(cost: Cost, **fields: Any) -> Cost:
+    """Return a cost with some fields replaced."""
     return _make_record(**{name: cost[name] for name in _FIELDS.names or ()} | fields)
 
 
@@ -134,6 +133,7 @@ def call_address(
 def triangle_cost(
     cost: Cost, ax: float, ay: float, bx: float, by: float, cx: float, cy: float
 ) -> float:
+    """Return the cost of the triangle a, b, c, given by coordinates."""
     if cost.custom:
         return float(cost.sign * call_address(cost.function, ax, ay, bx, by, cx, cy))
     return weigh_triangle(cost.weights, ax, ay, bx, by, cx, cy)
@@ -176,6 +176,7 @@ def allocate_block(size: int) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
 
 @njit
 def compute_total_cost(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> float:
+    """Return the sum of the costs of triangles (m, 3) of points (n, 2)."""
     total = 0.0
     for row in range(len(triangles)):
         total += cost_at(points, triangles[row, 0], triangles[row, 1], triangles[row, 2], cost)

@@ -95,6 +95,7 @@ class Criterion:
         return self.name.replace("-", "_")
 
     def weights_for(self, polygon_area: float, triangles: int) -> np.ndarray:
+        """Return the weights (k,) of `FEATURES` for a polygon's area and number of triangles."""
         weights = np.array(self.weights, dtype=np.float64)
         if self.normalise is None:
             return weights
@@ -122,12 +123,12 @@ def make_weighted_criterion(
     unit: str,
     **coefficients: float,
 ) -> Criterion:
+    """Return a criterion that is a weighted sum of features."""
     weights = tuple(float(coefficients.get(feature, 0.0)) for feature in FEATURES)
     return Criterion(name, description, weights, label=label, symbol=symbol, unit=unit)
 
 
 def _normalise_per_polygon(weights: np.ndarray, polygon_area: float, triangles: int) -> np.ndarray:
-    """Divide weights of areas by the polygon's area, all others by the number of triangles."""
     result = weights / triangles
     areas = [FEATURES.index("area"), FEATURES.index("bbox_area")]
     result[areas] = weights[areas] / polygon_area

@@ -19,6 +19,7 @@ SIGNATURE = f"float64({', '.join(['float64'] * 6)})"  # a feature or a user's cr
 
 @njit
 def area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """Return the area of a triangle (S)."""
     return 0.5 * abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
 
 
@@ -30,6 +31,7 @@ def half_perimeter(ax: float, ay: float, bx: float, by: float, cx: float, cy: fl
 
 @njit
 def bbox_area(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """Return the width times the height of a triangle's bounding box."""
     return (max(ax, bx, cx) - min(ax, bx, cx)) * (max(ay, by, cy) - min(ay, by, cy))
 
 

@@ -19,7 +19,6 @@ def _compute_doubled_area(points: np.ndarray, a: int, b: int, c: int) -> float:
 def _is_ear(
     points: np.ndarray, previous: np.ndarray, following: np.ndarray, a: int, b: int, c: int
 ) -> bool:
-    """Whether no reflex vertex of the remaining ring lies in the triangle a, b, c."""
     ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
     cx, cy = points[c, 0], points[c, 1]
     low_x, high_x = min(ax, bx, cx), max(ax, bx, cx)

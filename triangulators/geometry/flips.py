@@ -183,7 +183,6 @@ def _is_convex_as_earcut(points: np.ndarray, a: int, b: int, c: int, d: int) -> 
 
 @njit(nogil=True)
 def _find_first_orientation(points: np.ndarray, corner: np.ndarray) -> float:
-    """Return 1 or -1, the orientation of the first triangle of corner (3 m,) with an area; or 0."""
     for e in range(0, len(corner), 3):
         a, b, c = corner[e], corner[e + 1], corner[e + 2]
         ax, ay = points[a, 0], points[a, 1]
@@ -199,16 +198,19 @@ def _find_first_orientation(points: np.ndarray, corner: np.ndarray) -> float:
 
 @njit(nogil=True)
 def flip_by_l1(points: np.ndarray, corner: np.ndarray, twin: np.ndarray) -> int:
+    """Flip to diagonals that are shorter in the L1 metric; see `flip_while_gaining`."""
     return flip_while_gaining(points, corner, twin, _is_shorter_l1, is_convex, None)
 
 
 @njit(nogil=True)
 def flip_by_length(points: np.ndarray, corner: np.ndarray, twin: np.ndarray) -> int:
+    """Flip to diagonals that are shorter in the Euclidean metric; see `flip_while_gaining`."""
     return flip_while_gaining(points, corner, twin, _is_shorter, is_convex, None)
 
 
 @njit(nogil=True)
 def flip_by_delaunay(points: np.ndarray, corner: np.ndarray, twin: np.ndarray) -> int:
+    """Flip until no vertex is certainly inside an adjacent triangle's circumcircle."""
     return flip_while_gaining(
         points, corner, twin, _is_in_circle, is_convex, _find_first_orientation(points, corner)
     )

@@ -13,11 +13,13 @@ from triangulators.geometry.predicates import orientation
 
 @njit(nogil=True, inline="always")
 def next_edge(e: Any) -> Any:
+    """Return the next half-edge of the triangle of e."""
     return e + 1 if e % 3 < 2 else e - 2
 
 
 @njit(nogil=True, inline="always")
 def previous_edge(e: Any) -> Any:
+    """Return the previous half-edge of the triangle of e."""
     return e - 1 if e % 3 > 0 else e + 2
 
 

@@ -92,10 +92,7 @@ def _walk_component(
     order: np.ndarray,
     done: int,
 ) -> int:
-    """Append the component of triangle `root` to `order`, from index `done` on; return the new end.
-
-    A half-edge leads down the spanning tree if its twin is the entry of the adjacent triangle.
-    """
+    """Append the component of triangle `root` to `order`, from `done` on; return the new end."""
     entry[root] = _ROOT
     queue[0] = root
     head, tail = 0, 1

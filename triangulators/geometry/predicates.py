@@ -148,6 +148,7 @@ def orientation(points: np.ndarray, a: int, b: int, c: int) -> float:
 
 @njit(nogil=True)
 def compute_orientations(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Return `orientation` (m,) of each triangle (m, 3)."""
     result = np.empty(len(triangles))
     for index in range(len(triangles)):
         result[index] = orientation(

@@ -28,13 +28,10 @@ def _is_certainly_less(new: float, old: float) -> bool:
 def flip_by_cost(
     points: np.ndarray, scaled: np.ndarray, corner: np.ndarray, twin: np.ndarray, cost: Cost
 ) -> int:
-    """Flip in place until no single flip decreases a cost; return the number of flips.
-
-    points (n, 2): coordinates for orientations; scaled (n, 2): for the cost, in px. Each triangle's
-    cost is stored when it appears, so the sum decreases in spite of rounding: flips terminate.
-    """
+    """Flip in place until no flip decreases a cost of `scaled` (n, 2), in px; return the number."""
     stack, waiting = np.empty(len(corner), dtype=np.int32), np.zeros(len(corner), dtype=np.bool_)
     size = push_diagonals(twin, stack, waiting)
+    # Each cost is stored when the triangle appears, so the sum decreases in spite of rounding.
     costs = np.empty(len(corner) // 3)
     for t in range(len(costs)):
         costs[t] = cost_at(scaled, corner[3 * t], corner[3 * t + 1], corner[3 * t + 2], cost)

@@ -37,10 +37,7 @@ Corners = tuple[int, ...]
 def enumerate_triangulations(
     polygon: shapely.Polygon, mode: Mode = "conforming"
 ) -> np.ndarray | list[np.ndarray]:
-    """Return all distinct triangulations of a polygon without holes.
-
-    Mode `conforming`: one array (count, n - 2, 3). Mode `paper`: a list of arrays (m, 3).
-    """
+    """Return all triangulations (count, n - 2, 3), or in mode `paper` a list of arrays (m, 3)."""
     outline = checked_boundary(polygon)
     ring = make_cycle(outline, "exhaustive")
     if mode == "conforming":
@@ -86,7 +83,6 @@ def _list_triangulations(ring: Cycle) -> np.ndarray:
 def _combine_triangulations(
     before: np.ndarray, after: np.ndarray, triangle: Triangle
 ) -> np.ndarray:
-    """Return all unions (b * a, m, 3) of one of `before`, the triangle and one of `after`."""
     count = len(before) * len(after)
     between = np.broadcast_to(np.array(triangle, dtype=np.int16), (count, 1, 3))
     return np.concatenate(
@@ -147,6 +143,7 @@ class Recursion:
         self._triangulations = cache(self._list_by_cuts)
 
     def list_triangulations(self, cycle: Sequence[int]) -> set[Triangulation]:
+        """Return the distinct triangulations of a counter-clockwise cycle of points."""
         return self._triangulations(_rotate_to_lowest(list(cycle)))
 
     def _list_by_cuts(self, cycle: Corners) -> set[Triangulation]:
@@ -164,7 +161,6 @@ class Recursion:
         return results
 
     def _cut_ears(self, cycle: Corners, ears: tuple[int, ...]) -> set[Triangulation]:
-        """Return the triangulations that begin by cutting off the vertices `ears`, one by one."""
         ears_cut: set[Triangle] = set()
         for vertex in ears:
             if len(cycle) == 3 or vertex not in cycle:

@@ -45,6 +45,7 @@ NO_COST = make_cost(criteria.find("half-perimeter"), 1.0, 1)
 
 @njit(nogil=True)
 def flip_by_test(points: np.ndarray, corner: np.ndarray, twin: np.ndarray, test: int) -> int:
+    """Flip in place until no flip passes `test` (any except COST); return the number of flips."""
     if test == L1:
         return flip_by_l1(points, corner, twin)
     if test == EUCLIDEAN:
@@ -60,7 +61,6 @@ def flip_by_test(points: np.ndarray, corner: np.ndarray, twin: np.ndarray, test:
 def _shorten_if_cheaper(
     points: np.ndarray, corner: np.ndarray, twin: np.ndarray, cost: Cost
 ) -> None:
-    """Flip by L1 lengths, in place, if the result costs less."""
     shorter, shorter_twin = corner.copy(), twin.copy()
     flip_by_l1(points, shorter, shorter_twin)
     before = compute_total_cost(points, corner.reshape(-1, 3), cost)
@@ -118,7 +118,6 @@ def _refine_if_valid(
     cost: Cost,
     decreased: Cost | None,
 ) -> np.ndarray:
-    """Return the triangles (m, 3) of `refine`, or no rows if the initial triangles are invalid."""
     twin = link_half_edges(corner)
     if is_triangulation(points, ring_offsets, corner, twin):
         return refine(points, corner, twin, test, cost, decreased)
@@ -317,6 +316,5 @@ def triangulate_refined(
 
 @lru_cache(maxsize=64)
 def _find_plain_cost_and_test(criterion: criteria.Criterion) -> tuple[Cost | None, int]:
-    """Return a criterion's cost and flip test; (None, NONE) if the cost depends on the polygon."""
     cost = find_plain_cost(criterion)
     return cost, NONE if cost is None else find_flip_test(cost)

@@ -68,12 +68,7 @@ def triangulate_worst(outline: Boundary, **parameters: Any) -> np.ndarray:
 
 
 def triangulate_with_gap(outline: Boundary, **parameters: Any) -> tuple[np.ndarray, float]:
-    """Return the result of `triangulate`, and its gap to the optimum, relative to its cost.
-
-    The gap is 0 if a dynamic program or a proof as in `certify` shows optimality; for real costs,
-    up to rounding. If sums of integer costs exceed 2^53, it bounds the rounding error, about 1e-16.
-    It is infinite after local search.
-    """
+    """Return the result of `triangulate` and its gap: 0 if proven optimal, infinite if unknown."""
     result = _find_optimum_in_walk_order(outline, 1.0, **parameters)
     if result.exact_for is None:
         return result.triangles, result.gap
@@ -138,7 +133,6 @@ def _find_optimum_in_walk_order(
 def _search_optimum(
     outline: Boundary, criterion: criteria.Criterion, sign: float, options: SearchOptions
 ) -> _Result:
-    """Return the optimum or, after local search, the best triangulation found, in any order."""
     points, (limit, seed) = outline.points, options
     if criterion.depends_on_position and len(points) > MAX_PLACED_VERTICES:
         raise SkippedError(

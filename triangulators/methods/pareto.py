@@ -1,7 +1,6 @@
 """The Pareto front of two criteria over all triangulations of a simple polygon.
 
-The dynamic program of `optimum.visible_lists`, with sets of non-dominated pairs of costs. The
-fronts of sub-polygons are small in practice, but no bound of their size is proven.
+The dynamic program of `optimum.visible_lists`, with sets of non-dominated pairs of costs.
 """
 
 from collections.abc import Callable
@@ -18,7 +17,7 @@ from triangulators.initial import Cycle, make_cycle
 from triangulators.polygon import Boundary, boundary_area, checked_boundary
 from triangulators.polygon_arrays import polygon_of_rings
 
-MAX_FRONT_SIZE = 100_000  # maximum number of points of a sub-polygon's front
+MAX_FRONT_SIZE = 100_000  # points of a sub-polygon's front; few in practice, but without a bound
 MAX_VERTICES = 100  # maximum for the triangulator "pareto", which then takes up to a minute
 # Costs that differ by less than this fraction of the largest cost are treated as equal.
 _RELATIVE_TOLERANCE = 1e-9
@@ -76,7 +75,6 @@ def _find_front_of_overdraw_and_shape(wkb: bytes) -> Front:
 
 
 def _compute_fronts(ring: Cycle, first: Cost, second: Cost) -> dict[tuple[int, int], _Partial]:
-    """Return the front of the sub-polygon i..j of every visible pair (i, j) of a cycle."""
     n = len(ring.cycle)
     fronts: dict[tuple[int, int], _Partial] = {}
     below: list[list[int]] = [

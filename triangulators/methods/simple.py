@@ -59,11 +59,7 @@ def _find_fan(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
 
 @njit
 def _find_zigzag(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
-    """Return the first zigzag whose triangles are all counter-clockwise, so valid, or no rows.
-
-    A zigzag starts at a side of the ring; the next triangles take the next vertex after one end of
-    the current side and after the other end, alternately.
-    """
+    """Return the first zigzag whose triangles are all counter-clockwise, so valid, or no rows."""
     n = len(ring)
     triangles = np.empty((n - 2, 3), dtype=np.int32)
     for start in range(2 * n):
@@ -141,11 +137,7 @@ def _select_uncrossed_pairs_of_cycle(n: int, pairs: np.ndarray) -> np.ndarray:
 
 
 def triangulate_largest_first(outline: Boundary) -> np.ndarray:
-    """Return the triangulation (n - 2, 3) that repeatedly cuts off the largest triangle.
-
-    Source: E. Persson, "Triangulation", 2009, for convex polygons; here the vertices of a triangle
-    must see each other, so that the method applies to simple polygons.
-    """
+    """Return triangles (n - 2, 3), the largest first (E. Persson, "Triangulation", 2009)."""
     if len(outline.edges) > MAX_LARGEST_VERTICES:
         raise SkippedError(
             f"max-area: the polygon has {len(outline.edges)} vertices,"

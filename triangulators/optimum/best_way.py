@@ -56,7 +56,6 @@ def find_optimum(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.nd
 
 @njit(nogil=True)
 def _count_apexes(n: int, target: np.ndarray) -> float:
-    """Return the approximate number of apexes that the sparse program tries in a ring."""
     # Half the sum of the lists' squared lengths. `np.bincount` would copy all pairs to int64.
     seen_from_above = np.zeros(n)
     for j in target:
@@ -118,6 +117,7 @@ class Patchwork:
         return rows
 
     def compute_cost(self) -> float:
+        """Return the cost of all triangles."""
         return compute_total_cost(self.points, self.triangles, self.cost)
 
 

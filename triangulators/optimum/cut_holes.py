@@ -171,7 +171,6 @@ def _find_furthest_vertex(
     merged: np.ndarray,
     direction: int,
 ) -> tuple[int, float]:
-    """Return the index in `ring` of the furthest vertex of unmerged holes, and its coordinate."""
     furthest, min_along = -1, 0.0
     for hole in range(1, len(ring_offsets) - 1):
         if not merged[hole]:
@@ -235,7 +234,6 @@ def _is_blocked(edges: np.ndarray, x: float, y: float, ax: float, ay: float, dou
 
 @njit(nogil=True)
 def _do_rings_touch(points: np.ndarray, ring_offsets: np.ndarray) -> bool:
-    """Whether a vertex of one ring lies on or very near an edge of another ring."""
     n = len(points)
     span = 0.0
     for k in range(n):

@@ -90,10 +90,7 @@ def _fill_int_table(space: np.ndarray, n: int, sign: int, base: int) -> None:
 
 @njit(nogil=True)
 def _fill_rows_of_vertex(space: np.ndarray, n: int, i: int, sign: int, base: int) -> None:
-    """Fill the workspace rows of vertex i: coordinates relative to i, costs of diagonals from i.
-
-    A diagonal must start into the angle at i: left of both sides, or of either if it is reflex.
-    """
+    """Fill the workspace rows of vertex i: coordinates relative to i, costs of diagonals from i."""
     x, y = space[_X, i], space[_Y, i]
     before = i - 1 if i > 0 else n - 1
     ox, oy = np.int32(space[_X, i + 1] - x), np.int32(space[_Y, i + 1] - y)
@@ -107,6 +104,7 @@ def _fill_rows_of_vertex(space: np.ndarray, n: int, i: int, sign: int, base: int
             np.int32(ox * b) > np.int32(oy * a),
             np.int32(ix * b) > np.int32(iy * a),
         )
+        # A diagonal starts into the angle at i: left of both sides, or of either if it is reflex.
         inside = (is_left_of_exit & is_left_of_entry) | (
             (is_left_of_exit | is_left_of_entry) & (not convex)
         )
@@ -179,10 +177,7 @@ def _is_convex(x: np.ndarray, y: np.ndarray, n: int) -> bool:
 def _compute_determinants(
     number: np.ndarray, rx: np.ndarray, ry: np.ndarray, k: int, first: np.uint64, side: np.ndarray
 ) -> float:
-    """Write the determinants of the triangles i, k, j to side[j], from j = first on.
-
-    rx, ry (lanes,): relative to vertex i. Returns the minimum absolute determinant over j > k.
-    """
+    """Write the determinants of i, k, j to side[j]; return their minimum size over j > k."""
     a, b, last = rx[k], ry[k], float(k)
     minimum = _NONE
     for j in range(first, np.uint64(len(side))):

@@ -177,7 +177,6 @@ def _minimise_edges(
     none: Any,
     weights: np.ndarray,
 ) -> Any:
-    """Return a pair's minimum cost (see `_fill_costs`); edges cost weights[p], triangles 0."""
     (first, end), (_, _, p) = between, pair
     # No array is assigned to a second variable, and `weights` is read without a branch: otherwise
     # Numba would count references for each apex or pair. The casts keep Numba from widening to
@@ -199,7 +198,6 @@ def _minimise_boxes(
     none: float,
     context: tuple[np.ndarray, np.ndarray],
 ) -> float:
-    """Return a pair's minimum cost (see `_fill_costs`); triangles' boxes and edges have costs."""
     (first, end), (i, j, _), (points, box) = between, pair, context
     xi, yi, xj, yj = points[i, 0], points[i, 1], points[j, 0], points[j, 1]
     low_x, high_x = min(xi, xj), max(xi, xj)
@@ -224,7 +222,6 @@ def _minimise_weights(
     none: np.int64,
     context: tuple[np.ndarray, np.ndarray, Cost, Units],
 ) -> np.int64:
-    """Return a pair's minimum weight (see `_fill_costs`); context: see `compute_far_costs`."""
     (first, end), (i, j, _), (points, ring, cost, units) = between, pair, context
     best = INFEASIBLE_WEIGHT
     for r in range(first, end):
@@ -257,7 +254,6 @@ def _get_weight(
 def _find_optimum_of_edge_costs(
     start: np.ndarray, target: np.ndarray, weights: np.ndarray, none: Any
 ) -> np.ndarray:
-    """Return the triangles (n - 2, 3) whose edges have the minimum sum of costs."""
     extra_rows = np.empty((0, len(start) - 1), dtype=weights.dtype)
     filled = _fill_costs(start, target, extra_rows, none, _minimise_edges, weights)
     return _list_triangles(start, target, filled, none, _get_zero, None)
@@ -267,7 +263,6 @@ def _find_optimum_of_edge_costs(
 def _find_optimum_of_box_costs(
     start: np.ndarray, target: np.ndarray, points: np.ndarray, box: np.ndarray, in_boxes: Cost
 ) -> np.ndarray:
-    """Return the triangles (n - 2, 3) whose boxes and edges have the minimum sum of costs."""
     context = (points, box)
     filled = _fill_costs(start, target, points.T.copy(), INFEASIBLE_COST, _minimise_boxes, context)
     return _list_triangles(start, target, filled, INFEASIBLE_COST, _get_cost, (points, in_boxes))
@@ -325,11 +320,7 @@ def _compute_pair_lengths(
 def weigh_pairs(
     points: np.ndarray, start: np.ndarray, target: np.ndarray, box: np.ndarray
 ) -> np.ndarray:
-    """Return the cost (p,) of each visible pair as a diagonal: int32, int64 or float64, >= 0.
-
-    On a grid, costs are integers, in its units. To maximise lengths, a constant is added to all
-    costs.
-    """
+    """Return the cost (p,) >= 0 of each visible pair as a diagonal; on a grid in integer units."""
     unit = find_grid_unit(points) if box[2] == 0.0 else 0.0
     if unit > 0.0:
         _, _, w, h = find_bounding_box(points)

@@ -59,11 +59,7 @@ def _reverse_vertices(corner: np.ndarray, count: int) -> None:
 def optimise_windows(
     points: np.ndarray, triangles: np.ndarray, twin: np.ndarray, cost: Cost
 ) -> bool:
-    """Replace windows by their optima, in place; return True if the result is proven optimal.
-
-    That is if the first window is the full polygon, without cuts. Windows grow breadth first from
-    the triangles that are in no window yet, in ascending order.
-    """
+    """Replace windows by their optima, in place; True if one is the full polygon, without cuts."""
     count = len(triangles)
     if count <= MAX_RING_TRIANGLES and _optimise_ring(points, triangles, twin, cost):
         return True
