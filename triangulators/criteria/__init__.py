@@ -1,8 +1,7 @@
 """Criteria: predicted costs of a triangle, computed from its coordinates.
 
-A criterion sums a cost per triangle: a weighted sum of `FEATURES` (all built-in criteria except
-"exact-quads"), or a user's Numba function of three points (six numbers). Units follow from the unit
-of the coordinates.
+A criterion is a weighted sum of `FEATURES`, except "exact-quads" and a user's criterion, which is a
+Numba function of three points (six numbers). Units follow from the unit of the coordinates.
 """
 
 from collections.abc import Callable, Mapping

@@ -203,10 +203,9 @@ def weigh_triangles(
 ) -> None:
     """Write the results of `weigh_triangle` for `count` triangles to `totals`, equal in every bit.
 
-    corners: arrays ax, ay, bx, by, cx, cy. Arrays are as long as the count, rounded up to a
-    multiple of 8; `totals` beyond the count are undefined. The loops have no branches, so LLVM uses
-    SIMD registers, except for `shape` and `beauty`: expected quads take 4 ns per triangle, not 25
-    (AVX-512).
+    corners: arrays ax, ay, bx, by, cx, cy; all arrays have room for the count, rounded up to a
+    multiple of 8. The loops have no branches, so LLVM uses SIMD registers, except for `shape` and
+    `beauty`: expected quads take 4 ns per triangle, not 25 (AVX-512).
     """
     lanes = (count + 7) & ~7
     for k in range(lanes):

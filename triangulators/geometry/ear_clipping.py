@@ -42,12 +42,7 @@ def _is_ear(
 
 @njit(nogil=True)
 def clip_ears_of_ring(points: np.ndarray) -> np.ndarray:
-    """Return the triangles (n - 2, 3) of a ring (n, 2), or (0, 3) if earcut would repair the ring.
-
-    earcut repairs rings that repeat the first vertex at the end, or where no ear is left. As in
-    earcut, the last vertex of a counter-clockwise ring is tried first, or the first vertex of a
-    clockwise ring; after a cut the next vertex is tried.
-    """
+    """Return the triangles (n - 2, 3) of a ring, or (0, 3) if earcut would repair the ring."""
     n = len(points)
     triangles = np.empty((max(n - 2, 0), 3), dtype=np.int32)
     doubled_area, last = 0.0, n - 1
@@ -59,7 +54,7 @@ def clip_ears_of_ring(points: np.ndarray) -> np.ndarray:
     previous = np.arange(-1, n - 1).astype(np.int32)
     following[n - 1], previous[0] = 0, n - 1
     ear = n - 1
-    if not doubled_area > 0.0:
+    if not doubled_area > 0.0:  # as in earcut, clockwise rings start at the first vertex
         following, previous, ear = previous, following, 0
     count, stop = 0, ear
     if points[0, 0] == points[n - 1, 0] and points[0, 1] == points[n - 1, 1]:

@@ -74,12 +74,9 @@ def flip_while_gaining(
     """Flip in place until no flip gains; return the number of flips.
 
     gains(points, a, b, c, d, context): whether the diagonal a-d is better than b-c, the common edge
-    of the triangles a, b, c and d, c, b; is_convex(points, a, b, c, d): whether a flip is valid.
-
-    Order: all diagonals are pushed on a stack; the top one is tried. After a flip the sides of the
-    quadrilateral are pushed, except sides that are on the stack (`waiting`), so it cannot overflow.
-    Invariant: flipping a diagonal that is not on the stack would not gain. A flip takes constant
-    time.
+    of the triangles a, b, c and d, c, b. All diagonals are pushed on a stack; the top one is tried.
+    A flip takes constant time and pushes the sides of the quadrilateral, except those on the stack
+    (`waiting`), so it cannot overflow. Invariant: diagonals that are not on the stack do not gain.
     """
     stack = np.empty(len(corner), dtype=np.int32)
     waiting = np.zeros(len(corner), dtype=np.bool_)

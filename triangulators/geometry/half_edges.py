@@ -80,11 +80,7 @@ def find_twins(triangles: np.ndarray) -> np.ndarray:
 def is_triangulation(
     points: np.ndarray, ring_offsets: np.ndarray, corner: np.ndarray, twin: np.ndarray
 ) -> bool:
-    """Whether triangles, given by half-edges, are a conforming triangulation of a polygon's rings.
-
-    True if there are n + 2 h - 2 triangles, all counter-clockwise, and the edges without a twin are
-    the edges of the rings: all edges then add up to the boundary, so the interior is covered once.
-    """
+    """Whether triangles, given by half-edges, cover a polygon once: edges add up to its rings."""
     n = len(points)
     if len(corner) != 3 * (n + 2 * (len(ring_offsets) - 2) - 2):
         return False

@@ -1,21 +1,19 @@
-"""Triangle order: a walk over neighbours, or an order for a vertex cache.
+"""Triangle order: a walk over neighbours, or an order for a vertex cache; in linear time.
 
 Walk order: each triangle is a neighbour of an earlier triangle, and its last vertex is the new one:
 lookups in a vertex cache are then hit, hit, miss. A renderer shades a vertex again after the vertex
 has left the cache, or when a batch ends. So triangles are visited along the dual graph, depth
-first, the smaller branch first: at most about log2(m) edges then lead to unvisited triangles.
+first, the smaller branch first: at most about log2(m) edges then lead to unvisited triangles. Each
+connected component is walked from the first triangle with a single neighbour, or else the first
+triangle, along a breadth-first spanning tree (holes are cycles of the dual graph), from the entry
+edge on, so the order does not depend on the rotation of a triangle's vertices.
 
-Each connected component is walked from the first triangle with a single neighbour, or else the
-first triangle, along a breadth-first spanning tree (holes are cycles of the dual graph). Neighbours
-are visited from the entry edge on, so the order does not depend on the rotation of a triangle's
-vertices. The time is linear.
-
-Vertex cache: Tipsify, in linear time. Source: P. V. Sander, D. Nehab, J. Barczak, "Fast triangle
-reordering for vertex locality and reduced overdraw", ACM Transactions on Graphics 26(3), 2007,
-section 4. The model is a first-in first-out cache of shaded vertices. All remaining triangles
-around a vertex, a fan, are emitted. The next fan is around the oldest vertex in the cache whose fan
-can be emitted before the vertex leaves the cache; r triangles shade at most 2 r new vertices. If
-there is none, the last emitted vertex with remaining triangles is taken, or the next by index.
+Vertex cache: Tipsify. Source: P. V. Sander, D. Nehab, J. Barczak, "Fast triangle reordering for
+vertex locality and reduced overdraw", ACM Transactions on Graphics 26(3), 2007, section 4. The
+model is a first-in first-out cache of shaded vertices. All remaining triangles around a vertex, a
+fan, are emitted. The next fan is around the oldest vertex in the cache whose fan can be emitted
+before the vertex leaves the cache; r triangles shade at most 2 r new vertices. If there is none,
+the last emitted vertex with remaining triangles is taken, or the next by index.
 """
 
 import numpy as np

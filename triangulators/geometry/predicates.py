@@ -73,7 +73,6 @@ def _orient_exactly(ax: float, ay: float, bx: float, by: float, cx: float, cy: f
 
 @njit(nogil=True)
 def _orient_by_expansion(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Return the sum of the determinant's six products, computed exactly and then rounded."""
     expansion = np.empty(13)
     length = 0
     for first, second in ((ax, by), (-ax, cy), (-cx, by), (-ay, bx), (ay, cx), (cy, bx)):
@@ -245,7 +244,7 @@ def find_grid_unit(points: np.ndarray) -> float:
 
 
 def find_edge_tolerance(points: np.ndarray) -> float:
-    """Return the distance at which a vertex counts as on an edge; 0 on a grid, with exact signs."""
+    """Return the distance from an edge up to which a vertex counts as on the edge; 0 on a grid."""
     return 0.0 if find_grid_unit(points) > 0.0 else float(np.abs(points).max()) * 4.0 * 2.0**-52
 
 

@@ -1,8 +1,7 @@
 """Flips that decrease a cost; for expected quads also pairs of flips (order: ports/ORDER.md).
 
-A pair is the flip of a diagonal, which alone may increase the cost, and of a side of the
-quadrilateral. Pairs double the time, and save another 1 to 12 % of the helper lanes in four scenes
-at 1024 px.
+A pair flips a diagonal, which alone may increase the cost, then a side of the quadrilateral. Pairs
+double the time, and save another 1 to 12 % of the helper lanes in four scenes at 1024 px.
 """
 
 from typing import Any

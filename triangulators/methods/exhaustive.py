@@ -129,10 +129,9 @@ def _list_by_overdraw_and_shape(wkb: bytes) -> list[np.ndarray]:
 class Recursion:
     """The triangulations of polygons whose vertices are in `points`, by cutting ears.
 
-    From each edge of the remaining polygon three cuts are tried: the triangle of this and the next
-    edge (firstPart in the paper), that of the two edges before (secondPart), and both (thirdPart).
-    The rest is cut in the same way until one triangle is left. drop_straight: drop a vertex that a
-    cut has made collinear; the results then do not conform.
+    From each edge three cuts are tried: the triangle of this and the next edge (firstPart in the
+    paper), that of the two edges before (secondPart), and both (thirdPart); then the rest is cut.
+    drop_straight: drop a vertex that a cut has made collinear; the results then do not conform.
     """
 
     def __init__(self, points: np.ndarray, *, drop_straight: bool) -> None:
@@ -177,7 +176,6 @@ class Recursion:
         }
 
     def _is_inside(self, ear: Triangle, cycle: Corners) -> bool:
-        """Whether a triangle is counter-clockwise with no other vertex inside or on its edges."""
         a, b, c = ear
         return self._orientation(a, b, c) > 0.0 and all(
             min(self._orientation(a, b, v), self._orientation(b, c, v), self._orientation(c, a, v))

@@ -1,8 +1,4 @@
-"""Flips of existing triangles, and the triangulators that flip after ear clipping.
-
-Twice the half-perimeter is the L1 length of the boundary plus twice that of the diagonals, so it is
-decreased by flips to diagonals that are shorter in the L1 metric.
-"""
+"""Flips of existing triangles, and the triangulators that flip after ear clipping."""
 
 import math
 from collections.abc import Callable
@@ -173,7 +169,7 @@ def find_flip_test(cost: Cost) -> int:
     by_l1, by_area, by_l2 = cost["box"].tolist()
     if cost["is_box"] and by_area == 0.0:
         if by_l1 > 0.0 and by_l2 == 0.0:
-            return L1
+            return L1  # the half-perimeter decreases with L1 lengths: see `optimum.visible_lists`
         if by_l2 > 0.0 and by_l1 == 0.0:
             return EUCLIDEAN
     return COST

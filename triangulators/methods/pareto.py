@@ -1,7 +1,4 @@
-"""The Pareto front of two criteria over all triangulations of a simple polygon.
-
-The dynamic program of `optimum.visible_lists`, with sets of non-dominated pairs of costs.
-"""
+"""The Pareto front of two criteria: `optimum.visible_lists` with sets of non-dominated costs."""
 
 from collections.abc import Callable
 from functools import lru_cache

@@ -117,12 +117,9 @@ def _triangulate_cycle_greedily(outline: Boundary) -> np.ndarray:
 
 @njit
 def _select_uncrossed_pairs_of_cycle(n: int, pairs: np.ndarray) -> np.ndarray:
-    """Return flags of the pairs (i, j) of a cycle, i < j, that cross no earlier selected pair.
-
-    `lowest` and `highest` have the lowest and the highest vertex that selected pairs join to each
-    vertex. i-j crosses a selected pair if a vertex strictly between i and j is joined to a vertex
-    outside i..j; a test takes j - i steps.
-    """
+    """Return flags of the pairs (i, j) of a cycle, i < j, that cross no earlier selected pair."""
+    # The lowest and the highest vertex to which selected pairs join each vertex: i-j is crossed if
+    # a vertex strictly between i and j is joined to a vertex outside i..j.
     lowest, highest = np.arange(n), np.arange(n)
     selected = np.zeros(len(pairs), dtype=np.bool_)
     for index in range(len(pairs)):

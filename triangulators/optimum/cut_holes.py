@@ -211,9 +211,8 @@ def _list_blocking_edges(
 def _is_blocked(edges: np.ndarray, x: float, y: float, ax: float, ay: float, doubt: float) -> bool:
     """Whether the segment from x, y to ax, ay certainly crosses an edge in the interior of both.
 
-    The ends of each are then on different sides of the other, by determinants of more than `doubt`.
-    If a cut that touches an edge, or is in doubt, is invalid, the dynamic program finds no
-    triangulation.
+    The ends of each are then on different sides of the other, by more than `doubt`. For an invalid
+    cut that touches an edge or is in doubt, the dynamic program finds no triangulation.
     """
     dx, dy = ax - x, ay - y
     min_crossing = 0.0

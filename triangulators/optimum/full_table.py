@@ -1,8 +1,8 @@
 """Dense O(n^3) dynamic program over box and edge costs of one ring, microseconds for small rings.
 
-`triangulate`, `triangulate_many` and `dropin` all use it for small rings, so a triangulator's name
-gives the same cost in all three; `best_way` also for larger rings in which most vertices see each
-other. It tries n^3 / 6 apexes and stores n^2 numbers.
+`triangulate`, `triangulate_many` and `dropin` use it for small rings, so that costs are equal, and
+`best_way` for larger rings in which most vertices see each other. It tries n^3 / 6 apexes and
+stores n^2 numbers.
 
 Source: G. T. Klincsek, "Minimal triangulations of polygonal domains", 1980 (and Gilbert 1979). With
 the interior on the left, let cost(i, j) be the minimum cost of the sub-polygon of vertices i, i +
@@ -64,9 +64,8 @@ _FAR = 1e30  # x and y of the vertices that pad float64 rows, far from all verti
 def _fill_int_table(space: np.ndarray, n: int, sign: int, base: int) -> None:
     """Fill the cost table of a ring of n integer vertices.
 
-    space: (_TABLE + n, lanes) int32; input: rows _X and _Y. A diagonal costs `base` plus `sign`
-    times its L1 length: sign -1, with base the maximum, maximises lengths with costs that are not
-    negative.
+    space: (_TABLE + n, lanes), input: rows _X and _Y. A diagonal costs base + sign * its L1 length:
+    sign -1, with base the maximum, maximises lengths with costs that are not negative.
     """
     lanes = space.shape[1]
     for i in range(n):
@@ -206,12 +205,7 @@ def _write_triangles(
     base: int,
     triangles: np.ndarray,
 ) -> bool:
-    """Write the optimum of a cost table to `triangles` (n - 2, 3); return False if there is none.
-
-    sign, base: see `_fill_int_table`; sign 0 for float costs. Each apex is found again as the
-    minimum of the same sums. Integer sums are exact: the search stops at a sum equal to the table's
-    entry.
-    """
+    """Write the optimum of a cost table; False if there is none. Float costs have sign 0."""
     n, none = len(triangles) + 2, float(_NO_INT) if sign != 0 else _NONE
     stack = np.empty((n, 2), dtype=np.int32)
     stack[0, 0], stack[0, 1] = 0, n - 1
@@ -221,6 +215,8 @@ def _write_triangles(
         i, j = stack[height, 0], stack[height, 1]
         if j - i < 2:
             continue
+        # The apex is found again as the minimum of the same sums. Integer sums are exact, so the
+        # search stops at the first sum that equals the table's entry.
         best, apex, target_sum = none, -1, -np.inf
         if sign != 0:
             side = j - i == n - 1

@@ -25,11 +25,8 @@ edges    only edges have a cost, triangles have none. For three numbers a <= b <
 
          The optimum for the half-perimeter is the minimum-weight triangulation under L1, that for
          the edge length the one under L2.
-boxes    half-perimeters and areas of boxes, and edges weights  integers, whose minimum costs are
-evidence of optimality (see `compute_far_costs`)
-
-The loops of edges and boxes are inlined (`forceinline`): passing four arrays for each pair of
-vertices took a tenth of the time.
+boxes    half-perimeters and areas of boxes, and edges
+weights  integers, whose minimum costs are evidence of optimality (see `compute_far_costs`)
 
 Numbers. On a grid L1 lengths are integer multiples of the grid's unit. The n - 3 diagonals of a
 triangulation are no longer than w + h, the width plus height of the bounding box. So if n (w + h)
@@ -125,12 +122,7 @@ def _list_triangles(
     triangle_cost: Any,
     context: Any,
 ) -> np.ndarray:
-    """Return the triangles (n - 2, 3) of the optimum, from the result of `_fill_costs`, or no rows.
-
-    Each apex, of several the highest, is found again as the minimum of the same sums, without the
-    pair's cost. `triangle_cost` is called here: Numba could not cache the caller of a function that
-    is passed on to a further kernel.
-    """
+    """Return the triangles (n - 2, 3) of the optimum that `_fill_costs` found, or no rows."""
     row_cost, first, apex, lists = filled
     n = len(start) - 1
     triangles = np.empty((n - 2, 3), dtype=np.int32)
@@ -146,6 +138,8 @@ def _list_triangles(
             continue
         for p in range(start[i], start[i + 1]):
             row[target[p]] = row_cost[p]
+        # Each apex is found again as the minimum of the same sums, without the pair's cost.
+        # `triangle_cost` is called here: Numba could not cache a caller that passes it on.
         best, best_apex = none, -1
         for r in range(first[j], first[j + 1]):
             k = apex[r]
@@ -167,6 +161,7 @@ def _list_triangles(
     return triangles
 
 
+# Inlined: passing four arrays for each pair of vertices took a tenth of the time.
 @njit(nogil=True, forceinline=True, fastmath=FAST_MATH_FLAGS)
 def _minimise_edges(
     row: np.ndarray,
