@@ -86,8 +86,8 @@ def _average_blocks(
     centre. So the mean is the area of the union of the copies over b^2.
 
     Intersection of copies. A counter-clockwise triangle T of area S is the set n.p >= c for each
-    edge e = (ex, ey), with the inward normal n = (-ey, ex); a copy shifted by m is the set n.p >= c
-    + n.m. So the intersection of T and the copies by all m of a set M is similar to T by the factor
+    edge e = (ex, ey), with the inward normal n = (-ey, ex); a copy shifted by m is n.p >= c + n.m.
+    So the intersection of T and the copies by all m of a set M is similar to T by the factor
     1 - L / (2 S), and empty if L > 2 S:
 
         L(M) = sum over the edges of max(0, n.m for m in M),     common(M) = (1 - L / (2 S))^2 S

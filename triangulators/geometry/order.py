@@ -5,8 +5,8 @@ lookups in a vertex cache are then hit, hit, miss. A renderer shades a vertex ag
 has left the cache, or when a batch ends. So triangles are visited along the dual graph, depth
 first, the smaller branch first: at most about log2(m) edges then lead to unvisited triangles. Each
 connected component is walked from the first triangle with a single neighbour, or else the first
-triangle, along a breadth-first spanning tree (holes are cycles of the dual graph), from the entry
-edge on, so the order does not depend on the rotation of a triangle's vertices.
+triangle, along a breadth-first spanning tree (holes are cycles of the dual graph). Neighbours are
+visited from the entry edge on, so the order does not depend on the rotation of a triangle.
 
 Vertex cache: Tipsify. Source: P. V. Sander, D. Nehab, J. Barczak, "Fast triangle reordering for
 vertex locality and reduced overdraw", ACM Transactions on Graphics 26(3), 2007, section 4. The

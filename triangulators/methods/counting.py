@@ -48,8 +48,7 @@ def compute_log_counts(start: np.ndarray, target: np.ndarray) -> np.ndarray:
 
     The numbers would overflow; in a sum, terms are divided by the largest, whose logarithm is
     `top`. Vertex i descends: `row[k]` is the logarithm for the sub-polygon i..k, `below[j, k]` for
-    k..j, minus infinity for pairs that do not see each other. Stores n^2 numbers; takes at most n^3
-    / 6 steps.
+    k..j, minus infinity for pairs that are not visible. Stores n^2 numbers; takes n^3 / 6 steps.
     """
     n = len(start) - 1
     result = np.full(len(target), -np.inf)

@@ -80,9 +80,8 @@ def _bound_rounding_gap(
 ) -> float:
     """Return a bound of the gap of a dynamic program's result (m, 3) that rounding may cause.
 
-    For costs >= 0, it is 0 if the partial sums of the optimum are exact: larger sums are never
-    chosen. Otherwise a sum has a relative error of 2^-53 per number added, and thrice that in each
-    number.
+    For costs >= 0, it is 0 if the optimum's partial sums are exact: larger sums are never chosen.
+    Otherwise each sum has a relative error of 2^-53 for each number added, and 3 times that in it.
     """
     points, count = outline.points, outline.expected_triangles
     cost = make_cost(criterion, boundary_area(outline), count)

@@ -151,11 +151,10 @@ def triangulate_largest_first(outline: Boundary) -> np.ndarray:
 def _cut_largest_triangles_first(points: np.ndarray, sees: np.ndarray) -> np.ndarray:
     """Return the triangles (n - 2, 3) of a counter-clockwise cycle (n, 2), the largest first.
 
-    sees (n, n): [i, j], for i < j, is True if the vertices see each other. A stack has the
-    remaining sub-polygons as vertices in the cycle's order, so every triangle i < k < j of mutually
-    visible vertices is counter-clockwise. The largest, p, q, r, cuts off the sub-polygons p to q, q
-    to r, and r around to p, unless that is a side. Of equal areas, the lowest i, then k, then j is
-    taken.
+    sees (n, n): [i, j], i < j, is True if the vertices see each other. A stack has the remaining
+    sub-polygons as vertices in the cycle's order, so every triangle i < k < j of mutually visible
+    vertices is counter-clockwise. The largest, p, q, r, cuts off the sub-polygons p to q, q to r,
+    and r around to p, unless that is a side. Of equal areas, the lowest i, k, j is taken.
     """
     n = len(points)
     triangles = np.empty((n - 2, 3), dtype=np.int32)

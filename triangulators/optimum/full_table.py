@@ -5,8 +5,8 @@
 stores n^2 numbers.
 
 Source: G. T. Klincsek, "Minimal triangulations of polygonal domains", 1980 (and Gilbert 1979). With
-the interior on the left, let cost(i, j) be the minimum cost of the sub-polygon of vertices i, i +
-1, ..., j. Its side i-j belongs to exactly one triangle, whose apex is some k between them, so
+the interior on the left, let cost(i, j) be the minimum cost of the sub-polygon of vertices i to j.
+Its side i-j belongs to exactly one triangle, whose apex is some k between them, so
 
     cost(i, j) = diagonal(i, j) + min over k of cost(i, k) + cost(k, j) + box(i, k, j)
 

@@ -77,8 +77,8 @@ def _fill_costs(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Compute the minimum cost of the sub-polygon i, ..., j of every visible pair (i, j).
 
-    Returns the costs (p,) in the order of `target`; and in lists by j: starts of the lists (n +
-    1,), apexes (p,), and lists (1 + b, p), whose first row has the costs, and the others the
+    Returns the costs (p,) in the order of `target`; and in lists by j: their starts (n + 1,),
+    apexes (p,), and lists (1 + b, p), whose first row has the costs, and the others the
     columns of extra_rows (b, n). minimise(row, apex, lists, range, pair, none, context) returns
     cost(i, j), the minimum over the apexes in a range of j's list; pair: i, j and the index of the
     pair in `target`.
@@ -287,8 +287,8 @@ def compute_far_costs(
         -far(i, k) - far(k, j) + far(i, j) <= weight(ikj),
 
     holds because far(i, j) is the minimum over all k; also for triangles in no triangulation, whose
-    sums contain `INFEASIBLE_WEIGHT`. Sides of the ring have the potential 0, except the side from n
-    - 1 to 0, which has far(0, n - 1): so the bound equals the optimum.
+    sums contain `INFEASIBLE_WEIGHT`. Sides of the ring have the potential 0, except the last side,
+    from n - 1 to 0, which has far(0, n - 1): so the bound equals the optimum.
     """
     context = (points, ring, cost, units)
     extra_rows = np.empty((0, len(ring)), dtype=np.int64)
