@@ -1,8 +1,7 @@
 """Features of a triangle: Numba functions of three points as six numbers.
 
 A new feature is added to `criterion.FEATURES`, `FEATURE_COUNT`, `weigh_triangle`, `weigh_triangles`
-and `sum_features`. Only `exact_quads`, which is not in `FEATURES`, depends on the position on the
-pixel grid.
+and `sum_features`. `exact_quads`, not in `FEATURES`, depends on the position on the pixel grid.
 """
 
 import math

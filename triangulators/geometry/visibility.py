@@ -36,8 +36,7 @@ def find_visible_pairs(
     """Return (start, target): `target[start[i]:start[i + 1]]` are the vertices > i that i sees.
 
     points (n, 2): a counter-clockwise cycle; triangles (n - 2, 3): any triangulation. Lists ascend
-    and include the polygon's sides. Beyond `max_pairs` pairs the result is incomplete: `start[n]`
-    exceeds `max_pairs`.
+    and include sides. Beyond `max_pairs` pairs the result is incomplete: `start[n] > max_pairs`.
     """
     n = len(points)
     start = np.zeros(n + 1, dtype=np.int64)

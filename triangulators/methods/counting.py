@@ -78,12 +78,11 @@ def compute_log_counts(start: np.ndarray, target: np.ndarray) -> np.ndarray:
 def _draw_from_counts(
     start: np.ndarray, target: np.ndarray, ways: np.ndarray, chances: np.ndarray
 ) -> np.ndarray:
-    """Return a random triangulation (n - 2, 3) of a cycle of n vertices.
+    """Return a random triangulation (n - 2, 3) of a cycle; chances (n - 2,): uniform in [0, 1).
 
-    chances (n - 2,): uniform random numbers in [0, 1). Of the W(i, j) triangulations of the
-    sub-polygon i..j, W(i, k) W(k, j) have the apex k. These fractions are subtracted from a random
-    number; the first k that makes it negative is the apex, or the last possible k if rounding
-    leaves a remainder.
+    Of the W(i, j) triangulations of the sub-polygon i..j, W(i, k) W(k, j) have the apex k. These
+    fractions are subtracted from a chance; the first k that makes it negative is the apex, or the
+    last possible k if rounding leaves a remainder.
     """
     n = len(start) - 1
     counts = np.full((n, n), -np.inf)

@@ -1,8 +1,7 @@
 """The method of the paper (Kryvda and Sulema): list all triangulations, return the best.
 
-Mode `paper` is the paper's recursion over cuts. Like the paper's program, it drops vertices that
-are collinear after a cut, so some results have T-junctions. Mode `conforming` lists every
-conforming triangulation once, by a recursion over the apexes of one side.
+Mode `paper` is the paper's recursion; it drops vertices that are collinear after a cut, so some
+results have T-junctions. Mode `conforming` lists every conforming triangulation once.
 """
 
 from collections.abc import Callable, Sequence

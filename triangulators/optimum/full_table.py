@@ -27,12 +27,10 @@ NONE is never the minimum, so the loop may begin at a register's first lane.
 No visibility is needed: a combinatorial triangulation of the ring whose triangles are all
 counter-clockwise is one of the polygon, because its edges add up to the boundary.
 
-Numbers. On a grid (`find_grid_unit`) coordinates become integers. The half-perimeters of a
-triangulation add up to half the L1 length of the boundary plus the L1 lengths of the diagonals, so
-only diagonals have a cost and sums are exact. If width and height are below 2^15 units (128 px of
-1/256), costs and doubled areas of triangles fit int32; for larger rings, float64 represents the
-same integers. Off the grid float64 determinants decide orientations, except those within Shewchuk's
-error bound of zero, which the exact predicate decides.
+Numbers. On a grid (`find_grid_unit`) coordinates become integers. For the half-perimeter only
+diagonals have a cost (see `visible_lists`), and sums are exact. If width and height are below 2^15
+units (128 px of 1/256), costs and doubled areas fit int32; for larger rings, float64 represents the
+same integers. Off the grid the exact predicate decides orientations in doubt.
 """
 
 import math
