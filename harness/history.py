@@ -22,10 +22,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from harness.compare.times import compute_low_quantile
+from harness.compare.matching import compute_low_quantile
 from harness.errors import InputError, UsageError, make_unknown_name_error
 from harness.machine.git import get_commit
-from harness.metrics.processors import mark_processors
+from harness.metrics.groups import mark_processors
 from harness.metrics.registry import find_metric, find_metrics, list_metrics
 from harness.results.record import CaseGroup, CaseId, Record
 from harness.results.run_folder import Run, read_facts, read_run, select_latest

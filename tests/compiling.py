@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from harness.frame import Frame, View, make_frame
 from harness.heatmaps import make_lane_maps
-from harness.measuring.lower_limits import compute_min_quads
 from harness.measuring.pool import COMPILED_LATE
+from harness.measuring.tasks import compute_min_quads
 from harness.rasterisers import Options, find_device, get
 from harness.rasterisers.reference import count_outline_quads
 from harness.triangulating.recipes import parse

@@ -58,7 +58,7 @@ def history(
     """
     from harness import atomic
     from harness.history import filter_series, find_runs, plot_history, read_series, select_series
-    from harness.metrics.processors import find_mixed_processors, format_processors
+    from harness.metrics.groups import find_mixed_processors, format_processors
     from harness.style import format_count
 
     runs, studies = find_runs(folders, studies=everything)

@@ -37,7 +37,7 @@ def study_gains(
     ] = options.ValueList(BASES),
 ) -> None:
     """Compare each triangulator's time with the bases' in all views; list the faster ones."""
-    from harness.metrics.processors import find_mixed_processors, format_processors
+    from harness.metrics.groups import find_mixed_processors, format_processors
     from harness.progress import Reporter
     from harness.results.run_folder import read_latest
     from harness.triangulating.recipes import parse_all
@@ -67,7 +67,7 @@ def write_gains(runs: Sequence[Run], bases: Sequence[str], out: Path) -> Gains:
     """Write gains.csv, orders.csv and plots into `out`; raise an error if no ratio is known."""
     import pandas as pd
 
-    from harness.metrics.processors import mark_processors
+    from harness.metrics.groups import mark_processors
     from harness.results.record import CaseId
     from harness.stats.run_quality import get_run_state
     from harness.study.gains import make_gain_table, plot_gains, split_by_order

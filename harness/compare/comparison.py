@@ -11,12 +11,14 @@ from scipy import stats
 from harness.compare import times
 from harness.compare.matching import (
     Match,
+    Pair,
     explain_missing,
     find_changed_hardware,
     format_machine,
     list_changes,
     machines_differ,
     match_cases,
+    read_pair,
 )
 from harness.compare.model import (
     CaseChange,
@@ -34,7 +36,7 @@ from harness.compare.model import (
 )
 from harness.errors import InputError
 from harness.machine.git import get_commit
-from harness.metrics.processors import find_mixed_processors, format_processors
+from harness.metrics.groups import find_mixed_processors, format_processors
 from harness.metrics.registry import (
     METRICS,
     PREDICTED,
@@ -79,8 +81,11 @@ def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comp
     records = (*base.records, *head.records)
     check_thresholds(settings.thresholds, {name for r in records for name in read_exact_metrics(r)})
     matches = match_cases(base, head, across_devices=settings.across_devices)
-    other_device = _has_other_device(matches) or bool(find_changed_hardware(base, head))
-    differ = other_device or machines_differ(base.facts, head.facts)
+    differ = (
+        any(m.base.id.device_name != m.head.id.device_name for m in matches if m.base and m.head)
+        or bool(find_changed_hardware(base, head))
+        or machines_differ(base.facts, head.facts)
+    )
     cases = [_compare_counters(match, head, settings) for match in matches]
     cases, drifts = _compare_times(matches, cases, settings, differ)
     comparison = Comparison(
@@ -112,11 +117,6 @@ def compare_without_baseline(path: str, head: Run, settings: Settings) -> Compar
     )
 
 
-def _has_other_device(matches: Sequence[Match]) -> bool:
-    """Return whether any case ran on different devices in BASE and HEAD."""
-    return any(m.base.id.device_name != m.head.id.device_name for m in matches if m.base and m.head)
-
-
 def _compare_counters(match: Match, run: Run, settings: Settings) -> CaseChange:
     """Return the status of a case and, if measured in both runs, the changes of its counters.
 
@@ -143,27 +143,23 @@ def _find_status(match: Match, run: Run) -> tuple[Status, str]:
         missing = explain_missing(run, match.id) if head is None else None
         if missing and record.is_ok:
             return "not-done", missing
-        reason = "" if record.is_ok else f"{record.status}: {_explain_failure(record)}"
+        reason = "" if record.is_ok else f"{record.status}: {make_printable(record.reason or '')}"
         return ("only-head" if base is None else "only-base"), reason
-    good = base.is_ok, head.is_ok
-    if good == (True, False):
-        return ("now-failing" if head.status == "failed" else "now-skipped"), _explain_failure(head)
-    if good == (False, True):
-        return "now-measured", f"BASE: {_explain_failure(base)}"
-    if good == (False, False):
-        return "not-measured", _explain_failure(head)
+    failure = make_printable(head.reason or "")
+    if not head.is_ok:
+        if not base.is_ok:
+            return "not-measured", failure
+        return ("now-failing" if head.status == "failed" else "now-skipped"), failure
+    if not base.is_ok:
+        return "now-measured", f"BASE: {make_printable(base.reason or '')}"
     hashes = base.id.scene_hash, head.id.scene_hash
     if all(hashes) and hashes[0] != hashes[1]:
         return "content-changed", f"{hashes[0]} then, {hashes[1]} now"
     before, after = base.polygons, head.polygons
     if before and after and before != after:  # the oldest runs have no numbers of polygons
         status: Status = "fewer-polygons" if after < before else "more-polygons"
-        return status, f"{before} then, {after} now; {_explain_failure(head)}".rstrip("; ")
+        return status, f"{before} then, {after} now; {failure}".rstrip("; ")
     return "compared", ""
-
-
-def _explain_failure(record: Record) -> str:
-    return make_printable(record.reason or "")
 
 
 def _compare_times(
@@ -171,17 +167,17 @@ def _compare_times(
 ) -> tuple[list[CaseChange], list[Drift]]:
     """Return `cases` with their changes of time added, and the drift of each group."""
     changes_by_case = {}
-    groups: dict[CaseGroup, dict[int, times.Pair]] = defaultdict(dict)
+    groups: dict[CaseGroup, dict[int, Pair]] = defaultdict(dict)
     for number, (match, case) in enumerate(zip(matches, cases, strict=True)):
         if case.status == "compared" and match.base and match.head:
             counted = [
                 c for c in case.counters if find_metric(c.metric).kind in ("counter", "count")
             ]
             same_work = bool(counted) and all(change.exact == "equal" for change in counted)
-            pair = times.read_pair(
+            pair = read_pair(
                 match.base, match.head, same_work=same_work, machines_differ=machines_differ
             )
-            if isinstance(pair, times.Pair):
+            if isinstance(pair, Pair):
                 groups[case.id.group][number] = pair
             elif pair is not None:
                 changes_by_case[number] = pair
@@ -192,13 +188,8 @@ def _compare_times(
         )
         changes_by_case |= dict(zip(pairs, group_changes, strict=True))
         drifts += [] if drift is None else [drift]
-    corrected = dict(
-        zip(
-            changes_by_case,
-            correct_q_values(list(changes_by_case.values()), settings),
-            strict=True,
-        )
-    )
+    changes = correct_q_values(list(changes_by_case.values()), settings)
+    corrected = dict(zip(changes_by_case, changes, strict=True))
     return [replace(case, time=corrected.get(n)) for n, case in enumerate(cases)], drifts
 
 

@@ -1,4 +1,4 @@
-"""Match the cases of two runs by identity.
+"""Match the cases of two runs by identity, and read the times of both.
 
 A case's key is not used: it includes the scene's content, and changed content is to be reported. A
 case of BASE that HEAD's plan has and HEAD's records lack was not done. Differences of plan,
@@ -8,17 +8,35 @@ software and machine between the runs are listed.
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.compare.model import TimeChange
 from harness.errors import IncompatibleRunsError
-from harness.metrics.processors import may_be_same_processor, read_processor
-from harness.results.record import CaseId, Record
+from harness.metrics.groups import may_be_same_processor, read_processor
+from harness.results.record import CaseId, Record, Time
 from harness.results.run_folder import Run
+from harness.stats import run_quality
 from harness.style import flatten
 
-ENVIRONMENT = (*("harness", "code", "python", "packages", "kernel", "cpu", "threads", "governor"),)
+ENVIRONMENT = "harness", "code", "python", "packages", "kernel", "cpu", "threads", "governor"
 """Facts of a run's environment that are compared."""
+
+QUANTILE = 0.1
+"""Quantile of the samples that represents a case's time: low enough to exclude samples that other
+programs lengthened, steadier than the minimum."""
+
+Samples = NDArray[np.float64]
+
+Parts = tuple[Sequence[int] | None, Sequence[int] | None]
+"""Number of rounds in each epoch, and in each process; None if unknown."""
+
+MIN_ROUNDS = 8
+"""Minimum number of samples of a case that both runs must have."""
 
 
 @dataclass(frozen=True)
@@ -172,16 +190,16 @@ def machines_differ(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool
 
 def list_changes(base: Run, head: Run) -> list[str]:
     """Return a line for each fact of plan, software and machine that differs between the runs."""
+
+    def format_value(value: Any) -> str:
+        return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+
     before, after = _flatten_compared_facts(base.facts), _flatten_compared_facts(head.facts)
     return [
-        f"{name} was {_format_value(before[name])}, is {_format_value(value)}"
+        f"{name} was {format_value(before[name])}, is {format_value(value)}"
         for name, value in after.items()
         if None not in (value, before.get(name)) and value != before[name]
     ]
-
-
-def _format_value(value: Any) -> str:
-    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
 def _flatten_compared_facts(facts: Mapping[str, Any]) -> dict[str, Any]:
@@ -194,3 +212,98 @@ def _flatten_compared_facts(facts: Mapping[str, Any]) -> dict[str, Any]:
     }
     parts = {"plan": facts.get("plan") or {}, "environment": machine, "devices": devices}
     return flatten(parts, ": ")
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Times of one case in both runs: seconds of one draw in each round, (r,) each.
+
+    reference : times of the reference draw in the same rounds, or None if a run has none
+    same_work : True if all counters are equal in both runs
+    polygons : number of polygons drawn, equal in both runs; 0 if unknown
+    same_drawing : True if both versions have the same triangles, which were timed once
+    quiet : (r,) True for the common rounds that the ratio uses, or None for all
+    obstacle : why the machine's state during the two separate runs forbids a comparison, or ""
+    """
+
+    base: Samples
+    head: Samples
+    reference: tuple[Samples, Samples] | None
+    same_work: bool
+    polygons: int = 0
+    same_rounds: bool = False
+    same_drawing: bool = False
+    parts: Parts = (None, None)
+    quiet: NDArray[np.bool_] | None = None
+    obstacle: str = ""
+
+    @cached_property
+    def log_ratio(self) -> float:
+        """Log of HEAD's time over BASE's."""
+        return compute_log_ratio(self.base, self.head)
+
+
+def read_pair(
+    base: Record, head: Record, *, same_work: bool, machines_differ: bool = False
+) -> Pair | TimeChange | None:
+    """Return a case's times in both runs, or None if neither run timed the case.
+
+    Times that cannot be compared give an inconclusive change, with the reason.
+    """
+    if base.time is None and head.time is None:
+        return None
+    before, after = base.time or Time(), head.time or Time()
+    first, second = (select_positive(time.samples_s) for time in (before, after))
+    reason = ""
+    if not len(first) or not len(second):
+        reason = f"{'HEAD' if len(first) else 'BASE'} was not timed"
+    elif before.timer != after.timer:
+        reason = f"timed by {before.timer} clock in BASE, by {after.timer} in HEAD"
+    elif min(len(first), len(second)) < MIN_ROUNDS:
+        reason = f"too few samples ({len(first)} and {len(second)}, minimum {MIN_ROUNDS})"
+    if reason:
+        return TimeChange("inconclusive", reason, **summarise_samples(first, second))
+    pair = Pair(first, second, None, same_work, polygons=head.polygons)
+    references = (select_positive(before.reference_s), select_positive(after.reference_s))
+    if not all(map(len, references)):
+        return pair
+    # A missing sample would shift the following samples to other rounds.
+    complete = len(first) == len(before.samples_s) and len(second) == len(after.samples_s)
+    if complete and before.is_paired_with(after):
+        # A coarse timer may give equal samples by chance, so the sums of the criteria and the
+        # counters must be equal as well.
+        same_counts = (base.predicted, base.counters) == (head.predicted, head.counters)
+        return replace(
+            pair,
+            reference=references,
+            same_rounds=True,
+            same_drawing=same_counts and before == after,
+            parts=(after.epochs or None, after.processes or None),
+            quiet=run_quality.select_rounds(before, after),
+        )
+    obstacle = run_quality.explain_incomparable(before, after, machines_differ=machines_differ)
+    return replace(pair, reference=references, obstacle=obstacle)
+
+
+def select_positive(values: Sequence[Any]) -> Samples:
+    """Return the finite positive numbers among `values`, (n,)."""
+    numbers = np.array([v for v in values if isinstance(v, int | float)], np.float64)
+    return numbers[np.isfinite(numbers) & (numbers > 0)]
+
+
+def compute_low_quantile(samples_s: Sequence[Any]) -> float | None:
+    """Return the low quantile of a record's samples in seconds, or None if there are none."""
+    samples = select_positive(samples_s)
+    return float(np.quantile(samples, QUANTILE)) if len(samples) else None
+
+
+def compute_log_ratio(base: Samples, head: Samples) -> float:
+    """Return the log of HEAD's low quantile over BASE's."""
+    return float(np.log(np.quantile(head, QUANTILE) / np.quantile(base, QUANTILE)))
+
+
+def summarise_samples(base: Samples, head: Samples) -> dict[str, Any]:
+    """Return medians and numbers of rounds by their names in `TimeChange`."""
+    samples = {"base": base, "head": head}
+    medians = {f"{k}_median_s": float(np.median(v)) if len(v) else None for k, v in samples.items()}
+    return medians | {f"{name}_rounds": len(values) for name, values in samples.items()}

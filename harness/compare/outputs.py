@@ -26,7 +26,7 @@ from harness.compare.wording import (
     format_time,
     list_runs,
 )
-from harness.results.record import CaseGroup, CaseId, make_printable
+from harness.results.record import CaseGroup, make_printable
 from harness.style import format_count, make_plain_table
 from harness.webpages import load_template
 
@@ -43,7 +43,10 @@ def to_json(comparison: Comparison) -> dict[str, Any]:
     """Return the content of the JSON report; schema: docs/ci/compare.schema.json."""
     content = asdict(comparison)
     for case, entry in zip(comparison.cases, content["cases"], strict=True):
-        entry["name"] = _describe_case_in_json(case.id)
+        names = {"scene": case.id.scene, "triangulator": case.id.name}
+        names |= {"rasteriser": case.id.rasteriser, "device": case.id.device_name}
+        printed = {name: make_printable(text) for name, text in names.items()}
+        entry["name"] = {**printed, **vars(case.id.view), "options": case.id.options.to_json()}
         del entry["id"]
         entry["regressed"] = comparison.is_regressed(case)
     for drift, entry in zip(comparison.drifts, content["drifts"], strict=True):
@@ -56,13 +59,6 @@ def to_json(comparison: Comparison) -> dict[str, Any]:
         "headline": format_headline(comparison),
         **content,
     }
-
-
-def _describe_case_in_json(case: CaseId) -> dict[str, Any]:
-    names = {"scene": case.scene, "triangulator": case.name}
-    names |= {"rasteriser": case.rasteriser, "device": case.device_name}
-    printed = {name: make_printable(text) for name, text in names.items()}
-    return {**printed, **vars(case.view), "options": case.options.to_json()}
 
 
 STYLES = {"bad": "red", "good": "green", "unsure": "yellow", "plain": ""}
@@ -200,13 +196,6 @@ def _format_facts(comparison: Comparison) -> str:
 TestOutcome = Literal["failure", "error", "skipped", "system-out"]
 """Outcome of a test as a JUnit element; a test with `system-out` passed."""
 
-COUNT_ATTRIBUTES: dict[TestOutcome, str] = {
-    "failure": "failures",
-    "error": "errors",
-    "skipped": "skipped",
-}
-"""Attributes of a suite that count its tests, by outcome."""
-
 FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that XML 1.0 excludes."""
 
@@ -225,9 +214,15 @@ def to_junit(comparison: Comparison) -> str:
             ("cases", "skipped", format_headline(comparison))
         ]
         numbers = Counter(outcome for _, outcome, _ in tests)
-        counts = {name: str(numbers[outcome]) for outcome, name in COUNT_ATTRIBUTES.items()}
-        attributes = {"name": title, "tests": str(len(tests)), **counts}
-        suite = SubElement(suites, "testsuite", attributes)
+        suite = SubElement(
+            suites,
+            "testsuite",
+            name=title,
+            tests=str(len(tests)),
+            failures=str(numbers["failure"]),
+            errors=str(numbers["error"]),
+            skipped=str(numbers["skipped"]),
+        )
         for name, outcome, message in tests:
             test = SubElement(suite, "testcase", classname=title, name=name)
             if outcome == "system-out":
@@ -279,13 +274,6 @@ def _make_time_test(change: TimeChange | Drift, *, gated: bool) -> tuple[TestOut
     return "system-out", text
 
 
-TOTALS = (
-    ("Counters over all compared cases", True),
-    ("Predictions and driver counters", False),
-)
-"""Heading of each table of totals, and its `counted` for `build_totals`."""
-
-
 def to_html(comparison: Comparison, grown: Sequence[GrownPolygon] = ()) -> str:
     """Return a self-contained page without scripts: the verdict, tables and plotted times.
 
@@ -302,5 +290,8 @@ def to_html(comparison: Comparison, grown: Sequence[GrownPolygon] = ()) -> str:
         runs=list_runs(comparison),
         groups=build_tables(comparison),
         totals_heading=TOTALS_HEADING,
-        totals=[(title, build_totals(comparison, counted=counted)) for title, counted in TOTALS],
+        totals=[
+            ("Counters over all compared cases", build_totals(comparison, counted=True)),
+            ("Predictions and driver counters", build_totals(comparison, counted=False)),
+        ],
     )

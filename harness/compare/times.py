@@ -22,42 +22,29 @@ if the interval lies inside the threshold.
 import math
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from harness.compare.machine_shift import (
-    MIN_PEERS,
-    MachineShift,
-    estimate_peer_shift,
-    get_two_sided_quantile,
+from harness.compare.matching import (
+    QUANTILE,
+    Pair,
+    Parts,
+    Samples,
+    compute_log_ratio,
+    summarise_samples,
 )
-from harness.compare.model import Drift, Outcome, Settings, TimeChange
-from harness.results.record import CaseGroup, Record, Time
-from harness.stats import run_quality
+from harness.compare.model import Against, Drift, Outcome, Settings, TimeChange
+from harness.results.record import CaseGroup
 from harness.stats.intervals import compute_paired_ratio
-from harness.stats.run_quality import MIN_QUIET_ROUNDS, select_rounds
-
-QUANTILE = 0.1
-"""Quantile of the samples that represents a case's time: low enough to exclude samples that other
-programs lengthened, steadier than the minimum."""
+from harness.stats.run_quality import MIN_QUIET_ROUNDS
 
 RESAMPLES = 2000  # of the bootstrap, for an interval
 
 MAX_ROUNDS_Q = 1e-3
 """Maximum q-value of a change in common rounds: 1 in 1,000 reported changes may be chance."""
-
-Samples = NDArray[np.float64]
-
-Parts = tuple[Sequence[int] | None, Sequence[int] | None]
-"""Number of rounds in each epoch, and in each process; None if unknown."""
-
-MIN_ROUNDS = 8
-"""Minimum number of samples of a case that both runs must have."""
 
 MIN_STEADY_PEERS = 2
 """Minimum number of peers with equal counters in both runs; with fewer, all peers are used."""
@@ -65,84 +52,30 @@ MIN_STEADY_PEERS = 2
 DRIFT_SD = 0.015
 """Standard deviation of log ratios of equal code about the reference draw's log ratio."""
 
+MIN_PEERS = 3
+"""Minimum number of peers (cases timed together), whatever their counters; with fewer, the
+reference draw is used."""
 
-@dataclass(frozen=True)
-class Pair:
-    """Times of one case in both runs: seconds of one draw in each round, (r,) each.
+MIN_CASE_SD = 0.0075
+"""Minimum standard deviation of a case's log ratio between two runs of equal code."""
 
-    reference : times of the reference draw in the same rounds, or None if a run has none
-    same_work : True if all counters are equal in both runs
-    polygons : number of polygons drawn, equal in both runs; 0 if unknown
-    same_rounds : True if both versions were timed in the same rounds
-    same_drawing : True if both versions have the same triangles, which were timed once
-    parts : number of common rounds in each epoch and in each process
-    quiet : (r,) True for the common rounds that the ratio uses, or None for all
-    obstacle : why the machine's state during the two separate runs forbids a comparison, or ""
+OUTLIER_CONFIDENCE = 0.99
+"""Confidence of the interval of all peers but one; if just one peer is outside, it is excluded."""
+
+
+class MachineShift(NamedTuple):
+    """The machine's share of a case's log ratio, between `low` and `high`.
+
+    sd : standard deviation of the case's log ratio about the share
+    degrees : degrees of freedom of `sd`; inf if `sd` is a constant, not an estimate
+    against : source of the estimate
     """
 
-    base: Samples
-    head: Samples
-    reference: tuple[Samples, Samples] | None
-    same_work: bool
-    polygons: int = 0
-    same_rounds: bool = False
-    same_drawing: bool = False
-    parts: Parts = (None, None)
-    quiet: NDArray[np.bool_] | None = None
-    obstacle: str = ""
-
-    @cached_property
-    def log_ratio(self) -> float:
-        """Log of HEAD's time over BASE's."""
-        return compute_log_ratio(self.base, self.head)
-
-
-def read_pair(
-    base: Record, head: Record, *, same_work: bool, machines_differ: bool = False
-) -> Pair | TimeChange | None:
-    """Return a case's times in both runs, or None if neither run timed the case.
-
-    Times that cannot be compared give an inconclusive change, with the reason.
-    """
-    if base.time is None and head.time is None:
-        return None
-    before, after = base.time or Time(), head.time or Time()
-    first, second = (select_positive(time.samples_s) for time in (before, after))
-    reason = ""
-    if not len(first) or not len(second):
-        reason = f"{'HEAD' if len(first) else 'BASE'} was not timed"
-    elif before.timer != after.timer:
-        reason = f"timed by {before.timer} clock in BASE, by {after.timer} in HEAD"
-    elif min(len(first), len(second)) < MIN_ROUNDS:
-        reason = f"too few samples ({len(first)} and {len(second)}, minimum {MIN_ROUNDS})"
-    if reason:
-        return _make_inconclusive(first, second, reason)
-    pair = Pair(first, second, None, same_work, polygons=head.polygons)
-    references = (select_positive(before.reference_s), select_positive(after.reference_s))
-    if not all(map(len, references)):
-        return pair
-    # A missing sample would shift the following samples to other rounds.
-    complete = len(first) == len(before.samples_s) and len(second) == len(after.samples_s)
-    if complete and before.is_paired_with(after):
-        return replace(
-            pair,
-            reference=references,
-            same_rounds=True,
-            same_drawing=_is_same_drawing(base, head),
-            parts=(after.epochs or None, after.processes or None),
-            quiet=select_rounds(before, after),
-        )
-    obstacle = run_quality.explain_incomparable(before, after, machines_differ=machines_differ)
-    return replace(pair, reference=references, obstacle=obstacle)
-
-
-def _is_same_drawing(base: Record, head: Record) -> bool:
-    """Return whether both versions have equal triangles, so that one drawing was timed for both.
-
-    Both records then have the same samples. A coarse timer may give equal samples by chance, so the
-    sums of the criteria and the counters must be equal as well.
-    """
-    return (base.time, base.predicted, base.counters) == (head.time, head.predicted, head.counters)
+    low: float
+    high: float
+    sd: float
+    degrees: float
+    against: Against
 
 
 def compare_group(
@@ -156,7 +89,9 @@ def compare_group(
     """
     if all(pair.same_rounds for pair in pairs):
         changes = [
-            _make_unchanged(pair)
+            TimeChange(
+                "unchanged", "", against="same-triangles", **summarise_samples(pair.base, pair.head)
+            )
             if pair.same_drawing
             else compare_rounds(pair.base, pair.head, settings, pair.parts, pair.quiet)
             for pair in pairs
@@ -178,7 +113,7 @@ def compare_group(
         peers = [*pairs[:number], *pairs[number + 1 :]]
         shift = pair.obstacle or _estimate_shift(pair, peers, settings, machines_differ)
         changes.append(
-            _make_inconclusive(pair.base, pair.head, shift)
+            TimeChange("inconclusive", shift, **summarise_samples(pair.base, pair.head))
             if isinstance(shift, str)
             else _compare_with_shift(pair, errors[number], shift, settings)
         )
@@ -214,6 +149,58 @@ def _estimate_shift(
     return MachineShift(low, high, DRIFT_SD, math.inf, "reference")
 
 
+def estimate_peer_shift(logs: NDArray[np.float64], confidence: float) -> MachineShift:
+    """Return the machine's share of a case's log ratio, from the (k,) log ratios of its peers.
+
+    With equal code all k + 1 log ratios scatter about the drift with the same unknown standard
+    deviation sigma. A median of k normal values has about pi / 2k of their variance, so the
+    case x lies about the peers' median m with variance sigma^2 (1 + pi / 2k). With the sample
+    deviation s in place of sigma, (x - m) / (s sqrt(1 + pi / 2k)) follows Student's distribution
+    with k - 1 degrees of freedom: the interval covers 95.2 to 95.6 % for 2 to 8 peers. Taking s as
+    known (1.96) gave a false regression in 17 % of comparisons of six cases whose times differ by
+    2 % between processes.
+
+    sigma is at least `MIN_CASE_SD`, and peers can agree by chance. If sigma equals that minimum,
+    the normal quantile times `MIN_CASE_SD` is wide enough; if sigma is larger, Student's quantile
+    times s is. So the larger of both is used. A single peer with changed code would widen the
+    interval of all cases, so one peer outside the 99 % interval of the other peers is excluded.
+    """
+    if len(logs) > MIN_PEERS:
+        shifts = [
+            _estimate_from_peers(np.delete(logs, peer), confidence) for peer in range(len(logs))
+        ]
+        changed = [
+            abs(log - shift.low)
+            > get_two_sided_quantile(OUTLIER_CONFIDENCE, shift.degrees) * shift.sd
+            for log, shift in zip(logs, shifts, strict=True)
+        ]
+        if sum(changed) == 1:
+            return shifts[changed.index(True)]
+    return _estimate_from_peers(logs, confidence)
+
+
+def _estimate_from_peers(logs: NDArray[np.float64], confidence: float) -> MachineShift:
+    """Return the median of (k,) peers' log ratios and the deviation of a case about the median."""
+    count = len(logs)
+    sd, degrees = float(np.std(logs, ddof=1)), float(count - 1)
+    if (
+        get_two_sided_quantile(confidence, degrees) * sd
+        <= get_two_sided_quantile(confidence) * MIN_CASE_SD
+    ):
+        sd, degrees = MIN_CASE_SD, math.inf
+    middle = float(np.median(logs))
+    sd *= math.sqrt(1 + math.pi / (2 * count))
+    return MachineShift(middle, middle, sd, degrees, "peers")
+
+
+def get_two_sided_quantile(confidence: float, degrees: float = math.inf) -> float:
+    """Return a two-sided interval's half-width in standard deviations, by Student's distribution.
+
+    degrees : degrees of freedom; inf for the normal distribution
+    """
+    return float(stats.t.ppf(0.5 + confidence / 2, degrees))
+
+
 def _compare_with_shift(
     pair: Pair, error: Samples, shift: MachineShift, settings: Settings
 ) -> TimeChange:
@@ -229,7 +216,11 @@ def _compare_with_shift(
     high = highest + math.hypot(error[1], margin)
     threshold = settings.get_time_threshold(paired=False)
     outcome, reason = classify_change(lowest, highest, low, high, threshold)
-    faster = _select_faster_half(pair.base), _select_faster_half(pair.head * math.exp(middle - raw))
+    # Other programs lengthen some samples of the slower half.
+    faster = [
+        np.sort(samples)[: (len(samples) + 1) // 2]
+        for samples in (pair.base, pair.head * math.exp(middle - raw))
+    ]
     p_value = float(stats.mannwhitneyu(*faster, alternative="two-sided").pvalue)
     # A change needs both the test and the interval, so the weaker of the two is corrected.
     interval_p = _compute_p_value(lowest, highest, low, high, settings.confidence, shift.degrees)
@@ -243,11 +234,6 @@ def _compare_with_shift(
         q_value=max(p_value, interval_p),
         **summarise_samples(pair.base, pair.head),
     )
-
-
-def _select_faster_half(samples: Samples) -> Samples:
-    """Return the samples up to their median: other programs lengthen some of the slower half."""
-    return np.sort(samples)[: (len(samples) + 1) // 2]
 
 
 def _measure_run_drift(
@@ -304,17 +290,6 @@ def _compute_p_value(
     )
 
 
-def _make_inconclusive(base: Samples, head: Samples, reason: str) -> TimeChange:
-    return TimeChange("inconclusive", reason, **summarise_samples(base, head))
-
-
-def _make_unchanged(pair: Pair) -> TimeChange:
-    """Return the change, without a test, of a case with equal triangles in both versions."""
-    return TimeChange(
-        "unchanged", "", against="same-triangles", **summarise_samples(pair.base, pair.head)
-    )
-
-
 def classify_change(
     lowest: float, highest: float, low: float, high: float, threshold: float
 ) -> tuple[Outcome, str]:
@@ -344,7 +319,6 @@ def compare_rounds(
 ) -> TimeChange:
     """Compare two versions by the ratios of rounds; element r of both is from round r.
 
-    parts : number of rounds in each epoch and in each process, in order
     quiet : (r,) True for the rounds to use. A round in which one version waited for a core is left
         out; any other disturbance affects both versions alike
     """
@@ -361,13 +335,6 @@ def compare_rounds(
         q_value=p_value,
         **summarise_samples(base, head),
     )
-
-
-def summarise_samples(base: Samples, head: Samples) -> dict[str, Any]:
-    """Return medians and numbers of rounds by their names in `TimeChange`."""
-    samples = {"base": base, "head": head}
-    medians = {f"{k}_median_s": float(np.median(v)) if len(v) else None for k, v in samples.items()}
-    return medians | {f"{name}_rounds": len(values) for name, values in samples.items()}
 
 
 def measure_round_drift(
@@ -398,25 +365,13 @@ def compute_sign_p_value(logs: Samples) -> float:
     return float(stats.binomtest(slower, slower + faster).pvalue)
 
 
-def select_positive(values: Sequence[Any]) -> Samples:
-    """Return the finite positive numbers among `values`, (n,)."""
-    numbers = np.array([v for v in values if isinstance(v, int | float)], np.float64)
-    return numbers[np.isfinite(numbers) & (numbers > 0)]
-
-
-def compute_low_quantile(samples_s: Sequence[Any]) -> float | None:
-    """Return the low quantile of a record's samples in seconds, or None if there are none."""
-    samples = select_positive(samples_s)
-    return float(np.quantile(samples, QUANTILE)) if len(samples) else None
-
-
-def compute_log_ratio(base: Samples, head: Samples) -> float:
-    """Return the log of HEAD's low quantile over BASE's."""
-    return float(np.log(np.quantile(head, QUANTILE) / np.quantile(base, QUANTILE)))
-
-
 def compute_margins(base: Samples, head: Samples, confidence: float) -> Samples:
-    """Return (2,) how far the bootstrap interval extends below and above `compute_log_ratio`."""
+    """Return (2,) how far the bootstrap interval extends below and above `compute_log_ratio`.
+
+    No sample is drawn: the k-th smallest of n uniform numbers has the distribution Beta(k, n+1-k),
+    and the next larger is the minimum of the n-k above. Their positions among the sorted samples
+    are distributed as if n samples had been drawn, so 100,000 samples cost as little as thirty.
+    """
     rng = np.random.default_rng(zlib.crc32(base.tobytes() + head.tobytes()))
     ratios = np.log(_resample_quantiles(head, rng) / _resample_quantiles(base, rng))
     low, high = np.quantile(ratios, [(1 - confidence) / 2, (1 + confidence) / 2])
@@ -425,12 +380,7 @@ def compute_margins(base: Samples, head: Samples, confidence: float) -> Samples:
 
 
 def _resample_quantiles(samples: Samples, rng: np.random.Generator) -> Samples:
-    """Return (RESAMPLES,) low quantiles of samples drawn from `samples` with replacement.
-
-    No sample is drawn: the k-th smallest of n uniform numbers has the distribution Beta(k, n+1-k),
-    and the next larger is the minimum of the n-k above. Their positions among the sorted samples
-    are distributed as if n samples had been drawn, so 100,000 samples cost as little as thirty.
-    """
+    """Return (RESAMPLES,) low quantiles of samples drawn from `samples` with replacement."""
     n = len(samples)
     position = QUANTILE * (n - 1)  # NumPy's definition: between the order statistics k and k + 1
     k = int(position) + 1

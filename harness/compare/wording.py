@@ -16,7 +16,6 @@ from harness.compare.model import (
     CounterChange,
     Drift,
     TimeChange,
-    Total,
 )
 from harness.metrics.registry import find_metric
 from harness.results.record import make_printable
@@ -185,15 +184,12 @@ def describe_case(comparison: Comparison, case: CaseChange) -> tuple[Kind, str]:
         return "bad" if comparison.is_regressed(case) else "unsure" if is_unsure else "plain", text
     gated_time = case.time if comparison.settings.gates_time else None
     outcome = gated_time.outcome if gated_time else "unchanged"
-    worse = sort_by_cost(
-        change.metric for change in case.list_regressed_counters() if change.exact == "worse"
-    )
+    regressed = case.list_regressed_counters()
+    worse = sort_by_cost(change.metric for change in regressed if change.exact == "worse")
     worse += ["time"] * (outcome == "regressed")
     kinds = {change.exact for change in case.counters if change.threshold is not None}
     kind: Kind = "plain"
-    pixel_changes = [
-        change.metric for change in case.list_regressed_counters() if change.exact == "changed"
-    ]
+    pixel_changes = [change.metric for change in regressed if change.exact == "changed"]
     if worse or pixel_changes or case.lost:
         parts = {
             "regressed": worse,
@@ -334,22 +330,19 @@ def build_totals(comparison: Comparison, *, counted: bool) -> list[tuple[str, ..
 
     counted : True for the counters of the cost, False for predictions and a driver's counters
     """
-    differing = [total for total in comparison.totals if total.affected]
     return [
-        _format_total(total) for total in differing if find_metric(total.metric).is_cost == counted
+        (
+            join_names([total.metric]),
+            f"{total.affected} of {total.cases}",
+            str(total.better),
+            str(total.worse),
+            format_number(total.base),
+            format_number(total.head),
+            "" if total.change is None else format_percent(total.change),
+        )
+        for total in comparison.totals
+        if total.affected and find_metric(total.metric).is_cost == counted
     ]
-
-
-def _format_total(total: Total) -> tuple[str, ...]:
-    affected = f"{total.affected} of {total.cases}"
-    change = "" if total.change is None else format_percent(total.change)
-    numbers = (
-        str(total.better),
-        str(total.worse),
-        format_number(total.base),
-        format_number(total.head),
-    )
-    return (join_names([total.metric]), affected, *numbers, change)
 
 
 def list_runs(comparison: Comparison) -> list[str]:

@@ -71,15 +71,6 @@ class OtherVersion:
         return file is not None and hash_sources(Path(file).parent) == head_hash
 
 
-def make_base_facts(facts: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the content of the baseline's `run.json`, from the content of the run's, `facts`."""
-    baseline = facts["beside"]
-    environment = dict(facts["environment"])
-    project = {**(environment.get("project") or {}), "commit": baseline["commit"], "dirty": False}
-    environment["project"] = project if baseline["commit"] else None
-    return {**facts, "environment": environment, "beside": {**baseline, "is_base": True}}
-
-
 @contextmanager
 def open_other_version(reference: str, triangulators: Sequence[str]) -> Iterator[OtherVersion]:
     """Yield another version of the user's code, which exists until the end of the block.

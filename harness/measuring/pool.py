@@ -9,19 +9,22 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
 from shapely import Polygon
 
 from harness.frame import Frame
 from harness.measuring import tasks
 from harness.measuring.other_version import OtherVersion, triangulate_with_other_version
 from harness.measuring.timing import Times
+from harness.metrics.registry import MIN_QUADS, OUTLINE
 from harness.rasterisers import BUILT_IN
 from harness.rasterisers.base import Counters, Device, Options, Triangles
 from harness.settings import TimingSettings
 from harness.triangulating.recipes import Recipe
 from harness.triangulating.result import FrameTriangulation
 from harness.triangulating.triangulate import time_in_rounds, triangulate_polygons, warm_up
-from harness.workers.pool import WorkerPool, WorkerSpec, get_third_party_limits
+from harness.workers.pool import WorkerPool, WorkerSpec, get_third_party_limits, wait_for_result
 from harness.workers.worker import Limits, OpenWorker, TaskError, TaskTimeoutError
 from triangulators.compute.compiled_files import is_cached
 from triangulators.devices import count_usable_cores
@@ -62,6 +65,17 @@ def get_triangulator_worker(recipe: Recipe) -> WorkerSpec:
     if recipe.builtin:
         return TRIANGULATORS
     return WorkerSpec(f"triangulator {recipe}", limits=get_third_party_limits())
+
+
+def collect_bounds(
+    pending: Mapping[str, Future[NDArray[np.int64]]],
+) -> dict[str, NDArray[np.int64]]:
+    """Wait for lower bounds, (p,) by name, -1 if unknown; omit a bound that fails to compute."""
+    bounds = {}
+    for name, future in pending.items():
+        with suppress(TaskError):  # measurements do not depend on the bounds
+            bounds[name] = wait_for_result(future)
+    return bounds
 
 
 @dataclass(frozen=True)
@@ -220,6 +234,22 @@ class MeasuringPool(WorkerPool):
         """Start a function in the second process, with the time limit of compiling."""
         timeout_s = max(COMPILE_TIMEOUT_S, self.timeout_s)
         return self.submit(SECOND_PROCESS, function, *arguments, timeout_s=timeout_s)
+
+    def start_bounds(
+        self, frame: Frame, parts: Sequence[NDArray[np.int32] | None]
+    ) -> dict[str, Future[NDArray[np.int64]]]:
+        """Start computing lower bounds of each polygon's quads in the second process.
+
+        parts : for each polygon any triangulation (m, 3) that uses every vertex, or None
+
+        Returns futures of (p,) by name: `OUTLINE`, the quads that the undivided polygon covers, and
+        `MIN_QUADS`, the minimum over all triangulations.
+        """
+        compute = self.compute_in_second_process
+        return {
+            OUTLINE: compute(tasks.compute_outline_bounds, frame, parts),
+            MIN_QUADS: compute(tasks.compute_min_quads, frame, self.database),
+        }
 
     def open_device(self, backend: Backend) -> tasks.OpenedDevice:
         """Open a device and test its timer on the first call; return the device's details.

@@ -29,11 +29,10 @@ from harness.measuring.other_version import FOLDER as BASE_FOLDER
 from harness.measuring.other_version import OtherVersion
 from harness.measuring.plan import Plan
 from harness.measuring.pool import MeasuringPool
-from harness.measuring.records import RunWriter
-from harness.measuring.reference_draws import get_default_path, update_reference_draws
+from harness.measuring.records import RunWriter, get_default_path, update_reference_draws
 from harness.measuring.scene import Calibrate, SceneRun
 from harness.metrics.decision import Decided, decide_run
-from harness.metrics.processors import may_be_same_processor, read_processor
+from harness.metrics.groups import may_be_same_processor, read_processor
 from harness.progress import Reporter, detach_terminal
 from harness.results.record import Record, RunFacts
 from harness.results.run_folder import (

@@ -1,6 +1,7 @@
 """Measurement of one scene, view by view: framing, triangulation, counting, timing."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -8,10 +9,11 @@ from numpy.typing import NDArray
 
 from harness.errors import HarnessError
 from harness.frame import Frame, View, make_scene_frame
-from harness.measuring import lower_limits, records
+from harness.measuring import records
 from harness.measuring.loading import UsableBackend
 from harness.measuring.plan import Plan
-from harness.measuring.pool import Backend, MeasuringPool
+from harness.measuring.pool import Backend, MeasuringPool, collect_bounds
+from harness.measuring.tasks import EXACT_QUADS
 from harness.metrics.registry import PREDICTED
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters, Options, order_submission
@@ -53,7 +55,7 @@ class _ViewState:
     """Frame of one view, and results in that frame that all groups share.
 
     triangulations, triangles : by recipe, the result, and the result's triangles (m, 3)
-    limits : lower bounds of quads, (p,) by name, see `lower_limits`; {} if `COVERAGE_RECIPE` failed
+    limits : lower bounds of quads, (p,) by name, see `start_bounds`; {} if `COVERAGE_RECIPE` failed
     vertices : vertex batches and transformed vertices by recipe, order and seed
     calibrated : by recipe of the plan, the recipe that `SceneRun.calibrate` chose for this view
     """
@@ -179,21 +181,16 @@ class SceneRun:
             for recipe in recipes
             if recipe not in self.broken and not recipe.other and recipe.base != ORIGINAL
         ]
-        self.pool.compile_ahead([*compiled, lower_limits.EXACT_QUADS])
-        limits: lower_limits.Pending = {}
+        self.pool.compile_ahead([*compiled, EXACT_QUADS])
+        limits: Mapping[str, Future[NDArray[np.int64]]] = {}
         with self.reporter.stage("triangulating", len(recipes)) as stage:
             for recipe in recipes:
-                result: FrameTriangulation | tuple[Status, str] = (
-                    "failed",
-                    self.broken.get(recipe, ""),
-                )
-                if recipe not in self.broken:
-                    result = self._triangulate_one(current, recipe, stage.refresh)
+                result = self._triangulate_one(current, recipe, stage.refresh)
                 if isinstance(result, FrameTriangulation):
                     current.triangulations[recipe] = result
                     current.triangles[recipe] = current.frame.join_triangles(result.parts)
                     if recipe == COVERAGE_RECIPE:
-                        limits = lower_limits.start_bounds(current.frame, result.parts, self.pool)
+                        limits = self.pool.start_bounds(current.frame, result.parts)
                 else:
                     for group in groups:
                         if recipe in group.cases:
@@ -201,7 +198,7 @@ class SceneRun:
                 stage.advance()
         message = "computing minimum quad counts (for regret) ..."
         with self.reporter.say_if_long(message, MESSAGE_AFTER_S):
-            current.limits = lower_limits.collect_bounds(limits)
+            current.limits = collect_bounds(limits)
 
     def _triangulate_one(
         self, current: _ViewState, recipe: Recipe, tick: Callable[[float], None]
@@ -210,6 +207,8 @@ class SceneRun:
 
         If the baseline's built-in triangulators equal the current ones, both use one result.
         """
+        if recipe in self.broken:
+            return "failed", self.broken[recipe]
 
         def report_wait(waited: float) -> None:
             if waited > MESSAGE_AFTER_S:

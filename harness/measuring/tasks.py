@@ -1,14 +1,16 @@
-"""Tasks of a device's worker: opening the device, counting and timing.
+"""Tasks of the workers: opening a device, counting, timing, and lower bounds of quads.
 
-These functions run in the worker process; the parent calls them through `MeasuringPool`.
+These functions run in a worker process; the parent calls them through `MeasuringPool`.
 """
 
 import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness import rasterisers
 from harness.frame import Frame, make_bare_frame
@@ -22,7 +24,10 @@ from harness.measuring.timing import (
     time_together,
 )
 from harness.rasterisers.base import Counters, Device, Drawing, Options, Rasteriser, Triangles
+from harness.rasterisers.reference import count_outline_quads, count_quads
 from harness.settings import TimingSettings
+from harness.triangulating.recipes import parse
+from harness.triangulating.triangulate import triangulate_polygons, warm_up
 
 Candidate = tuple[Frame, Triangles, Options]
 """A drawing to time: frame, triangles (m, 3), and options of drawing."""
@@ -32,6 +37,20 @@ SELF_TEST_LAYERS = 256
 SELF_TEST_S = 10e-3
 """Viewport, maximum number of viewport-filling layers, and minimum seconds of the draw by which
 timers are compared; layers are added until the draw takes that long."""
+
+
+EXACT_QUADS = parse("optimal:exact-quads")
+
+MAX_SEARCH_S = 2.0
+"""Time budget per frame for minimum quad counts: maximum sum of `estimate_search_seconds`."""
+
+ROW_S = 6e-9
+"""Seconds to count the quads of a triangle, per row of pixels (measured: 2 to 6 ns). The dynamic
+program over n vertices counts n^3 / 6 triangles, on average half as high as the polygon."""
+
+HOLES_S = 2e-7
+"""Seconds to solve a polygon with holes by a linear program, divided by the cube of the vertex
+count (measured: 10 to 450 ns; the largest polygons have the largest quotients)."""
 
 
 @dataclass(frozen=True)
@@ -146,3 +165,61 @@ def select_device_timer(rasteriser: Rasteriser) -> TimerTest:
             if layers >= SELF_TEST_LAYERS or drawing.sample(1).wall >= SELF_TEST_S:
                 return select_timer(drawing, software=rasteriser.device.software)
         layers *= 4
+
+
+def compute_outline_bounds(
+    frame: Frame, parts: Sequence[NDArray[np.int32] | None]
+) -> NDArray[np.int64]:
+    """Return the quads that each polygon's outline covers, (p,), or -1 if unknown.
+
+    A model's triangles outside its polygons (`is_loose`) have no outline, so their bound is the
+    quads that they shade. With a depth test all are -1, because hidden quads are not shaded.
+    """
+    if frame.viewing is None:
+        return count_outline_quads(frame, parts)
+    if frame.viewing.depths is not None:
+        return np.full(len(parts), -1)
+    is_loose = frame.viewing.source == len(frame.viewing.polygon_triangles)
+    return np.where(is_loose, count_quads(frame, parts), count_outline_quads(frame, parts))
+
+
+def estimate_search_seconds(frame: Frame) -> NDArray[np.float64]:
+    """Return the estimated seconds to find the minimum quad count of each polygon, (p,).
+
+    The estimate is infinite for polygons that a tile's edge cuts, as these are not solved.
+    """
+    cubes = frame.grid.vertex_counts.astype(np.float64) ** 3
+    low, high = frame.polygons.bounds()
+    simple = cubes / 6 * (1 + (high - low)[:, 1] / 2) * ROW_S
+    holes = frame.grid.ring_counts > 1
+    seconds: NDArray[np.float64] = np.where(holes, np.maximum(simple, cubes * HOLES_S), simple)
+    if frame.scissor is None:
+        return seconds
+    # A triangulation with minimum quads for a polygon need not be minimal for its visible part.
+    x, y, width, height = frame.scissor
+    inside = (low >= (x, y)) & (high <= (x + width, y + height))
+    return np.where(inside.all(axis=1), seconds, np.inf)
+
+
+def compute_min_quads(frame: Frame, database: Path | None) -> NDArray[np.int64]:
+    """Return the proven minimum quads of each polygon, (p,), -1 if unknown; loads compiled code.
+
+    Polygons are solved in order of the estimated time, up to `MAX_SEARCH_S`. Views of a model are
+    not solved: a face seen at an angle is not a valid polygon on the grid.
+    """
+    unknown = np.full(len(frame.polygons), -1)
+    if frame.viewing is not None:
+        return unknown
+    seconds = estimate_search_seconds(frame)
+    order = np.argsort(seconds, kind="stable")
+    solvable = np.sort(order[np.cumsum(seconds[order]) <= MAX_SEARCH_S])
+    if not len(solvable):
+        return unknown
+    warm_up(EXACT_QUADS)
+    result = triangulate_polygons(EXACT_QUADS, frame.polygons.take(solvable), database)
+    parts: list[NDArray[np.int32] | None] = [None] * len(unknown)
+    gaps = iter(result.gaps)
+    for index, part in zip(solvable.tolist(), result.parts, strict=True):
+        if part is not None and next(gaps) == 0.0:
+            parts[index] = part
+    return np.where([part is not None for part in parts], count_quads(frame, parts), unknown)

@@ -10,9 +10,14 @@ import numpy as np
 
 from harness import atomic
 from harness.errors import IncompatibleRunsError, InputError
-from harness.metrics.groups import RecordGroup, group_run
+from harness.metrics.groups import (
+    RecordGroup,
+    group_run,
+    is_drawn_in_software,
+    may_be_same_processor,
+    read_processor,
+)
 from harness.metrics.per_polygon import compute_rank_correlation
-from harness.metrics.processors import is_drawn_in_software, may_be_same_processor, read_processor
 from harness.metrics.registry import list_predictions
 from harness.profile.report import name_device_model
 from harness.results.run_folder import Run

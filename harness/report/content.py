@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from harness.machine.git import get_commit
 from harness.metrics.decision import Decided, Decision, Standing, decide_run, format_advice
-from harness.metrics.groups import RecordGroup, describe_views
+from harness.metrics.groups import RecordGroup, describe_views, read_processor
 from harness.metrics.per_polygon import (
     Columns,
     compute_rank_correlation,
@@ -19,7 +19,6 @@ from harness.metrics.per_polygon import (
     pair_ratios,
     read_columns,
 )
-from harness.metrics.processors import read_processor
 from harness.metrics.registry import (
     PREDICTED,
     Metric,

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.errors import IncompatibleRunsError, InputError, UsageError
-from harness.metrics.processors import find_mixed_processors, format_processors
+from harness.metrics.groups import find_mixed_processors, format_processors
 from harness.results import drawings
 from harness.results.parsing import record_to_json
 from harness.results.record import HOST_MARK, CaseGroup, Record, RunFacts

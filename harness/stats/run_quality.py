@@ -4,7 +4,7 @@ A CPU rasteriser is timed by the CPU time of its process. Waiting for a core doe
 time, but the program that used the core meanwhile has replaced the content of the caches. Programs
 that share the core or its caches also lengthen all draws and change their ratios without any
 waiting. Only the reference draw of the same rounds, compared with the fastest on this machine
-(`harness.measuring.reference_draws`), reveals this disturbance; the load average does not, and no
+(`harness.measuring.records`), reveals this disturbance; the load average does not, and no
 number of rounds averages the disturbance out.
 
 Times of a disturbed run are not used, except for two versions timed in the same rounds, which are

@@ -23,8 +23,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from harness.compare.matching import Pair
 from harness.compare.model import Settings
-from harness.compare.times import Pair, compare_group
+from harness.compare.times import compare_group
 from harness.frame import View
 from harness.metrics.break_even import compute_break_even
 from harness.metrics.decision import decide_group

@@ -11,15 +11,14 @@ from hypothesis import strategies as st
 from scipy.stats import t as student
 
 from harness.compare.comparison import correct_q_values
-from harness.compare.machine_shift import estimate_peer_shift
+from harness.compare.matching import Pair, read_pair
 from harness.compare.model import Settings, TimeChange
 from harness.compare.times import (
     MAX_ROUNDS_Q,
-    Pair,
     classify_change,
     compare_group,
+    estimate_peer_shift,
     measure_round_drift,
-    read_pair,
 )
 from tests.records import make_record
 

@@ -13,7 +13,7 @@ from harness.errors import IncompatibleRunsError
 from harness.history import format_run_label, read_series
 from harness.machine import environment
 from harness.machine.git import COMMITS, describe_project, get_commit
-from harness.metrics import processors
+from harness.metrics import groups
 from harness.results.run_folder import Run, read_run
 from harness.scaling import merging
 from harness.workers.pool import get_third_party_limits
@@ -141,13 +141,13 @@ def test_cache_sizes_are_in_bytes(tmp_path):
 
 
 def test_missing_processor_facts_are_compatible():
-    assert processors.may_be_same_processor("AMD EPYC", EPYC)
-    assert processors.may_be_same_processor("", EPYC)
-    assert not processors.may_be_same_processor(XEON, EPYC)
-    assert processors.list_distinct_processors(["AMD EPYC", EPYC]) == []
-    assert processors.list_distinct_processors(["AMD EPYC", EPYC, XEON, XEON]) == [EPYC, XEON]
-    assert processors.read_processor({"environment": {"cpu": "AMD EPYC"}}) == "AMD EPYC"
-    assert processors.read_processor({"cpu": "damaged", "environment": 3}) == ""
+    assert groups.may_be_same_processor("AMD EPYC", EPYC)
+    assert groups.may_be_same_processor("", EPYC)
+    assert not groups.may_be_same_processor(XEON, EPYC)
+    assert groups.list_distinct_processors(["AMD EPYC", EPYC]) == []
+    assert groups.list_distinct_processors(["AMD EPYC", EPYC, XEON, XEON]) == [EPYC, XEON]
+    assert groups.read_processor({"environment": {"cpu": "AMD EPYC"}}) == "AMD EPYC"
+    assert groups.read_processor({"cpu": "damaged", "environment": 3}) == ""
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ import pytest
 import shapely
 
 from harness.frame import View, make_frame
-from harness.measuring import lower_limits, records
-from harness.measuring.pool import MeasuringPool
+from harness.measuring import records, tasks
+from harness.measuring.pool import MeasuringPool, collect_bounds
 from harness.metrics.registry import MIN_QUADS, OUTLINE, find_metric
 from harness.rasterisers.reference import count_outline_quads
 from harness.results.record import LeastQuads
@@ -24,7 +24,7 @@ from triangulators import triangulate
 def get_limits(frame, open_worker=inline):
     parts = [triangulate(polygon, "delaunay") for polygon in frame.polygons]
     with closing(MeasuringPool(open_worker, 60)) as pool:
-        return lower_limits.collect_bounds(lower_limits.start_bounds(frame, parts, pool))
+        return collect_bounds(pool.start_bounds(frame, parts))
 
 
 def test_minimum_quads_are_between_outline_and_triangulations():
@@ -33,15 +33,15 @@ def test_minimum_quads_are_between_outline_and_triangulations():
     assert (limits[OUTLINE] <= limits[MIN_QUADS]).all()
     for name in ("ear-clipping", "optimal:expected-quads", "optimal:half-perimeter", "greedy"):
         parts = [triangulate(polygon, name) for polygon in frame.polygons]
-        of_polygon = lower_limits.count_quads(frame, parts)
+        of_polygon = tasks.count_quads(frame, parts)
         assert (limits[MIN_QUADS] <= of_polygon).all()
         assert (limits[MIN_QUADS] < of_polygon).any()
 
 
 def test_the_quickest_polygons_are_solved_within_the_budget(monkeypatch):
     frame = make_frame(load("city:buildings=25").polygons, View(200))
-    seconds = lower_limits.estimate_search_seconds(frame)
-    monkeypatch.setattr(lower_limits, "MAX_SEARCH_S", seconds.sum() / 2)
+    seconds = tasks.estimate_search_seconds(frame)
+    monkeypatch.setattr(tasks, "MAX_SEARCH_S", seconds.sum() / 2)
     has_minimum = get_limits(frame)[MIN_QUADS] >= 0
     assert has_minimum.any()
     assert seconds[has_minimum].max() <= seconds[~has_minimum].min()
@@ -50,26 +50,25 @@ def test_the_quickest_polygons_are_solved_within_the_budget(monkeypatch):
         <= seconds.sum() / 2
         < seconds[has_minimum].sum() + seconds[~has_minimum].min()
     )
-    monkeypatch.setattr(lower_limits, "MAX_SEARCH_S", 0.0)
+    monkeypatch.setattr(tasks, "MAX_SEARCH_S", 0.0)
     assert (get_limits(frame)[MIN_QUADS] == -1).all()
 
 
 def test_seconds_grow_with_height_vertices_and_holes():
     square = shapely.box(0, 0, 100, 100)
     one, larger = (
-        lower_limits.estimate_search_seconds(make_frame([square], View(size))).item()
-        for size in (64, 640)
+        tasks.estimate_search_seconds(make_frame([square], View(size))).item() for size in (64, 640)
     )
     assert larger == pytest.approx(10 * one, rel=0.2)
     with_hole = square.difference(shapely.box(40, 40, 60, 60))
-    assert lower_limits.estimate_search_seconds(make_frame([with_hole], View(64))).item() > 8 * one
+    assert tasks.estimate_search_seconds(make_frame([with_hole], View(64))).item() > 8 * one
 
 
 class Failing(InlineWorker):
     """An executor in which the computation of minimum quads crashes."""
 
     def call(self, function, *arguments, **options):
-        if function is lower_limits.compute_min_quads:
+        if function is tasks.compute_min_quads:
             raise TaskError("it crashed")
         return super().call(function, *arguments, **options)
 

@@ -2,7 +2,7 @@ import json
 
 import pytest
 
-from harness.measuring.reference_draws import update_reference_draws
+from harness.measuring.records import update_reference_draws
 from harness.results.record import Record
 from tests.records import make_record
 
@@ -47,7 +47,7 @@ def test_devices_views_and_machines_have_separate_minima(tmp_path, monkeypatch):
     for other in ({"resolution": 256}, {"device": "zink"}, {"options": {"samples": 4, "work": 0}}):
         assert update_reference_draws(records(5e-3, **other), file)[0]["slower"] == 1.0
     monkeypatch.setattr(
-        "harness.measuring.reference_draws.describe_processor", lambda: {"label": "another"}
+        "harness.measuring.records.describe_processor", lambda: {"label": "another"}
     )
     assert update_reference_draws(records(5e-3), file)[0]["slower"] == 1.0
 

@@ -9,8 +9,8 @@ import trimesh
 
 from harness.errors import IncompatibleRunsError, InputError, NothingMeasuredError, UsageError
 from harness.frame import FIXED_VIEW_MESSAGE, View, get_scene_view, make_scene_frame
-from harness.measuring.lower_limits import compute_min_quads, compute_outline_bounds
 from harness.measuring.plan import Plan
+from harness.measuring.tasks import compute_min_quads, compute_outline_bounds
 from harness.metrics.groups import compare_views, describe_views, group_run
 from harness.models.seen import read
 from harness.page.page_data import make_page_content

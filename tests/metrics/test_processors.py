@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.metrics.processors import (
+from harness.metrics.groups import (
     describe_machine,
     find_mixed_processors,
     format_processors,

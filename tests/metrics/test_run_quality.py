@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.measuring.reference_draws import get_default_path
+from harness.measuring.records import get_default_path
 from harness.metrics.decision import decide_group, format_advice
 from harness.stats.run_quality import (
     DISTURBED,
