@@ -82,7 +82,7 @@ def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comp
     check_thresholds(settings.thresholds, {name for r in records for name in read_exact_metrics(r)})
     matches = match_cases(base, head, across_devices=settings.across_devices)
     differ = (
-        any(m.base.id.device_name != m.head.id.device_name for m in matches if m.base and m.head)
+        _has_other_device(matches)
         or bool(find_changed_hardware(base, head))
         or machines_differ(base.facts, head.facts)
     )
@@ -115,6 +115,11 @@ def compare_without_baseline(path: str, head: Run, settings: Settings) -> Compar
         cases=tuple(CaseChange(match.id, "only-head") for match in matches),
         notes=tuple(head.problems),
     )
+
+
+def _has_other_device(matches: Sequence[Match]) -> bool:
+    """Return whether any case ran on different devices in BASE and HEAD."""
+    return any(m.base.id.device_name != m.head.id.device_name for m in matches if m.base and m.head)
 
 
 def _compare_counters(match: Match, run: Run, settings: Settings) -> CaseChange:

@@ -143,7 +143,18 @@ def triangulate_with_other_version(
             "warm_up": shapely.to_wkb(list(make_small_polygons())).tolist(),
         },
     )
-    _refuse_head_code(other, recipe.base, answer["file"])
+    source = Path(answer["file"] or "").resolve()
+    if (
+        answer["file"]
+        and other.instead_of
+        and source.is_relative_to(other.instead_of)
+        and not source.is_relative_to(other.folder)
+        and "site-packages" not in source.parts
+    ):
+        raise TaskError(
+            f"{other.name}: {recipe.base} is imported from HEAD ({source}), as an editable install "
+            "hides BASE's code; add BASE's folder to PYTHONPATH"
+        )
     result = FrameTriangulation(seconds=float(answer["seconds"]))
     for polygon, (kind, value) in zip(polygons, answer["results"], strict=True):
         part, junctions, problem = None, 0, ""
@@ -175,19 +186,3 @@ def _run_script(other: OtherVersion, question: Mapping[str, Any]) -> dict[str, A
     if "error" in answer:
         raise TaskError(f"{other.name}: {truncate(answer['error'])}")
     return answer
-
-
-def _refuse_head_code(other: OtherVersion, name: str, file: str | None) -> None:
-    """Raise TaskError if the other version imported `name` from the current code (HEAD).
-
-    file : file of the imported module, or None if it has no file
-    """
-    if not file or not other.instead_of:
-        return
-    source = Path(file).resolve()
-    inside = source.is_relative_to(other.instead_of)
-    if inside and not source.is_relative_to(other.folder) and "site-packages" not in source.parts:
-        raise TaskError(
-            f"{other.name}: {name} is imported from HEAD ({source}), as an editable install hides "
-            "BASE's code; add BASE's folder to PYTHONPATH"
-        )

@@ -55,9 +55,6 @@ from scenes.spec import format_label as scene_label
 SCENE_FIELDS = ("name", "units", "description", "licence", "credit", "dropped", "repaired", "notes")
 """Fields of a scene that are copied into a run's facts."""
 
-_CLOSED_TRIANGLE_COORDINATES = 4
-"""Number of coordinates of a triangle in shapely, which repeats the first vertex at the end."""
-
 
 class ScenePart(NamedTuple):
     """A part of a scene that is measured separately.
@@ -167,9 +164,8 @@ def run(
         # Names are checked first: loading a scene may take long.
         broken = import_third_party_triangulators(plan.triangulators, pool)
         scene = load_scene(plan.scene, plan.seed, reporter, open_worker)
-        if all(
-            shapely.get_num_coordinates(p) == _CLOSED_TRIANGLE_COORDINATES for p in scene.polygons
-        ):
+        # A triangle has four coordinates in shapely, which repeats the first one at the end.
+        if all(shapely.get_num_coordinates(polygon) == 4 for polygon in scene.polygons):
             raise NothingMeasuredError(
                 f"{plan.scene}: nothing to measure (every polygon is a triangle); for a model, "
                 "raster-harness triangulate MODEL --check reports what flipping edges would save"

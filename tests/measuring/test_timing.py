@@ -286,11 +286,6 @@ def test_rejected_timers_are_not_used(gpu, seconds):
     assert times.samples_s == pytest.approx([seconds] * len(times.samples_s))
 
 
-def test_pairs_must_come_from_the_same_rounds():
-    with pytest.raises(ValueError, match="not rounds of one group"):
-        compute_paired_ratio([1.0, 2.0], [1.0])
-
-
 class Renewed:
     """Drawings whose cost changes by some tenths of a per cent with each preparation."""
 
