@@ -216,11 +216,7 @@ def _compare_with_shift(
     high = highest + math.hypot(error[1], margin)
     threshold = settings.get_time_threshold(paired=False)
     outcome, reason = classify_change(lowest, highest, low, high, threshold)
-    # Other programs lengthen some samples of the slower half.
-    faster = [
-        np.sort(samples)[: (len(samples) + 1) // 2]
-        for samples in (pair.base, pair.head * math.exp(middle - raw))
-    ]
+    faster = _select_faster_half(pair.base), _select_faster_half(pair.head * math.exp(middle - raw))
     p_value = float(stats.mannwhitneyu(*faster, alternative="two-sided").pvalue)
     # A change needs both the test and the interval, so the weaker of the two is corrected.
     interval_p = _compute_p_value(lowest, highest, low, high, settings.confidence, shift.degrees)
@@ -234,6 +230,11 @@ def _compare_with_shift(
         q_value=max(p_value, interval_p),
         **summarise_samples(pair.base, pair.head),
     )
+
+
+def _select_faster_half(samples: Samples) -> Samples:
+    """Return the samples up to their median: other programs lengthen some of the slower half."""
+    return np.sort(samples)[: (len(samples) + 1) // 2]
 
 
 def _measure_run_drift(
