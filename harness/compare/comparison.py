@@ -50,29 +50,7 @@ from harness.stats.run_quality import get_run_state
 
 
 def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comparison:
-    """Compare two runs; the result has every case of either run.
-
-    Parameters
-    ----------
-    base, head : Run
-        The runs before and after the change.
-    settings : Settings, optional
-        Thresholds and gates; by default `Settings()`.
-
-    Returns
-    -------
-    Comparison
-        Verdict, changes of counters and times of each case, drift of each group.
-
-    Raises
-    ------
-    InputError
-        If a run is truncated.
-    IncompatibleRunsError
-        If the devices differ without `settings.across_devices`, or cannot be paired.
-    UsageError
-        If the metric of a threshold is neither registered nor in one of the runs.
-    """
+    """Compare two runs; the result has every case of either run."""
     settings = settings or Settings()
     for run in (base, head):
         if run.truncation:
@@ -123,10 +101,7 @@ def _has_other_device(matches: Sequence[Match]) -> bool:
 
 
 def _compare_counters(match: Match, run: Run, settings: Settings) -> CaseChange:
-    """Return the status of a case and, if measured in both runs, the changes of its counters.
-
-    run : HEAD; a case without a record is missing if HEAD's plan has the case
-    """
+    """Return the status of a case and, if measured in both runs, the changes of its counters."""
     base, head = match.base, match.head
     status, reason = _find_status(match, run)
     if base is None or head is None or status != "compared":
@@ -233,7 +208,6 @@ def _list_notes(base: Run, head: Run, differ: bool) -> list[str]:
 
 
 def _decide_verdict(comparison: Comparison) -> Verdict:
-    """Return the verdict that follows from the gated changes and the compared cases."""
     if comparison.list_regressed_cases() or comparison.list_regressed_drifts():
         return "regression"
     compared = comparison.list_compared()
@@ -247,11 +221,7 @@ def _decide_verdict(comparison: Comparison) -> Verdict:
 
 
 def read_exact_metrics(record: Record) -> dict[str, float]:
-    """Return the exact metrics of a record by name: counters, metrics, then predictions.
-
-    A plugin's counter that shares its name with a metric of another kind is named `counted_NAME`,
-    and a prediction without a registered metric `predicted_NAME`.
-    """
+    """Return the exact metrics of a record: counters, metrics, then predictions."""
     counters = record.counters
     values: dict[str, float] = {
         name_counter(name): counters[name] for name in sort_counters(counters)
@@ -271,7 +241,7 @@ def name_counter(name: str) -> str:
 
 
 def _compare_values(name: str, base: float, head: float, settings: Settings) -> CounterChange:
-    """Return the change of an exact metric between BASE and HEAD, with the gate's decision."""
+    """Return the change of an exact metric, with the gate's decision."""
     exact: Exact = "equal"
     are_integers = float(base).is_integer() and float(head).is_integer()
     # Sums of square roots may differ in their last digits, which is no change of the triangles.
@@ -305,7 +275,7 @@ def compute_totals(cases: Sequence[Sequence[CounterChange]]) -> tuple[Total, ...
 
 
 def compute_growth(base: float, head: float) -> float | None:
-    """Return the growth from `base` to `head` relative to `base`, or None if `base` is 0."""
+    """Return the growth relative to `base`, or None if only `base` is 0."""
     if base == 0:
         return 0.0 if head == 0 else None
     return head / base - 1

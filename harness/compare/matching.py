@@ -1,8 +1,6 @@
 """Match the cases of two runs by identity, and read the times of both.
 
-A case's key is not used: it includes the scene's content, and changed content is to be reported. A
-case of BASE that HEAD's plan has and HEAD's records lack was not done. Differences of plan,
-software and machine between the runs are listed.
+A case's key is not used: it includes the scene's content, whose change is to be reported.
 """
 
 from collections import defaultdict
@@ -24,7 +22,7 @@ from harness.stats import run_quality
 from harness.style import flatten
 
 ENVIRONMENT = "harness", "code", "python", "packages", "kernel", "cpu", "threads", "governor"
-"""Facts of a run's environment that are compared."""
+"""Compared facts of a run's environment."""
 
 QUANTILE = 0.1
 """Quantile of the samples that represents a case's time: low enough to exclude samples that other
@@ -35,8 +33,7 @@ Samples = NDArray[np.float64]
 Parts = tuple[Sequence[int] | None, Sequence[int] | None]
 """Number of rounds in each epoch, and in each process; None if unknown."""
 
-MIN_ROUNDS = 8
-"""Minimum number of samples of a case that both runs must have."""
+MIN_ROUNDS = 8  # minimum number of samples of a case that both runs must have
 
 
 @dataclass(frozen=True)
@@ -52,11 +49,6 @@ def match_cases(base: Run, head: Run, *, across_devices: bool) -> list[Match]:
     """Pair the cases of two runs, in HEAD's order, then the cases of BASE alone.
 
     across_devices : pair a rasteriser's only device in BASE with its only device in HEAD
-
-    Raises
-    ------
-    IncompatibleRunsError
-        if the devices differ without `across_devices`, or a rasteriser has several devices to pair
     """
     device_pairs = _pair_devices(base, head, across_devices=across_devices)
     before: dict[CaseId, Record] = {}
@@ -73,7 +65,6 @@ def match_cases(base: Run, head: Run, *, across_devices: bool) -> list[Match]:
 
 
 def _group_devices(records: Sequence[Record]) -> dict[str, set[str]]:
-    """Return rasteriser -> names of its devices."""
     devices = defaultdict(set)
     for record in records:
         devices[record.id.rasteriser].add(record.id.device_name)
@@ -111,7 +102,7 @@ def _pair_devices(base: Run, head: Run, *, across_devices: bool) -> dict[tuple[s
 def find_changed_hardware(base: Run, head: Run) -> dict[str, tuple[str, str]]:
     """Return label -> (BASE's, HEAD's) renderer of each device whose renderer differs.
 
-    The driver's version, in brackets in a renderer's name, may change.
+    The driver's version, in brackets, may change.
     """
     before, after = _map_renderers(base), _map_renderers(head)
     common = {
@@ -125,7 +116,6 @@ def find_changed_hardware(base: Run, head: Run) -> dict[str, tuple[str, str]]:
 
 
 def _map_renderers(run: Run) -> dict[str, str]:
-    """Return label -> renderer of the devices of a run, as named by the driver."""
     devices = run.facts.get("devices") or {}
     names = {
         label: (device.get("details") or {}).get("renderer") for label, device in devices.items()
@@ -134,10 +124,7 @@ def _map_renderers(run: Run) -> dict[str, str]:
 
 
 def explain_missing(head: Run, case: CaseId) -> str | None:
-    """Return why a record of the case is missing from `head`, or None for a case outside the plan.
-
-    Without a plan, as for a single file of records, every case is expected.
-    """
+    """Return why `head` has no record of the case, or None for a case outside the plan."""
     if not head.records:
         return "HEAD has no cases"
     plan = head.facts.get("plan") or {}
@@ -170,7 +157,7 @@ def _is_planned(plan: Mapping[str, Any], case: CaseId, head: Run) -> bool:
 
 
 def format_machine(facts: Mapping[str, Any]) -> str:
-    """Return the processor, threads and GPUs of a machine, or "" if the processor is unknown."""
+    """Return the processor, threads and GPUs, or "" if the processor is unknown."""
     environment = facts.get("environment") or {}
     if not (processor := read_processor(facts)):
         return ""
@@ -189,7 +176,7 @@ def machines_differ(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool
 
 
 def list_changes(base: Run, head: Run) -> list[str]:
-    """Return a line for each fact of plan, software and machine that differs between the runs."""
+    """Return a line for each fact of plan, software and machine that differs."""
 
     def format_value(value: Any) -> str:
         return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
@@ -248,7 +235,7 @@ def read_pair(
 ) -> Pair | TimeChange | None:
     """Return a case's times in both runs, or None if neither run timed the case.
 
-    Times that cannot be compared give an inconclusive change, with the reason.
+    Times that cannot be compared give an inconclusive change.
     """
     if base.time is None and head.time is None:
         return None
@@ -292,7 +279,7 @@ def select_positive(values: Sequence[Any]) -> Samples:
 
 
 def compute_low_quantile(samples_s: Sequence[Any]) -> float | None:
-    """Return the low quantile of a record's samples in seconds, or None if there are none."""
+    """Return the low quantile of a record's samples, or None if there are none."""
     samples = select_positive(samples_s)
     return float(np.quantile(samples, QUANTILE)) if len(samples) else None
 

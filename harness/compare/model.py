@@ -19,8 +19,8 @@ Outcome = Literal["regressed", "improved", "unchanged", "inconclusive"]
 """Change of a time; `inconclusive` means too noisy for a conclusion, never good."""
 
 Against = Literal["rounds", "same-triangles", "peers", "reference", "none"]
-"""Source of the estimate of machine drift. No estimate is needed if both versions were timed in the
-same `rounds`, or have the `same-triangles`, which were timed once; `none` assumes no drift."""
+"""Source of the estimate of machine drift. Versions timed in the same `rounds`, or with the
+`same-triangles`, which were timed once, need none; `none` assumes no drift."""
 
 Status = Literal[
     "compared",
@@ -50,7 +50,6 @@ STATUS_TEXT: dict[Status, str] = {
     "more-polygons": "with more polygons in HEAD",
     "not-measured": "measured in neither run",
 }
-"""Description of a status, for a case and for counts of cases."""
 
 BROKEN: tuple[Status, ...] = ("now-failing", "now-skipped", "not-done", "fewer-polygons")
 """Statuses of cases measured in BASE, but not completely in HEAD: regressions without a gate."""
@@ -87,14 +86,11 @@ class CounterChange:
 class TimeChange:
     """Times of a case in both runs.
 
-    ratio, low, high : HEAD over BASE without machine drift, with a confidence interval, or None
-        if not computable
+    ratio, low, high : HEAD over BASE without machine drift, with a confidence interval
     raw_ratio : HEAD over BASE as timed
-    against : source of the estimate of machine drift
-    threshold : tolerated relative increase, or None if the times were not compared
     p_value : of the Mann-Whitney test in separate runs, or of the sign test in common rounds
-    q_value : p-value corrected for the number of cases; in separate runs, the larger of `p_value`
-        and the interval's p-value is corrected
+    q_value : the p-value, or in separate runs the interval's if larger, corrected for the number of
+        cases
     reason : why the change is inconclusive, or ""
     """
 
@@ -121,8 +117,7 @@ class Drift:
     ratio, low, high : median of the cases' HEAD over BASE; the interval for separate runs includes
         both the ratio as timed and the ratio relative to the reference draw
     reference : HEAD over BASE of the reference draw, or None if a run has none
-    gated : True if `regressed` makes the gate fail: only if BASE and HEAD were timed in the
-        same rounds
+    gated : True if BASE and HEAD were timed in the same rounds
     """
 
     group: CaseGroup
@@ -138,10 +133,7 @@ class Drift:
 
 @dataclass(frozen=True)
 class CaseChange:
-    """A case of one run or of both runs.
-
-    lost : gated counters of BASE that are missing from HEAD
-    """
+    """A case of one run or of both runs; `lost` has gated counters that HEAD lacks."""
 
     id: CaseId
     status: Status
@@ -160,7 +152,7 @@ class Total:
     """An exact metric over all compared cases.
 
     affected, better, worse : number of cases in which the metric differs, is better, is worse
-    base, head : sums over the cases; change : growth of the sum relative to BASE
+    base, head, change : sums over the cases, and growth of the sum relative to BASE
     """
 
     metric: str
@@ -176,11 +168,7 @@ class Total:
 
 @dataclass(frozen=True)
 class RunOrigin:
-    """Origin of a run; "" if unknown.
-
-    commit : of the user's repository
-    harness, harness_commit : version and commit of raster-harness
-    """
+    """Origin of a run; commit : of the user's repository; "" if unknown."""
 
     path: str
     created: str = ""
@@ -195,8 +183,6 @@ class RunOrigin:
 class Comparison:
     """Result of a comparison of two runs.
 
-    machines_differ : the runs are of different processors or GPUs
-    drifts : of each group of cases that were timed together
     notes : warnings about the runs, their records and machines, one line each
     changes : differences between the runs' plans and environments, one line each
     """
@@ -249,25 +235,20 @@ TABLE = "raster-harness"
 KEYS = ("gate", "threshold", "normalise", "require-all", "allow-inconclusive")
 """Table of a project's settings in pyproject.toml, and the keys of the table."""
 
-TIME_THRESHOLD = 0.05
-"""Tolerated relative increase of a time by default; see docs/how-to/ci.md."""
+TIME_THRESHOLD = 0.05  # tolerated relative increase of a time by default; see docs/how-to/ci.md
 
-PAIRED_TIME_THRESHOLD = 0.015
-"""Tolerated relative increase by default if both versions were timed in the same rounds."""
+PAIRED_TIME_THRESHOLD = 0.015  # tolerated relative increase by default of times in the same rounds
 
 
 @dataclass(frozen=True)
 class Settings:
     """Settings of a comparison.
 
-    gates : changes that decide the exit code: of counters, of times, or of both
     thresholds : tolerated relative increase, by "time", "counters" or a counter's name
     confidence : of the intervals; 1 - confidence is the false discovery rate over all cases
     normalise : estimate of the machine drift: "auto" is a case's peers if there are enough,
         otherwise the reference draw; "reference" is that draw; "none" assumes no drift
-    across_devices : compare runs of different devices, which is otherwise an error
     require_all : a case skipped by or missing from HEAD is a regression
-    allow_inconclusive : exit with 0 if times are too noisy for a conclusion
     """
 
     gates: tuple[str, ...] = GATES
@@ -284,7 +265,7 @@ class Settings:
         return "time" in self.gates
 
     def get_time_threshold(self, *, paired: bool) -> float:
-        """Return the tolerated relative increase of a time; paired : timed in the same rounds."""
+        """Return the tolerated relative increase of a time; paired : in the same rounds."""
         default = PAIRED_TIME_THRESHOLD if paired else TIME_THRESHOLD
         return self.thresholds.get("time", default)
 
@@ -299,13 +280,7 @@ class Settings:
 
 
 def parse_gates(text: str | Iterable[str]) -> tuple[str, ...]:
-    """Return the gates in a text such as `counters,time`, or in a list of such names.
-
-    Raises
-    ------
-    UsageError
-        if a name is unknown, or the text is empty
-    """
+    """Return the gates in a text such as `counters,time`, or in a list of such names."""
     parts = text.split(",") if isinstance(text, str) else map(str, text)
     gates = tuple(dict.fromkeys(part.strip() for part in parts))
     if not gates or not set(gates) <= {*GATES}:
@@ -314,14 +289,7 @@ def parse_gates(text: str | Iterable[str]) -> tuple[str, ...]:
 
 
 def parse_threshold(text: str) -> tuple[str, float]:
-    """Parse `name=5%`; return the name, and the threshold as a fraction, here 0.05.
-
-    Raises
-    ------
-    UsageError
-        if the value is not a percentage, or neither an increase nor a decrease of the metric is
-        better; `check_thresholds` checks names
-    """
+    """Parse `name=5%`; return the name, and the threshold as a fraction, here 0.05."""
     name, sign, value = (part.strip() for part in text.partition("="))
     if not sign:
         raise UsageError(f"threshold '{text}': give name=percentage, e.g. time=5%")
@@ -333,13 +301,7 @@ def parse_threshold(text: str) -> tuple[str, float]:
 
 
 def check_thresholds(thresholds: Mapping[str, float], metrics: Iterable[str]) -> None:
-    """Check that the metric of every threshold is registered, or in `metrics`.
-
-    Raises
-    ------
-    UsageError
-        if a metric is unknown
-    """
+    """Raise UsageError unless each metric is registered, or in `metrics`."""
     exact = (name for name, metric in list_metrics().items() if metric.exact)
     names = {"time", "counters", *exact, *metrics}
     for name in thresholds:
@@ -348,13 +310,7 @@ def check_thresholds(thresholds: Mapping[str, float], metrics: Iterable[str]) ->
 
 
 def read_project_settings(folder: Path) -> Settings:
-    """Return the settings in the nearest pyproject.toml at or above `folder`, or the defaults.
-
-    Raises
-    ------
-    UsageError
-        if the file is not TOML, or the table has an unknown setting or a wrong value
-    """
+    """Return the settings in the nearest pyproject.toml at or above `folder`, or the defaults."""
     files = (parent / "pyproject.toml" for parent in (folder, *folder.parents))
     file = next(filter(Path.is_file, files), None)
     if file is None:

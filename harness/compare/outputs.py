@@ -94,8 +94,7 @@ def print_comparison(comparison: Comparison, console: Console) -> None:
         print_line(text)
 
 
-MAX_COMMENT_LENGTH = 60_000
-"""GitHub rejects comments of more than 65,536 characters."""
+MAX_COMMENT_LENGTH = 60_000  # GitHub rejects comments of more than 65,536 characters
 
 MARKER = "<!-- raster-harness compare -->"
 """Last line of a comment, which identifies an earlier comment to be replaced."""
@@ -104,10 +103,9 @@ MARKER = "<!-- raster-harness compare -->"
 def to_markdown(
     comparison: Comparison, limit: int = MAX_COMMENT_LENGTH, grown: Sequence[GrownPolygon] = ()
 ) -> str:
-    """Return Markdown: the verdict, then differences, then other facts in collapsed sections.
+    """Return the verdict, then differences, then other facts in collapsed sections.
 
-    limit : maximum number of characters; further tables are omitted and counted
-    grown : polygons with the largest growth
+    Tables beyond `limit` characters are omitted and counted.
     """
     verdict, _, details = format_headline(comparison).partition(": ")
     text = f"**{escape_markdown(verdict)}:** {escape_markdown(details)}\n"
@@ -138,7 +136,7 @@ def to_markdown(
 
 
 def escape_markdown(text: str) -> str:
-    """Escape `text` for a paragraph or a table cell in Markdown."""
+    """Escape `text` for a paragraph or a table cell."""
     return re.sub(r"([\\`*_\[\]<>|~#!$])", r"\\\1", _sanitise(text))
 
 
@@ -173,7 +171,7 @@ def _format_table(group: CaseTable, rows: Sequence[Row]) -> str:
 
 
 def _format_rows(heading: Sequence[str], rows: Iterable[Iterable[str]]) -> str:
-    """Format escaped cells as a Markdown table; all columns but the first and last have numbers."""
+    """Format escaped cells as a table; all columns but the first and last have numbers."""
     rule = ["---", *["--:"] * (len(heading) - 2), "---"]
     return "".join(f"| {' | '.join(line)} |\n" for line in (heading, rule, *rows))
 
@@ -203,8 +201,7 @@ FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]
 def to_junit(comparison: Comparison) -> str:
     """Return a test suite per group of cases, with two tests per case: `counters` and `time`.
 
-    JUnit has no inconclusive tests, so inconclusive times, times that are not gated, and cases that
-    cannot be compared without being a regression are skipped tests, with the reason.
+    Inconclusive times, and changes that are not gated, are skipped tests, with the reason.
     """
     suites = Element("testsuites", name="raster-harness compare")
     groups: dict[CaseGroup | None, None] = dict.fromkeys(case.id.group for case in comparison.cases)
@@ -275,10 +272,7 @@ def _make_time_test(change: TimeChange | Drift, *, gated: bool) -> tuple[TestOut
 
 
 def to_html(comparison: Comparison, grown: Sequence[GrownPolygon] = ()) -> str:
-    """Return a self-contained page without scripts: the verdict, tables and plotted times.
-
-    grown : polygons with the largest growth, drawn as heatmaps
-    """
+    """Return a self-contained page without scripts: the verdict, tables, plots and heatmaps."""
     times = [case.time for case in comparison.cases if case.time and case.time.ratio]
     ends = [abs(end - 1.0) for time in times for end in (time.low, time.high) if end]
     return load_template("harness.compare", "compare.html.j2").render(

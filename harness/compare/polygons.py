@@ -17,21 +17,15 @@ from harness.results.record import Record
 from harness.results.run_folder import Run, read_arrays, select_latest
 from harness.settings import COST_COUNTERS
 
-MAX_GROWN = 3
-"""Maximum number of polygons shown of all regressed cases."""
+MAX_GROWN = 3  # maximum number of polygons shown of all regressed cases
 
-QUAD = 2 * SUBPIXEL
-"""Side of a quad in grid steps; translation by quads preserves all counters."""
+QUAD = 2 * SUBPIXEL  # side of a quad in grid steps; translation by quads preserves all counters
 
 
 @dataclass(frozen=True)
 class GrownPolygon:
-    """A polygon of a case that costs more in HEAD.
+    """A polygon of a case that costs more in HEAD; `polygon` is the index in the scene.
 
-    case : name of the case
-    metric : the counter
-    base, head : values of the counter
-    polygon : index in the scene
     frame : frame of this polygon alone
     triangles : (m, 3) vertex indices in BASE and in HEAD
     """
@@ -54,10 +48,7 @@ class GrownPolygon:
 
 
 def find_largest_growth(base: Run, head: Run, comparison: Comparison) -> list[GrownPolygon]:
-    """Return the polygons with the largest growth in the regressed cases, in descending order.
-
-    Both runs must have stored the counters per polygon and the triangles.
-    """
+    """Return the regressed cases' polygons with the largest growth, if both runs stored them."""
     names = {case.id for case in comparison.list_regressed_cases() if case.status == "compared"}
     base, head = select_latest(base), select_latest(head)
     matches = match_cases(base, head, across_devices=comparison.settings.across_devices)
@@ -73,10 +64,7 @@ def find_largest_growth(base: Run, head: Run, comparison: Comparison) -> list[Gr
 
 
 def _find_growths(base: Run, head: Run, match: Match) -> Iterator[tuple[str, int, int, int]]:
-    """Yield (counter, polygon, value in BASE, value in HEAD) of polygons with the largest growth.
-
-    The counter is the first of `COST_COUNTERS` that both runs have.
-    """
+    """Yield (counter, polygon, BASE's value, HEAD's value), the largest growth first."""
     if match.base is None or match.head is None:
         return
     before, after = _read_counters(base, match.base), _read_counters(head, match.head)

@@ -1,17 +1,15 @@
 """Classify the change of times between two runs, separating the triangulator from the machine.
 
 Between two runs the machine drifts: all cases of a run become a few per cent faster or slower
-together, and other programs lengthen some samples but shorten none. Three rules follow.
+together, and other programs lengthen some samples but shorten none. Therefore
 
-- A time is summarised by a low quantile of the samples, which other programs hardly affect.
-- The drift is the median log ratio of a group's cases. A case is compared with its peers: cases of
-  the group that drew the same polygons. Even with equal code the ratios of peers scatter, because
-  memory layout differs between processes; the interval includes this scatter.
-- The drift is reported and never gated: the machine causes drift as often as the code.
+- a time is summarised by a low quantile of the samples, which other programs hardly affect;
+- a case is compared with its peers, the cases of its group that drew the same polygons; memory
+  layout scatters the ratios of peers even with equal code, and the interval includes this scatter;
+- the drift, the median log ratio of a group's cases, is reported and never gated.
 
-These rules are unnecessary if both versions were timed in the same rounds. A round's disturbance
-affects both versions, so each round's ratio depends on the code alone, and the common change of all
-cases is gated like the change of one case.
+If both versions were timed in the same rounds, each round's ratio depends on the code alone, and
+the common change of all cases is gated like the change of one case.
 
 docs/how-to/ci.md has the rules. Separate runs are tested by Mann & Whitney (1947) and by the
 interval; versions of the same rounds by a sign test, with Student's interval. Both are corrected
@@ -43,24 +41,19 @@ from harness.stats.run_quality import MIN_QUIET_ROUNDS
 
 RESAMPLES = 2000  # of the bootstrap, for an interval
 
-MAX_ROUNDS_Q = 1e-3
-"""Maximum q-value of a change in common rounds: 1 in 1,000 reported changes may be chance."""
+MAX_ROUNDS_Q = 1e-3  # maximum q-value in common rounds: 1 in 1,000 reported changes may be chance
 
-MIN_STEADY_PEERS = 2
-"""Minimum number of peers with equal counters in both runs; with fewer, all peers are used."""
+MIN_STEADY_PEERS = 2  # minimum number of peers with equal counters; with fewer, all peers are used
 
-DRIFT_SD = 0.015
-"""Standard deviation of log ratios of equal code about the reference draw's log ratio."""
+DRIFT_SD = 0.015  # standard deviation of log ratios of equal code about the reference draw's
 
-MIN_PEERS = 3
-"""Minimum number of peers (cases timed together), whatever their counters; with fewer, the
-reference draw is used."""
+MIN_PEERS = 3  # minimum number of peers; with fewer, the reference draw is used
 
 MIN_CASE_SD = 0.0075
 """Minimum standard deviation of a case's log ratio between two runs of equal code."""
 
 OUTLIER_CONFIDENCE = 0.99
-"""Confidence of the interval of all peers but one; if just one peer is outside, it is excluded."""
+"""Confidence of the interval of all peers but one, which excludes a single outlier."""
 
 
 class MachineShift(NamedTuple):
@@ -68,7 +61,6 @@ class MachineShift(NamedTuple):
 
     sd : standard deviation of the case's log ratio about the share
     degrees : degrees of freedom of `sd`; inf if `sd` is a constant, not an estimate
-    against : source of the estimate
     """
 
     low: float
@@ -81,11 +73,10 @@ class MachineShift(NamedTuple):
 def compare_group(
     group: CaseGroup, pairs: Sequence[Pair], settings: Settings, *, machines_differ: bool
 ) -> tuple[list[TimeChange], Drift | None]:
-    """Return the changes of a group's cases and the group's drift.
+    """Return the changes of a group's cases, with q-values to be corrected, and the group's drift.
 
-    `comparison.correct_q_values` must still correct the q-values for the number of cases. If BASE
-    and HEAD were measured in the same rounds, the drift is computed from the cases that draw
-    different triangles, and is None if there are fewer than two such cases.
+    In common rounds, the drift is that of the cases with different triangles, and None if there are
+    fewer than two.
     """
     if all(pair.same_rounds for pair in pairs):
         changes = [
@@ -125,11 +116,9 @@ def _estimate_shift(
 ) -> MachineShift | str:
     """Return the machine's share of a pair's log ratio, or why it cannot be estimated.
 
-    The estimate uses peers: those of the group's other `cases` that drew the same polygons. Without
-    enough peers the share lies between 0 and the reference draw's log ratio; on different machines
-    it equals the latter. A case that drew other polygons than the rest of its group (`fan` draws
-    229 of 500) has no estimate: 49 of 49 wrong verdicts between separate runs of equal code were of
-    such cases.
+    Without enough peers the share lies between 0 and the reference draw's log ratio; on different
+    machines it equals the latter. A case that drew other polygons than the rest of its group has no
+    estimate: 49 of 49 wrong verdicts between separate runs of equal code were of such cases.
     """
     if settings.normalise == "auto":
         peers = [case for case in cases if case.polygons == pair.polygons]
@@ -160,9 +149,8 @@ def estimate_peer_shift(logs: NDArray[np.float64], confidence: float) -> Machine
     known (1.96) gave a false regression in 17 % of comparisons of six cases whose times differ by
     2 % between processes.
 
-    sigma is at least `MIN_CASE_SD`, and peers can agree by chance. If sigma equals that minimum,
-    the normal quantile times `MIN_CASE_SD` is wide enough; if sigma is larger, Student's quantile
-    times s is. So the larger of both is used. A single peer with changed code would widen the
+    Peers can agree by chance, so the larger of two half-widths is used: the normal quantile times
+    `MIN_CASE_SD`, and Student's quantile times s. A single peer with changed code would widen the
     interval of all cases, so one peer outside the 99 % interval of the other peers is excluded.
     """
     if len(logs) > MIN_PEERS:
@@ -180,7 +168,6 @@ def estimate_peer_shift(logs: NDArray[np.float64], confidence: float) -> Machine
 
 
 def _estimate_from_peers(logs: NDArray[np.float64], confidence: float) -> MachineShift:
-    """Return the median of (k,) peers' log ratios and the deviation of a case about the median."""
     count = len(logs)
     sd, degrees = float(np.std(logs, ddof=1)), float(count - 1)
     if (
@@ -194,10 +181,7 @@ def _estimate_from_peers(logs: NDArray[np.float64], confidence: float) -> Machin
 
 
 def get_two_sided_quantile(confidence: float, degrees: float = math.inf) -> float:
-    """Return a two-sided interval's half-width in standard deviations, by Student's distribution.
-
-    degrees : degrees of freedom; inf for the normal distribution
-    """
+    """Return a two-sided Student interval's half-width in standard deviations."""
     return float(stats.t.ppf(0.5 + confidence / 2, degrees))
 
 
@@ -246,9 +230,8 @@ def _measure_run_drift(
 ) -> Drift:
     """Compare the median log ratio of a group in separate runs with the reference draw's log ratio.
 
-    The drift is never gated: separate runs cannot distinguish slower code from a slower machine,
-    which slows the reference draw, one large triangle, by another factor than a thousand small
-    triangles. The machine's share may be any value between 0 and the reference draw's log ratio.
+    A slower machine slows the reference draw, one large triangle, by another factor than a thousand
+    small triangles, so its share may be any value between 0 and the reference draw's log ratio.
     """
     shift = float(np.median([pair.log_ratio for pair in pairs]))
     references = [pair.reference for pair in pairs if pair.reference is not None]
@@ -277,10 +260,7 @@ def _measure_run_drift(
 def _compute_p_value(
     lowest: float, highest: float, low: float, high: float, confidence: float, degrees: float
 ) -> float:
-    """Return the two-sided p-value of "no change" that corresponds to a Student interval.
-
-    The log ratio is between `lowest` and `highest`; its confidence interval is `low` to `high`.
-    """
+    """Return the two-sided p-value of "no change" that corresponds to a Student interval."""
     nearest, reach = (lowest, lowest - low) if lowest > 0 else (-highest, high - highest)
     if nearest <= 0:
         return 1.0
@@ -297,8 +277,7 @@ def classify_change(
     """Return the outcome for a log ratio of `lowest` to `highest`, with interval `low` to `high`.
 
     The outcome is `regressed` or `improved` only beyond the threshold with an interval that
-    excludes 0, and `unchanged` only with an interval inside the threshold; otherwise inconclusive,
-    with the reason.
+    excludes 0, and `unchanged` only with an interval inside the threshold.
     """
     bound = math.log1p(threshold)
     if lowest > bound and low > 0:
@@ -320,8 +299,7 @@ def compare_rounds(
 ) -> TimeChange:
     """Compare two versions by the ratios of rounds; element r of both is from round r.
 
-    quiet : (r,) True for the rounds to use. A round in which one version waited for a core is left
-        out; any other disturbance affects both versions alike
+    Rounds in which one version waited for a core are not in `quiet`, (r,).
     """
     ratio = compute_paired_ratio(head, base, *parts, quiet)
     if quiet is not None:
@@ -345,10 +323,7 @@ def measure_round_drift(
     parts: Parts = (None, None),
     quiet: NDArray[np.bool_] | None = None,
 ) -> Drift:
-    """Return the common change of a group's cases, from each round's median ratio.
-
-    pairs : samples of each case in BASE and in HEAD, (r,) each
-    """
+    """Return the common change of a group's cases, from each round's median ratio."""
     ratios = np.exp(np.median([np.log(head / base) for base, head in pairs], axis=0))
     change = compare_rounds(np.ones(len(ratios)), ratios, settings, parts, quiet)
     outcome, reason = change.outcome, change.reason
@@ -367,12 +342,7 @@ def compute_sign_p_value(logs: Samples) -> float:
 
 
 def compute_margins(base: Samples, head: Samples, confidence: float) -> Samples:
-    """Return (2,) how far the bootstrap interval extends below and above `compute_log_ratio`.
-
-    No sample is drawn: the k-th smallest of n uniform numbers has the distribution Beta(k, n+1-k),
-    and the next larger is the minimum of the n-k above. Their positions among the sorted samples
-    are distributed as if n samples had been drawn, so 100,000 samples cost as little as thirty.
-    """
+    """Return (2,) how far the bootstrap interval extends below and above `compute_log_ratio`."""
     rng = np.random.default_rng(zlib.crc32(base.tobytes() + head.tobytes()))
     ratios = np.log(_resample_quantiles(head, rng) / _resample_quantiles(base, rng))
     low, high = np.quantile(ratios, [(1 - confidence) / 2, (1 + confidence) / 2])
@@ -381,7 +351,12 @@ def compute_margins(base: Samples, head: Samples, confidence: float) -> Samples:
 
 
 def _resample_quantiles(samples: Samples, rng: np.random.Generator) -> Samples:
-    """Return (RESAMPLES,) low quantiles of samples drawn from `samples` with replacement."""
+    """Return (RESAMPLES,) low quantiles of samples drawn from `samples` with replacement.
+
+    No sample is drawn: the k-th smallest of n uniform numbers has the distribution Beta(k, n+1-k),
+    and the next larger is the minimum of the n-k above. Their positions among the sorted samples
+    are distributed as if n samples had been drawn, so 100,000 samples cost as little as thirty.
+    """
     n = len(samples)
     position = QUANTILE * (n - 1)  # NumPy's definition: between the order statistics k and k + 1
     k = int(position) + 1

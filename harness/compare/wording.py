@@ -55,7 +55,6 @@ def format_headline(comparison: Comparison) -> str:
 
 
 def _describe_regression(comparison: Comparison) -> str:
-    """Describe the largest regression, or the common drift if no case regressed."""
     regressed = sorted(comparison.list_regressed_cases(), key=_get_severity, reverse=True)
     if not regressed:
         drift = max(comparison.list_regressed_drifts(), key=lambda drift: drift.ratio)
@@ -86,7 +85,6 @@ def _get_severity(case: CaseChange) -> tuple[bool, float]:
 
 
 def _summarise_without_regression(comparison: Comparison) -> str:
-    """Summarise a comparison without a regression."""
     compared, settings = comparison.list_compared(), comparison.settings
     start = "Inconclusive" if comparison.verdict == "inconclusive" else "No regression"
     devices = ", ".join(sorted({make_printable(case.id.device_name) for case in compared}))
@@ -236,15 +234,12 @@ SECONDARY_COUNTERS = (
     "t_junctions",
     "coverage_error",
 )
-"""Counters that have a column in a table only if they differ in some case."""
+"""Counters that have a column only if they differ in some case."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One case of a table, with cells in the order of `CaseTable.heading`.
-
-    affected : False if the case is unchanged, and thus only in the table of all cases
-    """
+    """One case of a table; `affected` is False if the case is only in the table of all cases."""
 
     cells: tuple[str, ...]
     kind: Kind
@@ -254,11 +249,7 @@ class Row:
 
 @dataclass(frozen=True)
 class CaseTable:
-    """The cases of a group, which differ in the triangulator alone.
-
-    drift : description of the group's drift, or "" if no case was timed
-    drifted : True if the drift makes the gate fail
-    """
+    """The cases of a group, with a description of the drift, or "" if no case was timed."""
 
     title: str
     heading: tuple[str, ...]
@@ -268,10 +259,7 @@ class CaseTable:
 
 
 def build_tables(comparison: Comparison, max_counters: int = len(COST_COUNTERS)) -> list[CaseTable]:
-    """Return a table of cases for each scene, view, rasteriser and device.
-
-    max_counters : maximum number of columns of counters, for a narrow terminal
-    """
+    """Return a table of cases for each group, with at most `max_counters` columns of counters."""
     tables = []
     for group in dict.fromkeys(case.id.group for case in comparison.cases):
         cases = [case for case in comparison.cases if case.id.group == group]
@@ -326,10 +314,7 @@ TOTALS_HEADING = ("counter", "affected", "better", "worse", "BASE", "HEAD", "cha
 
 
 def build_totals(comparison: Comparison, *, counted: bool) -> list[tuple[str, ...]]:
-    """Return a row under `TOTALS_HEADING` for each metric that differs in some case.
-
-    counted : True for the counters of the cost, False for predictions and a driver's counters
-    """
+    """Return a row for each metric that differs; counted : True for counters of the cost."""
     return [
         (
             join_names([total.metric]),

@@ -1,7 +1,4 @@
-"""Loading of a run's scene, triangulators, rasterisers and devices.
-
-Third-party code is loaded in worker processes only.
-"""
+"""Loading of a run's scene, triangulators, rasterisers and devices."""
 
 from collections.abc import Iterable
 from contextlib import closing
@@ -30,20 +27,15 @@ from scenes.spec import is_function
 UsableBackend = tuple[Backend, tuple[Options, ...]]
 """A backend, and those of the plan's options that it supports."""
 
-MESSAGE_AFTER_S = 5.0
-"""Seconds of loading after which a line gives the reason of the delay."""
+MESSAGE_AFTER_S = 5.0  # seconds of loading after which a line gives the reason of the delay
 
 QUADRATIC_TEST = "the test of validity takes time quadratic in a polygon's vertices; Ctrl-C stops"
 
-MAX_POLYGONS_NAMED = 10
-"""Maximum number of dropped or repaired polygons named on the screen."""
+MAX_POLYGONS_NAMED = 10  # maximum number of dropped or repaired polygons named on the screen
 
 
 def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker = Worker) -> Scene:
-    """Load a scene, and print notes about reading, projection and skipped polygons.
-
-    Raises InputError if the scene cannot be loaded, or third-party code ends the process.
-    """
+    """Load a scene, in a worker if third-party code loads it; print notes and skipped polygons."""
     if _is_loaded_by_third_party(name):
         allow_user_module(name)
         with closing(open_worker(f"scene {name}", {}, Limits())) as worker:
@@ -68,7 +60,6 @@ def load_scene(name: str, seed: int, reporter: Reporter, open_worker: OpenWorker
 
 
 def _load_scene_or_model(name: str, seed: int) -> Scene:
-    """Load a scene or a model with views; runs in a worker if third-party code loads it."""
     try:
         if is_model_with_views(name):
             from harness.models import seen  # slow to import
@@ -80,7 +71,6 @@ def _load_scene_or_model(name: str, seed: int) -> Scene:
 
 
 def _is_loaded_by_third_party(name: str) -> bool:
-    """Return whether third-party code loads the scene."""
     if is_model_with_views(name):
         return False
     try:
@@ -95,10 +85,7 @@ def _is_loaded_by_third_party(name: str) -> bool:
 def import_third_party_triangulators(
     recipes: Iterable[Recipe], pool: MeasuringPool
 ) -> dict[Recipe, str]:
-    """Import the recipes' third-party triangulators; return those that crash, with the reasons.
-
-    Raises UsageError if a triangulator cannot be imported.
-    """
+    """Import third-party triangulators; return those that crash, with the reasons."""
     broken = {}
     for recipe in recipes:
         if not recipe.builtin:
@@ -113,11 +100,8 @@ def import_third_party_triangulators(
 def find_backends(plan: Plan, pool: MeasuringPool, reporter: Reporter) -> list[UsableBackend]:
     """Return the plan's backends: each rasteriser on each requested device that it supports.
 
-    A rasteriser that supports no requested device, such as the CPU reference, runs on its own best
-    device. A third-party rasteriser that crashes is skipped, with a warning.
-
-    Raises UsageError or NoRasteriserError if a name is unknown, a requested device is missing, or
-    no rasteriser remains.
+    A rasteriser that supports no requested device runs on its own best device. A third-party
+    rasteriser that crashes is skipped, with a warning.
     """
     usable: list[UsableBackend] = []
     known_devices: set[str] = set()

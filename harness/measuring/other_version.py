@@ -1,12 +1,9 @@
 """Interleaved baseline (`run --beside`): another version of the user's code, BASE, next to HEAD.
 
-Both versions triangulate the same frames, and all drawings are timed in the same rounds, so that
-machine drift affects both equally. BASE's run folder is inside HEAD's; sample r of a case's record
-in either folder is from the same round. Scenes and rasterisers are those of HEAD's code.
-
-BASE triangulates in a separate interpreter, and needs only the public interface: the function
-`triangulators.triangulate`, or a function of the user from a polygon to triangles. The program
-`other_version_script.py` calls it, and this module verifies the triangulations.
+All drawings are timed in the same rounds, so that machine drift affects both versions equally.
+BASE's run folder is inside HEAD's; sample r of a case's record in either folder is from the same
+round. BASE triangulates in a separate interpreter, by `other_version_script.py`; this module
+verifies the triangulations.
 """
 
 import os
@@ -36,17 +33,13 @@ from triangulators.errors import truncate
 
 SCRIPT = Path(__file__).with_name("other_version_script.py")
 
-FOLDER = "base"
-"""Name of the baseline's run folder inside the run's folder."""
+FOLDER = "base"  # name of the baseline's run folder inside the run's folder
 
 
 @dataclass(frozen=True)
 class OtherVersion:
     """Location of another version of the code, and the environment to run that version.
 
-    name : the user's name for the version
-    commit : commit of the version, or ""
-    folder : top folder of the code or the environment
     instead_of : folder of the current code (HEAD), which must not be imported instead, or ""
     cwd, path, python : current folder, entries of PYTHONPATH and interpreter of its processes
     twice : True to time both versions even if their triangulations are equal
@@ -77,8 +70,6 @@ def open_other_version(reference: str, triangulators: Sequence[str]) -> Iterator
 
     reference : a commit, branch or tag of the user's repository, which is checked out into a
         temporary folder; a folder with the code; or an environment in which the code is installed
-
-    Raises UsageError if the version does not exist.
     """
     top = find_project_folder(triangulators)
     commit = None if top is None else find_commit(top, reference)
@@ -105,8 +96,7 @@ def open_other_version(reference: str, triangulators: Sequence[str]) -> Iterator
 def _make_version(name: str, commit: str, folder: Path, top: Path) -> OtherVersion:
     """Return the version of the code in `folder`; `top` is the folder of the current code.
 
-    Import paths inside `top` are replaced by the same paths inside `folder`, in the same order;
-    paths that do not exist in `folder`, such as an environment, stay the same.
+    Import paths inside `top` are replaced by the same paths inside `folder`, if these exist.
     """
     top = top.resolve()
     path = [str(folder), *(str(folder / part) for part in ("src",) if (folder / part).is_dir())]
@@ -131,8 +121,7 @@ def triangulate_with_other_version(
 ) -> FrameTriangulation:
     """Run another version's triangulator over polygons in px, and verify the triangles here.
 
-    Raises TaskError if the triangulator cannot be imported or run, or if the current code (HEAD)
-    would run instead.
+    Raises TaskError if the triangulator fails to run, or if HEAD's code would run instead.
     """
     answer = _run_script(
         other,
@@ -170,10 +159,7 @@ def triangulate_with_other_version(
 
 
 def _run_script(other: OtherVersion, question: Mapping[str, Any]) -> dict[str, Any]:
-    """Run `other_version_script.py`, which documents question and answer, with the other version.
-
-    Raises TaskError if the script fails.
-    """
+    """Run `other_version_script.py`, which documents question and answer."""
     with tempfile.TemporaryDirectory(prefix="harness-beside-") as folder:
         question_file, answer_file = Path(folder, "question"), Path(folder, "answer")
         question_file.write_bytes(pickle.dumps(question))

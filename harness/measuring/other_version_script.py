@@ -58,7 +58,6 @@ def _make_answer(question: dict[str, Any]) -> dict[str, Any]:
 def _load_function(
     name: str, parameters: dict[str, Any]
 ) -> tuple[Callable[[Any], Any], str | None]:
-    """Return the triangulator as a function of a polygon, and the file of its module."""
     module, colon, attribute = name.partition(":")
     try:
         import triangulators
@@ -74,7 +73,7 @@ def _load_function(
 
 
 def _find_module_file(module: str) -> str | None:
-    """Import a module; return its file, or None if the module is missing or has no file."""
+    """Import a module; return its file, or None if it is missing or has no file."""
     try:
         return getattr(importlib.import_module(module), "__file__", None)
     except ImportError:

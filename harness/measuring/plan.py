@@ -50,10 +50,7 @@ class Plan:
     timeout_s: float = TIMEOUT_S
 
     def to_json(self) -> dict[str, Any]:
-        """Return the plan as JSON-ready values, with triangulators as names.
-
-        The coefficients of optimal:calibrated, which its name omits, are in "calibration".
-        """
+        """Return JSON-ready values: triangulators by name, coefficients in "calibration"."""
         calibrations = [recipe.calibration for recipe in self.triangulators]
         calibration = next((terms for terms in calibrations if terms is not None), None)
         values = asdict(self)
@@ -73,10 +70,7 @@ class Plan:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> "Plan":
-        """Return the plan from the values that `to_json` returned.
-
-        Raises InputError if `values` is not a valid plan.
-        """
+        """Return the plan from the values that `to_json` returned."""
         recipes = parse_all(
             values.get("triangulators") or (),
             seed=values.get("seed", 0),

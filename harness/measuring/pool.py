@@ -46,22 +46,21 @@ COMPILE_TIMEOUT_S = 900.0
 """Time limit for compiling a built-in triangulator, which does not count as triangulating."""
 
 COMPILED_LATE = "triangulators.geometry.order"
-"""Module compiled after the optimum's kernels: if it is cached, so are the optimum's kernels."""
+"""Module compiled after the optimum's kernels: if cached, so are the optimum's kernels."""
 
 TRIANGULATORS = WorkerSpec("triangulators")
-"""Worker that runs all built-in triangulators."""
 
 SECOND_PROCESS = WorkerSpec("second process")
 """Worker that compiles, and computes lower bounds, while `TRIANGULATORS` triangulates."""
 
 
 def get_rasteriser_worker(name: str) -> WorkerSpec:
-    """Return the specification of the worker that lists a rasteriser's devices and options."""
+    """Return the worker that lists a rasteriser's devices and options."""
     return WorkerSpec(f"rasteriser {name}", limits=None if name in BUILT_IN else Limits())
 
 
 def get_triangulator_worker(recipe: Recipe) -> WorkerSpec:
-    """Return the specification of the worker in which the triangulator of `recipe` runs."""
+    """Return the worker in which the triangulator of `recipe` runs."""
     if recipe.builtin:
         return TRIANGULATORS
     return WorkerSpec(f"triangulator {recipe}", limits=get_third_party_limits())
@@ -100,9 +99,7 @@ class Backend:
 class MeasuringPool(WorkerPool):
     """Workers: one per device, one for built-in triangulators, one per third-party triangulator.
 
-    open_worker : starts a process
     timeout_s : time limit of a task, in addition to the requested drawing time
-    database : cache of triangulations, or None
     other : the interleaved baseline, which runs the recipes with `Recipe.other`, or None
     """
 
@@ -121,10 +118,7 @@ class MeasuringPool(WorkerPool):
         self._compiled: set[str] = set()
 
     def compile_kernels(self, recipe: Recipe, tick: Callable[[float], None] | None = None) -> None:
-        """Compile or load a triangulator's kernels, once; do nothing for the baseline's.
-
-        Raises TaskError if the process crashed, hung or ran out of memory.
-        """
+        """Compile or load a triangulator's kernels, once; do nothing for the baseline's."""
         if not recipe.other and recipe.base not in self._compiled:
             timeout_s = max(COMPILE_TIMEOUT_S, self.timeout_s) if recipe.builtin else self.timeout_s
             message = f"compilation exceeded {timeout_s:g} s; close other programs, then --resume"
@@ -132,10 +126,9 @@ class MeasuringPool(WorkerPool):
             self._compiled.add(recipe.base)
 
     def compile_ahead(self, recipes: Sequence[Recipe]) -> None:
-        """Start compiling uncached built-in triangulators in the second process, the last first.
+        """Start compiling uncached built-in triangulators in the second process.
 
-        Meanwhile `compile_kernels` compiles the first recipe first, and loads kernels that the
-        second process has already written to disk.
+        It starts with the last recipe, as `compile_kernels` starts with the first.
         """
         builtin = [recipe for recipe in reversed(recipes) if recipe.builtin]
         if (
@@ -153,12 +146,7 @@ class MeasuringPool(WorkerPool):
         polygons: Sequence[Polygon],
         tick: Callable[[float], None] | None = None,
     ) -> FrameTriangulation:
-        """Run a triangulator over polygons in px; compile first if necessary.
-
-        tick : called while the triangulator runs, with the seconds so far
-
-        Raises TaskError if the process crashed, hung or ran out of memory.
-        """
+        """Run a triangulator over polygons in px; compile first if necessary."""
         self.compile_kernels(recipe)
         message = (
             f"triangulation exceeded {self.timeout_s:g} s; increase --timeout, or give a smaller "
@@ -183,9 +171,7 @@ class MeasuringPool(WorkerPool):
     ) -> T:
         """Run `function(recipe, *arguments)` in the worker of the recipe's triangulator.
 
-        stage : stage of the run to which the duration is added
         message : text of the error if a built-in triangulator exceeds the time limit
-        options : further arguments of `run`
         """
         try:
             with self.time_stage(stage):
@@ -206,11 +192,8 @@ class MeasuringPool(WorkerPool):
     ) -> dict[Recipe, list[float]]:
         """Time the triangulators again in several rounds; return each round's seconds by recipe.
 
-        seconds_by_recipe : seconds of the first triangulation; a recipe that needs more than half
-            of `budget_s` is skipped
-        budget_s : budget for timing the draws of a triangulator; a share of it is spent here
-
-        Third-party triangulators run in separate processes, so their rounds are not interleaved.
+        A recipe whose first triangulation needs more than half of `budget_s` is skipped. Rounds of
+        third-party triangulators, which run in separate processes, are not interleaved.
         """
         timed = [recipe for recipe, seconds in seconds_by_recipe.items() if 2 * seconds <= budget_s]
         if not timed:
@@ -231,7 +214,7 @@ class MeasuringPool(WorkerPool):
         return seconds
 
     def compute_in_second_process(self, function: Callable[..., T], *arguments: Any) -> Future[T]:
-        """Start a function in the second process, with the time limit of compiling."""
+        """Start a function, with the time limit of compiling."""
         timeout_s = max(COMPILE_TIMEOUT_S, self.timeout_s)
         return self.submit(SECOND_PROCESS, function, *arguments, timeout_s=timeout_s)
 
@@ -241,9 +224,6 @@ class MeasuringPool(WorkerPool):
         """Start computing lower bounds of each polygon's quads in the second process.
 
         parts : for each polygon any triangulation (m, 3) that uses every vertex, or None
-
-        Returns futures of (p,) by name: `OUTLINE`, the quads that the undivided polygon covers, and
-        `MIN_QUADS`, the minimum over all triangulations.
         """
         compute = self.compute_in_second_process
         return {
@@ -252,10 +232,7 @@ class MeasuringPool(WorkerPool):
         }
 
     def open_device(self, backend: Backend) -> tasks.OpenedDevice:
-        """Open a device and test its timer on the first call; return the device's details.
-
-        Raises HarnessError if the device cannot be opened.
-        """
+        """Open a device and test its timer, on the first call; return its details."""
         if backend.label not in self._opened:
             with self.time_stage("open"):
                 arguments = (backend.rasteriser, backend.device)
@@ -267,10 +244,7 @@ class MeasuringPool(WorkerPool):
     def draw_and_count(
         self, backend: Backend, frame: Frame, triangles: Triangles, options: Options
     ) -> Counters:
-        """Draw triangles (m, 3) and return exact counts, e.g. of shaded quads, for each polygon.
-
-        Raises HarnessError if the device does not support the options, or fails.
-        """
+        """Draw triangles (m, 3) and return exact counts, e.g. of shaded quads, per polygon."""
         with self.time_stage("count"):
             arguments = (backend.rasteriser, backend.device, frame, triangles, options)
             return self.run(backend.worker, tasks.draw_and_count, *arguments)
@@ -285,9 +259,8 @@ class MeasuringPool(WorkerPool):
     ) -> tuple[dict[str, dict[str, Times]], dict[str, str]]:
         """Time the candidates together, in shuffled rounds, in one or several successive processes.
 
-        If the device fails, candidates are timed one by one, so that only a failing candidate is
-        lost. Returns two dictionaries by candidate: the times, by name, of all drawings timed in
-        the same rounds; and the reasons of failures.
+        If the device fails, candidates are timed one by one. Returns two dictionaries by candidate:
+        the times, by name, of all drawings timed in the same rounds; and the reasons of failures.
         """
         test = self.open_device(backend).timer
         timeout_s = self.timeout_s + 3 * settings.budget_s * (len(candidates) + 2)
@@ -341,6 +314,5 @@ class MeasuringPool(WorkerPool):
         super().close(at_once=at_once, abandoned=abandoned)
 
     def _forget_worker_state(self, spec: WorkerSpec) -> None:
-        """Let `compile_kernels` compile again after a worker ended: the new one has no kernels."""
         if spec == TRIANGULATORS:
             self._compiled.clear()

@@ -11,7 +11,7 @@ from harness.workers.serving import MARK
 
 
 def preload() -> None:
-    """Load the modules and compiled code of workers into the fork server; runs in the server."""
+    """Load the modules and compiled code of workers; runs in the fork server."""
     # In a separate process group the server does not get the terminal's signals; it ends with the
     # command, which gets them.
     system.start_process_group()

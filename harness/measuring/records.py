@@ -1,8 +1,4 @@
-"""Records of cases: made from predictions, counters and times, stored, and reported.
-
-A file has this machine's fastest reference draw in all runs, for each device and condition; a run
-whose reference draw took much longer was disturbed, see `harness.stats.run_quality`.
-"""
+"""Records of cases, and a file of this machine's fastest reference draws."""
 
 import json
 import math
@@ -40,22 +36,18 @@ from harness.stats.run_quality import find_undisturbed
 from harness.triangulating.recipes import Recipe
 from harness.triangulating.result import FrameTriangulation
 
-SHORT_DRAW_S = 20e-6
-"""Duration of a draw below which the cost of the draw call dominates."""
+SHORT_DRAW_S = 20e-6  # duration of a draw below which the cost of the draw call dominates
 
 MAX_SCATTER = 0.10
 """Maximum interquartile range of times, relative to the median, without a warning."""
 
-Columns = Mapping[str, NDArray[Any]]
-"""Values per polygon, (p,), by name."""
+Columns = Mapping[str, NDArray[Any]]  # values per polygon, (p,), by name
 
 
 class RunWriter:
     """Stores frames, triangulations and records of a run, and reports finished cases.
 
     stores : the run's folder and, with an interleaved baseline, the folder of the baseline's run
-    records : records of finished cases by key
-    with_drawings : True to store frames and triangulations, too
     """
 
     def __init__(
@@ -84,7 +76,7 @@ class RunWriter:
             store.write_facts({**facts, "environment": environment, "beside": beside})
 
     def add_frame(self, frame: Frame) -> None:
-        """Add a frame's view, scale and size, and polygons changed by snapping, to `frames`."""
+        """Add the facts of a frame, such as polygons changed by snapping, to `frames`."""
         size = {"polygons": len(frame.source), "vertices": len(frame.points)}
         broken = {"dropped": frame.dropped, "repaired": frame.repaired}
         self.frames.append({**asdict(frame.view), "scale": frame.scale, **size, **broken})
@@ -102,7 +94,7 @@ class RunWriter:
             drawings.write(store, frame, by_name)
 
     def add_counted(self, record: Record, columns: Columns | None) -> None:
-        """Store a record that has counters but no time yet, for a run that resumes this one."""
+        """Store a record without time, for a run that resumes this one."""
         self._store_columns(record, columns)
         self._stores[0].append_counted(replace(record, status="counted"))
 
@@ -116,10 +108,7 @@ class RunWriter:
             self._reporter.warn(f"{record.name} on {record.id.device} failed: {record.reason}")
 
     def _store_columns(self, record: Record, columns: Columns | None) -> tuple[RunFolder, Record]:
-        """Store a case's values per polygon; return the record's folder, and the record to store.
-
-        The baseline's records are stored in the baseline's folder, where ids have no version.
-        """
+        """Store the values per polygon; return the record's folder, and the record to store."""
         store = self._stores[0]
         if record.id.version:
             store = self._stores[1]
@@ -130,7 +119,6 @@ class RunWriter:
 
 
 def _format_record(record: Record) -> str:
-    """Return a line with the case, status, and median time or reason of a record."""
     case, time = record.id, record.time
     view = f"{case.view.resolution} px, {case.view.rotation:g} degrees"
     result = record.reason or "counted"
@@ -143,8 +131,7 @@ def _format_record(record: Record) -> str:
 def get_covered_fragments(counters: Counters, drawn: NDArray[np.bool_]) -> NDArray[np.int64] | None:
     """Return the fragments (p,) that each polygon covers, -1 if unknown; None if not counted.
 
-    counters, drawn : counters of a triangulation that uses every vertex, and the polygons that it
-        draws, (p,); all triangulations of a polygon cover the same number of fragments
+    They are equal in all triangulations that use every vertex.
     """
     fragments = counters.get("fragments")
     if fragments is None or not fragments.ndim:
@@ -162,8 +149,8 @@ def make_counted_record(
 ) -> Record:
     """Return the record of a counted case, without time.
 
-    covered : fragments (p,) that a triangulation must have, from `get_covered_fragments`
-    limits : lower bounds of quads, (p,) by `OUTLINE` and `MIN_QUADS`, -1 if unknown
+    covered : fragments (p,) that a triangulation must have; limits : lower bounds of quads, (p,)
+    by name; both are -1 if unknown
     """
     parts = [part for part in triangulation.parts if part is not None]
     proven, gap = summarise_gaps(triangulation.gaps)
@@ -195,8 +182,7 @@ def make_counted_record(
 def summarise_gaps(gaps: Sequence[float]) -> tuple[int | None, float | None]:
     """Return the number of proven optima, and the largest gap (None if infinite).
 
-    A gap is the relative distance of a polygon's cost from its proven lower bound. Both results are
-    None for triangulators that compute no optimum, and so no gaps.
+    A gap is the relative distance of a cost from its proven lower bound; only optima have gaps.
     """
     if not gaps:
         return None, None
@@ -207,10 +193,7 @@ def summarise_gaps(gaps: Sequence[float]) -> tuple[int | None, float | None]:
 def _compute_coverage_error(
     triangulation: FrameTriangulation, counters: Counters, covered: NDArray[np.int64] | None
 ) -> int | None:
-    """Return the sum over polygons of |fragments - covered|.
-
-    Polygons with unknown `covered` are omitted; the result is None if no polygon remains.
-    """
+    """Return the sum of |fragments - covered| over polygons with known `covered`, if any."""
     if covered is None or "fragments" not in counters:
         return None
     compared = triangulation.drawn & (covered >= 0)
@@ -220,7 +203,7 @@ def _compute_coverage_error(
 
 
 def _sum_counters_per_view(frame: Frame, counters: Counters) -> ViewCounters | None:
-    """Return each counter's sum in each tile or view, or None if the frame has neither."""
+    """Return each counter's sum in each tile or view, or None without tiles and views."""
     if frame.tiles is None:
         return None
     sums = {
@@ -232,7 +215,7 @@ def _sum_counters_per_view(frame: Frame, counters: Counters) -> ViewCounters | N
 
 
 def _sum_outline_quads(drawn: NDArray[np.bool_], outline: NDArray[np.int64] | None) -> int | None:
-    """Return the sum of `outline`, quads (p,), over `drawn` polygons, or None if any is -1."""
+    """Return the sum of quads (p,) over `drawn` polygons, or None if any is -1."""
     if outline is None or (outline[drawn] < 0).any():
         return None
     return int(outline[drawn].sum())
@@ -241,10 +224,7 @@ def _sum_outline_quads(drawn: NDArray[np.bool_], outline: NDArray[np.int64] | No
 def _sum_least_quads(
     drawn: NDArray[np.bool_], counters: Counters, minima: NDArray[np.int64] | None
 ) -> LeastQuads | None:
-    """Return sums over the `drawn` polygons with known minima, or None if no minimum is known.
-
-    minima : proven minimum quads (p,), -1 if unknown; quads and fragments are also summed
-    """
+    """Return sums over the `drawn` polygons whose minimum quads, (p,), are not -1."""
     quads, fragments = counters.get("quads"), counters.get("fragments")
     if minima is None or quads is None or fragments is None or not (quads.ndim and fragments.ndim):
         return None
@@ -267,11 +247,7 @@ def describe_missing(triangulation: FrameTriangulation) -> str | None:
 def make_time(
     group: Mapping[str, Times], key: str, test: TimerTest, settings: TimingSettings
 ) -> Time:
-    """Return the `time` of a record: the times of the drawing `key` in a group timed together.
-
-    Sample r of every record of the group, and of `empty_s` and `reference_s`, comes from round r,
-    so that the samples of two records can be compared round by round.
-    """
+    """Return the `time` of a record: the times of the drawing `key` in a group timed together."""
     times, reference = group[key], _round_seconds(group[REFERENCE].samples_s)
     return replace(
         make_time_without_median(times, test.timer),
@@ -289,10 +265,7 @@ def make_time(
 
 
 def make_time_without_median(times: Times, timer: str) -> Time:
-    """Return a `Time` with samples only, without a median.
-
-    For the CPU timer also with wall time, time of waiting for a core, and other programs' CPU time.
-    """
+    """Return a `Time` of the samples, and of waiting and other load for the CPU timer."""
     samples, processes = _round_seconds(times.samples_s), tuple(times.processes or ())
     if not times.wall_s:
         return Time(timer, samples, processes=processes)
@@ -352,9 +325,8 @@ def get_default_path() -> Path:
 def update_reference_draws(records: Iterable[Record], path: Path) -> list[dict[str, Any]]:
     """Add a run's reference draws (of a half-viewport triangle) to a file; compare earlier runs.
 
-    Returns a dictionary for each `DrawId` with its fields and: `reference_s`, the median of the
-    run's reference draws; `best_s`, the minimum of such medians on this machine, including this
-    run; `runs`, the number of runs; `slower`, the ratio of `reference_s` to `best_s`.
+    Returns for each `DrawId` its fields and: `reference_s`, the run's median; `best_s`, the minimum
+    of the medians of all `runs` on this machine; `slower`, their ratio.
     """
     times: dict[DrawId, dict[str, tuple[float, ...]]] = {}
     for record in records:
@@ -384,8 +356,7 @@ def update_reference_draws(records: Iterable[Record], path: Path) -> list[dict[s
 def _update_file(draws: Mapping[DrawId, float], path: Path) -> dict[DrawId, tuple[float, int]]:
     """Add the median times (s) to the file; return each draw's minimum (s) and number of runs.
 
-    An unreadable file is replaced, and an unwritable file is ignored, as counters and times do not
-    depend on this file.
+    An unreadable file is replaced; an unwritable one is ignored, as only a warning needs the file.
     """
     machine = f"{describe_processor()['label']}, {os.cpu_count()} threads"
     names = {draw: json.dumps([machine, *draw]) for draw in draws}
@@ -404,7 +375,7 @@ def _update_file(draws: Mapping[DrawId, float], path: Path) -> dict[DrawId, tupl
 
 
 def _read(path: Path) -> dict[str, tuple[float, int]]:
-    """Return the file's valid entries: (minimum in s, number of runs) by machine and draw."""
+    """Return the valid entries: (minimum in s, number of runs) by machine and draw."""
     try:
         content = json.loads(path.read_bytes())
         return {

@@ -57,11 +57,7 @@ SCENE_FIELDS = ("name", "units", "description", "licence", "credit", "dropped", 
 
 
 class ScenePart(NamedTuple):
-    """A part of a scene that is measured separately.
-
-    label : the scene's name in records
-    triangulators : triangulators of the part, or () for the plan's
-    """
+    """A separately measured part of a scene; `triangulators` () stands for those of the plan."""
 
     label: str
     scene: Scene
@@ -69,15 +65,13 @@ class ScenePart(NamedTuple):
 
 
 Split = Callable[[str, Scene], list[ScenePart]]
-"""Function of a scene's label and the scene; returns the parts that a study measures separately."""
+"""Function of a scene's label and the scene; returns the parts to measure separately."""
 
 
 @dataclass(frozen=True)
 class RunResult:
-    """Result of a measurement.
+    """Result of a measurement: the records of finished cases, in the order of writing.
 
-    run : the run, with the records of finished cases in the order of writing
-    interrupted : True if stopped before all cases were finished
     aborted : True if stopped at once, e.g. by a second Ctrl-C, so that reports are skipped
     """
 
@@ -107,12 +101,8 @@ class RunOptions:
 
     resume : True to continue the folder's run, except for cases with an ok or skipped record
     force : True to resume even if plan, scene, code or machine have changed since
-    split : function by which a study divides the scene, or None
-    database : cache of triangulations, or None
-    baseline : other version of the code to measure in the same rounds, or None
     base : triangulator to which tables and reports compare the others
-    profile : content of a profile to store with the run, or None
-    calibrate : function that chooses optimal:calibrated's criterion in each frame, or None
+    calibrate : function that chooses optimal:calibrated's criterion in each frame
     """
 
     resume: bool = False
@@ -183,10 +173,7 @@ def run(
 
 
 def _set_scene_view(plan: Plan, scene: Scene) -> Plan:
-    """Return the plan with the view that the scene defines, if map tiles or a model with views.
-
-    For a model, the triangulation in its file (ORIGINAL) is added to the triangulators.
-    """
+    """Return the plan with the view and triangulation (ORIGINAL) that the scene defines, if any."""
     view = get_scene_view(scene)
     if view.fit not in FIXED_VIEWS:
         return plan
@@ -208,11 +195,7 @@ def _measure_parts(
     options: RunOptions,
     start: float,
 ) -> RunResult:
-    """Measure each part of the scene, or the scene as one part, and store the run in `out`.
-
-    broken : triangulators that cannot run, with the reasons
-    start : time of `perf_counter` at which the run began
-    """
+    """Measure each part of the scene, or the scene as one part, and store the run in `out`."""
     # A file's label omits the folder, as the same file in another folder is the same scene.
     label = scene_label(plan.scene)
     parts = options.split(label, scene) if options.split else [ScenePart(label, scene)]
@@ -292,8 +275,8 @@ def _measure_parts(
 def _handle_signals(pool: MeasuringPool, reporter: Reporter) -> Iterator[None]:
     """During the block, let the first Ctrl-C stop the run only after the timing in progress.
 
-    A second Ctrl-C, SIGTERM and SIGHUP raise KeyboardInterrupt at once. So does the first Ctrl-C
-    while nothing is timed, because a triangulation may take hours, and counters are stored already.
+    All other signals raise KeyboardInterrupt at once. So does Ctrl-C while nothing is timed,
+    because a triangulation may take hours, and counters are stored already.
     """
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread receives signals
@@ -324,14 +307,7 @@ def open_stores(
 ) -> tuple[list[RunFolder], dict[str, Record]]:
     """Create or open the run's folder; return the stores, and the records of a resumed run by key.
 
-    The stores are the run's folder and, with an interleaved baseline, the baseline's inside it.
-
-    facts : content of the new run.json; receives fields of a resumed run, such as its devices
-    warn : called with each problem of a resumed run, such as a damaged record
-    resume, force : see `RunOptions`
-
-    Raises IncompatibleRunsError if plan, scene, code or machine differ, without `force`; InputError
-    if the run cannot be resumed, or the folder cannot be written.
+    With an interleaved baseline there are two stores. `facts` receives fields of a resumed run.
     """
     base = [out / BASE_FOLDER] if "beside" in facts else []
     if not resume:
@@ -364,10 +340,7 @@ def open_stores(
 
 
 def _refuse_differences(before: RunFacts, facts: RunFacts, out: Path) -> None:
-    """Raise IncompatibleRunsError if the run in `out` and a run that would resume it differ.
-
-    before, facts : content of the run.json of the run in `out`, and of the new one
-    """
+    """Raise IncompatibleRunsError unless a run with these facts may resume the run in `out`."""
     plan = before.get("plan", {})
     differences = [
         f"plan ({key}: {plan.get(key)} then, {value} now)"
@@ -390,7 +363,6 @@ def _refuse_differences(before: RunFacts, facts: RunFacts, out: Path) -> None:
 
 
 def _make_facts(plan: Plan, scene: Scene) -> RunFacts:
-    """Return the content of a new run.json."""
     machine = environment.collect_facts(plan.seed, [recipe.base for recipe in plan.triangulators])
     return {
         "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),

@@ -29,16 +29,13 @@ from harness.triangulating.result import FrameTriangulation
 from harness.workers.worker import TaskError, TaskTimeoutError
 from scenes import Scene
 
-DONE_STATUSES = ("ok", "skipped")
-"""Statuses of records that a resumed run does not measure again."""
+DONE_STATUSES = ("ok", "skipped")  # statuses of records that a resumed run does not measure again
 
 COVERAGE_RECIPE = Recipe("delaunay")
-"""Triangulator whose fragments define the pixels that each polygon must cover: it uses every vertex
-of every polygon, so that it leaves no gap."""
+"""Triangulator whose fragments define the pixels that each polygon must cover, as it uses every
+vertex."""
 
-MESSAGE_AFTER_S = 2.0
-"""Seconds of waiting after which a line says that kernels are being compiled; loading compiled
-kernels takes less."""
+MESSAGE_AFTER_S = 2.0  # seconds of waiting before a message; loading compiled kernels takes less
 
 
 @dataclass(frozen=True)
@@ -54,7 +51,6 @@ class Group:
 class _ViewState:
     """Frame of one view, and results in that frame that all groups share.
 
-    triangulations, triangles : by recipe, the result, and the result's triangles (m, 3)
     limits : lower bounds of quads, (p,) by name, see `start_bounds`; {} if `COVERAGE_RECIPE` failed
     vertices : vertex batches and transformed vertices by recipe, order and seed
     calibrated : by recipe of the plan, the recipe that `SceneRun.calibrate` chose for this view
@@ -68,7 +64,7 @@ class _ViewState:
     calibrated: dict[Recipe, Recipe] = field(default_factory=dict)
 
     def get_batch_counters(self, recipe: Recipe, options: Options) -> Counters:
-        """Return a recipe's vertex batches and transformed vertices, equal in all rasterisers."""
+        """Return vertex batches and transformed vertices, equal in all rasterisers."""
         key = (recipe, options.order, options.seed)
         if key not in self.vertices:
             ordered = order_submission(self.frame, self.triangles[recipe], options)
@@ -86,16 +82,13 @@ returns the recipe with the weights for this frame, and its triangulation."""
 
 @dataclass(frozen=True)
 class SceneRun:
-    """The measurement of a scene.
+    """The measurement of a scene, whose name in records is `label`.
 
-    label : the scene's name in records
-    usable : backends with their supported options
     broken : triangulators that cannot run, with the reasons
-    writer : stores records; cases of which it has an ok or skipped record are not measured again
     counted : records, by key, of cases that an earlier run counted but did not time
     rounds : True to time triangulation in rounds, like drawings
-    calibrate : function that chooses the criterion that optimal:calibrated minimises in a frame,
-        for a device with several stages; None if the recipe is the same for all frames
+    calibrate : chooses the criterion that optimal:calibrated minimises in a frame; None if the
+        recipe is the same for all frames
     """
 
     plan: Plan
@@ -169,7 +162,7 @@ class SceneRun:
     # -- triangulations --------------------------------------------------------------------------
 
     def _triangulate_all(self, current: _ViewState, groups: Sequence[Group]) -> None:
-        """Triangulate with `COVERAGE_RECIPE` and the groups' recipes, and compute lower bounds.
+        """Triangulate with the groups' recipes, and compute lower bounds.
 
         Cases whose recipe gives no triangles are recorded as failed or skipped.
         """
@@ -257,7 +250,7 @@ class SceneRun:
         """Run a triangulator over the frame's polygons, and return triangles of the frame.
 
         An `upright` recipe triangulates the scene before its rotation, and any recipe triangulates
-        a model's faces in their planes; these triangles are carried over to the frame.
+        a model's faces in their planes.
         """
         plain_recipe = replace(recipe, upright=False)
         if frame.flat is not None:
@@ -273,7 +266,6 @@ class SceneRun:
         return carry_to_rotated_frame(before, upright, frame)
 
     def _time_triangulating(self, current: _ViewState) -> None:
-        """Triangulate again in several rounds, to measure how the triangulation time varies."""
         plan_recipes = {
             current.calibrated.get(recipe, recipe): recipe
             for recipe in current.triangulations
@@ -293,7 +285,6 @@ class SceneRun:
     # -- counts and times ------------------------------------------------------------------------
 
     def _measure_group(self, current: _ViewState, group: Group) -> None:
-        """Count the group's cases, then time all cases together."""
         try:
             opened = self.pool.open_device(group.backend)
         except HarnessError as error:
@@ -320,7 +311,7 @@ class SceneRun:
     ) -> dict[Recipe, Record]:
         """Count the group's cases, store the counters; return the records to be timed.
 
-        `COVERAGE_RECIPE` is counted first, even if not a case, to get each polygon's fragments.
+        `COVERAGE_RECIPE` is counted first, to get each polygon's fragments.
         """
         ready: dict[Recipe, Record] = {}
         covered = None
@@ -358,10 +349,7 @@ class SceneRun:
     def _time_group(
         self, current: _ViewState, group: Group, ready: Mapping[Recipe, Record]
     ) -> None:
-        """Time the counted cases together, and store their records.
-
-        ready : records of the counted cases, without times
-        """
+        """Time the counted cases together, and store their records."""
         settings, backend = self.plan.timing, group.backend
         test = self.pool.open_device(backend).timer
         assert test is not None
@@ -393,8 +381,8 @@ class SceneRun:
     ) -> Recipe:
         """Return the recipe whose triangles are drawn and timed for a case.
 
-        For a case of the baseline this is the current version's recipe if both versions have the
-        same triangles, so that both get the same times; except with `OtherVersion.twice`.
+        If the baseline has the same triangles as the current version, both get the same times,
+        except with `OtherVersion.twice`.
         """
         head, other = replace(recipe, other=False), self.pool.other
         if other is None or other.twice or not recipe.other or head not in ready:

@@ -1,7 +1,4 @@
-"""Tasks of the workers: opening a device, counting, timing, and lower bounds of quads.
-
-These functions run in a worker process; the parent calls them through `MeasuringPool`.
-"""
+"""Tasks of the workers: opening a device, counting, timing, and lower bounds of quads."""
 
 import contextlib
 from collections.abc import Mapping, Sequence
@@ -41,8 +38,7 @@ timers are compared; layers are added until the draw takes that long."""
 
 EXACT_QUADS = parse("optimal:exact-quads")
 
-MAX_SEARCH_S = 2.0
-"""Time budget per frame for minimum quad counts: maximum sum of `estimate_search_seconds`."""
+MAX_SEARCH_S = 2.0  # time budget per frame for minimum quad counts, by `estimate_search_seconds`
 
 ROW_S = 6e-9
 """Seconds to count the quads of a triangle, per row of pixels (measured: 2 to 6 ns). The dynamic
@@ -55,12 +51,7 @@ count (measured: 10 to 450 ns; the largest polygons have the largest quotients).
 
 @dataclass(frozen=True)
 class OpenedDevice:
-    """Details of an open device.
-
-    details : strings and limits reported by the driver
-    timer : result of the self-test, or None for a rasteriser that is not timed
-    draws_indexed : see `Rasteriser`
-    """
+    """Details of an open device, as reported by the driver; timer : None if draws are not timed."""
 
     details: dict[str, Any]
     timer: TimerTest | None
@@ -73,10 +64,7 @@ if there are none, the rasteriser's best device; and the names of these requeste
 
 
 def find_supported(name: str, options: Sequence[Options], devices: Sequence[str]) -> Supported:
-    """Return the options and devices of a plan that a rasteriser supports, as `Supported`.
-
-    Raises UsageError or NoRasteriserError as `rasterisers.find_device` does.
-    """
+    """Return the options and devices of a plan that a rasteriser supports, as `Supported`."""
     kind = rasterisers.get(name)
     names = tuple(device for device in devices if kind.is_device_name(device))
     available = tuple(rasterisers.find_device(name, device) for device in names or (None,))
@@ -84,7 +72,6 @@ def find_supported(name: str, options: Sequence[Options], devices: Sequence[str]
 
 
 _rasterisers: dict[tuple[str, str], Rasteriser] = {}
-"""Open rasterisers of this process by (rasteriser, device)."""
 
 
 def open_device(name: str, device: Device) -> OpenedDevice:
@@ -109,11 +96,10 @@ def time_group(
     test: TimerTest,
     seed: int,
 ) -> dict[str, Times]:
-    """Time the candidates in the same rounds; return their times by name.
+    """Time the candidates, whose frames have the same size, in the same rounds.
 
-    All frames must have the same size. The result also has the times of EMPTY (no triangle) and
-    REFERENCE (a triangle that covers half of the viewport), drawn with the first candidate's
-    options.
+    The result also has the times of EMPTY (no triangle) and REFERENCE (a triangle that covers half
+    of the viewport), drawn with the first candidate's options.
     """
     rasteriser = _get_rasteriser(name, device)
     frame, _, options = next(iter(candidates.values()))
@@ -184,10 +170,7 @@ def compute_outline_bounds(
 
 
 def estimate_search_seconds(frame: Frame) -> NDArray[np.float64]:
-    """Return the estimated seconds to find the minimum quad count of each polygon, (p,).
-
-    The estimate is infinite for polygons that a tile's edge cuts, as these are not solved.
-    """
+    """Return the estimated seconds to find each polygon's minimum quads, (p,); may be inf."""
     cubes = frame.grid.vertex_counts.astype(np.float64) ** 3
     low, high = frame.polygons.bounds()
     simple = cubes / 6 * (1 + (high - low)[:, 1] / 2) * ROW_S
@@ -202,7 +185,7 @@ def estimate_search_seconds(frame: Frame) -> NDArray[np.float64]:
 
 
 def compute_min_quads(frame: Frame, database: Path | None) -> NDArray[np.int64]:
-    """Return the proven minimum quads of each polygon, (p,), -1 if unknown; loads compiled code.
+    """Return the proven minimum quads of each polygon, (p,), -1 if unknown.
 
     Polygons are solved in order of the estimated time, up to `MAX_SEARCH_S`. Views of a model are
     not solved: a face seen at an angle is not a valid polygon on the grid.

@@ -6,8 +6,8 @@ cancels the drift. Every round also times an empty draw and a reference triangle
 overhead and the speed of the machine.
 
 The memory layout of a drawing's buffers changes times by some tenths of a per cent, and no number
-of rounds averages that out. So the rounds are split into epochs. Before each epoch all drawings are
-released and prepared again in another random order. The interval of a ratio follows from the
+of rounds averages that out. So the rounds are split into epochs, before which all drawings are
+released and prepared again in another random order; the interval of a ratio follows from the
 variation between epochs (`harness.stats.intervals`). Sources: T. Kalibera and R. Jones,
 "Rigorous benchmarking in reasonable time", ISMM 2013; T. Mytkowicz et al., "Producing wrong data
 without doing anything obviously wrong!", ASPLOS 2009.
@@ -38,7 +38,7 @@ REFERENCE = "(reference)"
 
 MIN_CPU_SHARE = 0.5
 """Minimum share of a large draw's wall time that this process spent on computing or on waiting for
-a core. If the share is lower, another process draws, so this process is not timed by CPU time."""
+a core; if the share is lower, another process draws."""
 
 MAX_CPU_CLOCK_STEP_S = 1e-4
 """Maximum step of a usable CPU clock; coarser clocks would require too long batches."""
@@ -47,27 +47,22 @@ MAX_TIMER_DIFFERENCE = 0.30
 """Tolerated relative difference of GPU timer and wall clock in the self-test."""
 
 MAX_BATCHES = 10
-"""Maximum duration of a batch, in durations of a usual batch: slow drawings get as many draws per
-batch as the faster drawings that they are compared with, up to this limit."""
+"""Maximum duration of a batch, in usual batches: slow drawings get as many draws per batch as the
+faster drawings that they are compared with, up to this limit."""
 
-MIN_ROUNDS = 12
-"""Minimum number of rounds for a 95 % interval of the median narrower than the sample's range."""
+MIN_ROUNDS = 12  # minimum for a 95 % interval of the median narrower than the sample's range
 
-EPOCH_ROUNDS = 2
-"""Minimum number of rounds of an epoch: 6 epochs, the default, then have `MIN_ROUNDS`."""
+EPOCH_ROUNDS = 2  # minimum number of rounds of an epoch: the 6 epochs by default have `MIN_ROUNDS`
 
 Renew = Callable[[Sequence[str]], Mapping[str, Drawing]]
-"""Function that releases all drawings, and prepares them again in the given order of names."""
+"""Function that releases all drawings, and prepares them again in the given order."""
 
 
 @dataclass(frozen=True)
 class TimerTest:
-    """Result of the timer self-test of a device.
+    """Result of the timer self-test of a device, with the reason of the selection.
 
-    timer : the selected timer
     gpu_s, cpu_s, wall_s : seconds of one large draw, or None if the timer does not exist
-    resolution_s : resolution of the selected timer
-    reason : reason of the selection
     """
 
     timer: Timer
@@ -80,16 +75,13 @@ class TimerTest:
 
 @dataclass
 class Times:
-    """Samples of a drawing: seconds per draw, a sample per round.
+    """Samples of a drawing: seconds per draw, a sample per round of `repeats` draws.
 
-    repeats : draws per sample
     wall_s, waited_s : per sample, wall time of the same draws, and time of waiting for a core; []
         if the CPU timer is not used or the system does not report waiting
     stolen_s, others_s, timing_s : during the timing, steal time of all cores, CPU time of all other
         processes, and wall time
-    precision_reached : True if the interval of the median, or of a ratio, is narrow enough
-    epochs : rounds of each epoch, in order; a single epoch if drawings were prepared once
-    processes : rounds of each process, if several
+    epochs, processes : rounds of each epoch, and of each process if there are several
     """
 
     repeats: int
@@ -104,7 +96,7 @@ class Times:
     timing_s: float = 0.0
 
     def add(self, sample: Sample, timer: Timer) -> None:
-        """Add a batch of `repeats` draws as a sample: seconds per draw by `timer`."""
+        """Add a batch of `repeats` draws as a sample."""
         self.samples_s.append(_get_seconds(sample, timer) / self.repeats)
         if timer == "cpu":
             self.wall_s.append(sample.wall / self.repeats)
@@ -137,12 +129,12 @@ class Times:
 
     @property
     def median_s(self) -> float:
-        """Median of the undisturbed samples, in seconds per draw."""
+        """Median of the undisturbed samples."""
         return statistics.median(self.undisturbed_s)
 
     @property
     def ci95_s(self) -> tuple[float, float]:
-        """Distribution-free 95 % confidence interval of the median, in seconds."""
+        """Distribution-free 95 % confidence interval of the median."""
         return compute_median_interval(self.undisturbed_s)
 
     def is_precise(self, precision: float) -> bool:
@@ -203,11 +195,10 @@ def time_together(
 ) -> dict[str, Times]:
     """Time all `drawings` in shuffled, interleaved rounds.
 
-    Sample r of every drawing comes from round r. The rounds end when each drawing's interval, of
-    the median or of the ratio to the other drawings, is narrow enough and the minimum share of the
-    budget is spent; or when the budget, `settings.budget_s` times the number of drawings, is spent.
-    With `renew` there are at least `settings.epochs` epochs. `settings.limit_s` ends the rounds in
-    any case.
+    The rounds end when each drawing's interval, of the median or of the ratio to the other
+    drawings, is narrow enough and the minimum share of the budget is spent; or when the budget,
+    `settings.budget_s` per drawing, is spent, but with `renew` not before `settings.epochs` epochs.
+    `settings.limit_s` ends the rounds in any case.
     """
     start, stolen_s, others_s = clock(), system.read_steal_time_s(), system.read_other_processes_s()
     batch = max(settings.min_batch_s, 100 * test.resolution_s)
@@ -269,11 +260,7 @@ def time_together(
 
 
 def _sample(name: str, drawing: Drawing, repeats: int) -> Sample:
-    """Time `repeats` draws.
-
-    The reference is first drawn once untimed, so that its time does not depend on what the previous
-    drawing left in the caches.
-    """
+    """Time draws; the reference is drawn once untimed, to not depend on the previous drawing."""
     if name == REFERENCE:
         drawing.sample(1)
     return drawing.sample(repeats)
@@ -283,9 +270,7 @@ def _sample(name: str, drawing: Drawing, repeats: int) -> Sample:
 class _Epochs:
     """Schedule of epochs; at the beginning of each, the drawings are prepared again.
 
-    min_epochs, min_rounds : lower bounds of the number of epochs, and of rounds per epoch
-    seconds : planned duration of an epoch
-    until : time of `clock` before which the current epoch does not end
+    seconds, until : planned duration of an epoch; time before which the current one does not end
     rounds : rounds of each epoch, the current epoch last
     """
 
@@ -325,10 +310,8 @@ def _find_precise(
 ) -> Sequence[str]:
     """Return the names of drawings whose ratio to the geometric mean of `compared` is precise.
 
-    epochs : rounds of each epoch
-
-    Unlike medians, ratios become precise even while the machine drifts. The reference draw shows
-    that drift, so its median may never become precise; it counts as precise if all ratios are.
+    Ratios become precise even while the machine drifts. The reference draw shows that drift, so its
+    median may never become precise; it counts as precise if all ratios are.
     """
     if not settings.paired or len(compared) < 2:
         return ()
@@ -347,10 +330,7 @@ def _find_precise(
 def _warm_up(
     drawing: Drawing, batch_s: float, limit_s: float, timer: Timer, clock: Callable[[], float]
 ) -> tuple[int, float]:
-    """Draw until times are stable, or for `limit_s`; return draws per batch, and seconds per draw.
-
-    A batch takes at least `batch_s`.
-    """
+    """Draw until times are stable or time is up; return draws per batch, and seconds per draw."""
     deadline = clock() + limit_s
     repeats = 1
     while (seconds := _get_seconds(drawing.sample(repeats), timer)) < batch_s:
@@ -370,7 +350,7 @@ def _warm_up(
 
 
 def _get_seconds(sample: Sample, timer: Timer) -> float:
-    """Return the sample's seconds by `timer`, or by the wall clock if `timer` gave none."""
+    """Return the sample's seconds by `timer`, or by the wall clock if there are none."""
     if timer == "gpu" and sample.gpu is not None:
         return sample.gpu
     if timer == "cpu" and sample.cpu is not None:
@@ -379,7 +359,6 @@ def _get_seconds(sample: Sample, timer: Timer) -> float:
 
 
 def _measure_resolution(clock: Callable[[], float]) -> float:
-    """Measure a clock's smallest visible step in seconds."""
     steps = []
     for _ in range(20):
         first = clock()

@@ -11,8 +11,7 @@ from harness.stats.intervals import FASTER, SLOWER, Ratio, compute_student_inter
 
 BreakEvenKind = Literal["at once", "after", "up to", "not significant", "never"]
 
-MIN_ROUNDS = 4
-"""Minimum number of rounds of triangulation from which an interval is computed."""
+MIN_ROUNDS = 4  # minimum number of rounds of triangulation from which an interval is computed
 
 
 @dataclass(frozen=True)
@@ -20,12 +19,10 @@ class BreakEven:
     """Number of draws from which triangulating and drawing together take less than the base's.
 
     kind : "at once": drawing is significantly faster, and triangulating takes no longer; "after":
-        drawing is significantly faster, but triangulating may take longer; "up to": drawing is
-        significantly slower and triangulating faster, so that up to `draws` draws take less in all;
-        "not significant": the draw times do not differ significantly; "never": drawing is
-        significantly slower, and triangulating is not significantly faster
-    draws, low, high : number of draws of "after" and "up to", with a 95 % interval; infinite if
-        unbounded; None if triangulating was timed once, so that the interval is unknown
+        triangulating may take longer; "up to": drawing is slower and triangulating faster; "not
+        significant": the draw times do not differ; "never": triangulating is not faster either
+    draws, low, high : number of draws of "after" and "up to", with a 95 % interval, infinite if
+        unbounded, None if triangulating was timed once
     """
 
     kind: BreakEvenKind
@@ -62,15 +59,13 @@ class BreakEven:
         return math.floor(draws) if self.kind == "up to" else math.ceil(draws)
 
     def _format_interval(self, separator: str) -> str:
-        """Format the interval, rounded outwards, so that a narrow interval has two ends."""
+        """Format the interval, rounded outwards, so that its ends differ."""
         low, high = self.low or 0.0, self.high or 0.0
         start = f"{max(0, math.ceil(low) - 1):,}"
         return f"{start} or more" if math.isinf(high) else f"{start}{separator}{math.ceil(high):,}"
 
 
 class _Estimate(NamedTuple):
-    """A value with the ends of an interval."""
-
     value: float
     low: float
     high: float
@@ -83,10 +78,8 @@ class _Estimate(NamedTuple):
 def compute_break_even(record: Record, base: Record, ratio: Ratio | None) -> BreakEven | None:
     """Return the draws after which the time saved in drawing exceeds the extra triangulation time.
 
-    None for the base itself, and unless drawing and triangulating of both records were timed. A
-    draw saves (1 - ratio) times the base's draw time. If both were triangulated in the same rounds,
-    the extra time is the mean of the rounds' differences, with Student's interval; otherwise it is
-    a difference without an interval.
+    None for the base itself, and unless drawing and triangulating of both records were timed. The
+    extra time has an interval only if both were triangulated in the same rounds.
 
     ratio : `compute_time_ratio` of `record` and `base`
     """
@@ -113,10 +106,7 @@ def compute_break_even(record: Record, base: Record, ratio: Ratio | None) -> Bre
 
 
 def _estimate_saving(ratio: Ratio, base: Time) -> _Estimate:
-    """Return the seconds that a draw saves: (1 - ratio) times the base's draw time.
-
-    The relative errors of both factors are added as squares.
-    """
+    """Return the seconds that a draw saves; squares of both relative errors are added."""
     draw_s = base.median_s or 0.0
     ends = base.ci95_s or (draw_s, draw_s)
     share = 1 - ratio.value
@@ -136,8 +126,7 @@ def _divide_estimates(
     top, bottom : seconds of extra triangulation, and seconds saved by a draw, which are above 0
 
     The ends of both intervals determine the ratio's interval, by the method MOVER-R (Newcombe,
-    Statistical Methods in Medical Research 25, 2016, after Donner and Zou). The number of draws is
-    at least 0.
+    Statistical Methods in Medical Research 25, 2016, after Donner and Zou).
     """
     draws = max(0.0, top.value / bottom.value)
     if not has_interval:

@@ -1,7 +1,6 @@
 """Recommendation of a triangulator for a group: ranking, verdicts, reason, and a sentence.
 
-The terminal's table, summary.csv, the report and the recommendation all use the same `Decision`,
-so that none contradicts another.
+All outputs use the same `Decision`, so that none contradicts another.
 """
 
 import math
@@ -23,28 +22,23 @@ Reason = Literal[
 
 TIME = "draw_ms"
 COVERED = "fragments"
-"""Names of the metrics draw time and number of covered pixels."""
 
 MIN_PIXELS = 64
 """Minimum number of covered pixels for a recommendation: small counters do not scale."""
 
 MIN_SAVED_SHARE = 0.01
 """Smallest saved share of a cost that is a reason to change the triangulator, in `run` and
-`inspect`. If quads were counted, the cost is the shaded lanes: on large triangles, a large share of
-the helper lanes is a negligible share of the shaded lanes."""
+`inspect`. If quads were counted, the cost is the shaded lanes, of which the helper lanes of large
+triangles are a negligible share."""
 
-MIN_SHARE_OF_BEST = 0.8
-"""Minimum share of the largest saving that a recommended triangulator saves."""
+MIN_SHARE_OF_BEST = 0.8  # minimum share of the largest saving that a recommended triangulator saves
 
 
 @dataclass(frozen=True)
 class Standing:
-    """A record in a ranking.
+    """A record in a ranking, with its ratio of times and break-even against the base.
 
-    cost : sort key: time relative to the base's, or main counter relative to the base's
-    complete : True if all polygons were drawn
-    ratio : paired ratio of times to the base's, or None if undefined
-    break_even : break-even against the base, or None if undefined
+    cost : sort key: time or main counter relative to the base's
     """
 
     record: Record
@@ -68,22 +62,18 @@ class Standing:
 class Decision:
     """A recommended triangulator, with the reason.
 
-    standings : measured records, complete records first, sorted by cost (the main counter's cost
-        unless the group's state is quiet)
-    base : the base of the ratios
-    reason : "faster": the choice is significantly faster than the base; "others slower": all other
-        triangulators are significantly slower than the base; "counter": times do not decide, and
-        the choice has the minimum of an exact counter among triangulators that are not slower, and
-        saves `MIN_SAVED_SHARE`; "undecided": no relevant difference; "few pixels": fewer than
-        `MIN_PIXELS` are covered; "single": only one candidate; "incomplete": every triangulator
-        skipped polygons. The last three give no recommendation
-    choice : the recommended triangulator: the base, or the triangulator with the minimum
-        triangulation time among those that reach `MIN_SHARE_OF_BEST` of the largest saving
-    best : the triangulator with the largest saving
-    measure : the main counter, or None without counters
+    standings : measured records, complete records first, sorted by cost
+    reason : "faster", "others slower": the choice is significantly faster than the base, or all
+        others are significantly slower than the base; "counter": times do not decide, and the
+        choice saves `MIN_SAVED_SHARE` of an exact counter; "undecided": no relevant difference;
+        "few pixels", "single", "incomplete": no recommendation, as too few pixels are covered,
+        there is one candidate, or every triangulator skipped polygons
+    choice : the base, or the triangulator with the minimum triangulation time among those that
+        reach `MIN_SHARE_OF_BEST` of the largest saving
+    best, measure : the triangulator with the largest saving, and the main counter if any
     timed : whether times of two or more complete triangulators are compared
-    saving : if the reason is "faster": the choice's ratio to the base, with a simultaneous interval
-        over all candidates, because a choice among several noisy ratios is biased
+    saving : the choice's ratio to the base if "faster", with a simultaneous interval over all
+        candidates, because a choice among several noisy ratios is biased
     """
 
     group: RecordGroup
@@ -136,14 +126,10 @@ def decide_run(run: Run) -> list[Decided]:
 def _make_standing(
     record: Record, group: RecordGroup, base: Record, all_polygons: int, compared: int
 ) -> Standing:
-    """Return the entry of a record in the ranking.
+    """Return the entry of a record in the ranking; compared : number of other complete records.
 
-    The cost is the ratio of times if the run was quiet or counted nothing. Otherwise it is the main
-    counter relative to the base's; without a ratio of times, the draw time relative to the base's.
-
-    The verdict uses the paired ratio, which may contradict the order of two median times.
-
-    compared : number of complete records that the base is compared with
+    The cost is the ratio of times if the run was quiet or counted nothing, otherwise the main
+    counter or, without a ratio of times, the draw time relative to the base's.
     """
     ratio = group.compute_ratio(record, base, compared)
     counters = list_costs(record.counters)
@@ -209,7 +195,6 @@ def _get_joint_ratio(standing: Standing) -> Ratio | None:
 def _find_recommended_and_best(
     standings: Mapping[str, Standing], saved: Mapping[str, float]
 ) -> tuple[Standing, Standing]:
-    """Return the entries of the recommended triangulator and of that with the largest saving."""
     seconds = {name: standing.record.triangulate_s for name, standing in standings.items()}
     return standings[choose_recommended(saved, seconds)], standings[find_largest_saving(saved)]
 
@@ -221,9 +206,6 @@ def find_largest_saving(saved: Mapping[str, float]) -> str:
 
 def choose_recommended(saved: Mapping[str, float], seconds: Mapping[str, float | None]) -> str:
     """Return the fastest to triangulate of the triangulators with nearly the largest saving.
-
-    These save at least `MIN_SHARE_OF_BEST` of the largest saving. If no triangulation time is
-    known, the triangulator with the largest saving is returned.
 
     saved, seconds : saved share of a cost, and triangulation time, by triangulator
     """
@@ -261,7 +243,6 @@ def format_advice(decision: Decision | None) -> str:
 
 
 def _format_obstacle(decision: Decision) -> str:
-    """Return why the records give no recommendation."""
     record = decision.choice.record
     if decision.reason == "single":
         return f"{record.name} has no other triangulator to compare with"
@@ -310,7 +291,6 @@ def _format_choice(decision: Decision) -> str:
 
 
 def _explain_times(decision: Decision) -> str:
-    """Return why times did not decide."""
     state = decision.group.state
     if state != QUIET:
         return f"times are {state} and not used (measure again on an idle machine)"

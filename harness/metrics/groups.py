@@ -1,7 +1,6 @@
 """Groups of comparable records: ratios of times, and of counters over map tiles or views.
 
-A software rasteriser is as fast as the processor that runs it, so times of software devices on
-different processors are never compared.
+Times of software devices, which are as fast as the processor, are compared on one processor only.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -29,8 +28,7 @@ from harness.stats.intervals import (
 from harness.stats.run_quality import QUIET, STATES, State, get_run_state, select_rounds
 from triangulators.devices import is_software
 
-DEFAULT_BASE = "ear-clipping"
-"""Default base of ratios: the method that most programs use today."""
+DEFAULT_BASE = "ear-clipping"  # default base of ratios: the method that most programs use today
 
 IDENTIFYING_CRITERIA = ("overdraw", "half_perimeter", "edge_length", "shape")
 """Criteria whose values are all equal only for the same triangulation of a polygon."""
@@ -38,9 +36,8 @@ IDENTIFYING_CRITERIA = ("overdraw", "half_perimeter", "edge_length", "shape")
 
 @dataclass(frozen=True)
 class RecordGroup:
-    """Records that differ in the triangulator alone.
+    """Records that differ in the triangulator alone; `base_name` is the user's choice, or "".
 
-    base_name : the base that the user chose, "" if none
     state : state of the machine during the run; unless quiet, times are not used
     """
 
@@ -51,15 +48,14 @@ class RecordGroup:
 
     @cached_property
     def measured(self) -> list[Record]:
-        """The records whose case was measured without failure (status "ok")."""
+        """The records whose case was measured without failure."""
         return [record for record in self.records if record.is_ok]
 
     @cached_property
     def base(self) -> Record | None:
         """The base of the ratios, or None if no record was measured.
 
-        The base is the user's choice, otherwise ear clipping, otherwise the first record with the
-        maximum number of polygons.
+        The user's choice, otherwise ear clipping, otherwise the first with the most polygons.
         """
         by_name = {record.name: record for record in self.measured}
         for name in (self.base_name, DEFAULT_BASE):
@@ -92,10 +88,7 @@ def group_run(run: Run) -> list[RecordGroup]:
 
 
 def drop_equal_triangulations(records: Sequence[Record]) -> list[Record]:
-    """Return records of one polygon and view without repeated triangulations.
-
-    Triangulations are equal if all `IDENTIFYING_CRITERIA` are.
-    """
+    """Return records of one polygon and view, one for each set of equal `IDENTIFYING_CRITERIA`."""
     first: dict[tuple[float, ...], Record] = {}
     for record in records:
         predicted = record.predicted
@@ -109,13 +102,7 @@ def drop_equal_triangulations(records: Sequence[Record]) -> list[Record]:
 
 
 def replace_base(run: Run, name: str) -> Run:
-    """Return the run with the triangulator `name` as the base of ratios.
-
-    Raises
-    ------
-    UsageError
-        if the run has no such triangulator
-    """
+    """Return the run with the triangulator `name` as the base of ratios."""
     names = dict.fromkeys(record.name for record in run.records)
     if run.records and name not in names:
         raise make_unknown_name_error("base", name, names)
@@ -127,11 +114,9 @@ def compute_time_ratio(
 ) -> Ratio | None:
     """Return the paired ratio of two records' times, or None for incomparable records.
 
-    The interval includes the scatter between runs (`add_run_scatter`).
-
-    candidates : number of ratios of which the caller may report the lowest. If there are several, a
-        ratio significantly below 1 also gets an interval corrected for that choice (`joint`)
-    quiet : False if the run was disturbed, so that the ratio is not used
+    The interval includes the scatter between runs. If the caller may report the lowest of several
+    `candidates`, a ratio significantly below 1 also gets an interval corrected for that choice
+    (`joint`). The ratio of a run that is not `quiet` is not used.
     """
     if base is None or record.polygons != base.polygons:
         return None
@@ -154,11 +139,7 @@ DESCRIBED_COUNTERS = ("helper_lanes", "quads")
 
 @dataclass(frozen=True)
 class ViewStatistics:
-    """A counter of a record over its views, with 95 % intervals over the views; NaN if unknown.
-
-    mean : mean of the views, with `mean_low` and `mean_high`
-    ratio : sum over the views relative to the base's sum, with `ratio_low` and `ratio_high`
-    """
+    """A counter's mean and ratio to the base's sum, with 95 % intervals over views, or NaN."""
 
     views: int
     measure: str
@@ -177,12 +158,7 @@ class ViewStatistics:
 
 
 def compare_views(record: Record, base: Record | None, measure: str = "") -> ViewStatistics | None:
-    """Return a counter's mean over a record's views and its ratio to the base, with intervals.
-
-    None without views, or if the records have different numbers of polygons.
-
-    measure : a counter, by default the main counter
-    """
+    """Return a counter's mean over views and ratio to the base, or None if incomparable."""
     if base is None or record.polygons != base.polygons:
         return None
     if record.views is None or base.views is None:
@@ -238,14 +214,11 @@ def _describe_counter(group: RecordGroup, base: Record, measure: str) -> str:
 
 
 SOFTWARE_DEVICES = ("cpu", "zink", "osmesa")
-"""Software devices that the driver's renderer string does not identify as software."""
+"""Software devices that the renderer string does not identify as software."""
 
 
 def read_processor(facts: Mapping[str, Any]) -> str:
-    """Return the processor of a run from its `run.json`, or "" if unknown.
-
-    Older runs have the processor's name in place of the longer label.
-    """
+    """Return the processor of a run: its label or, in older runs, its name; "" if unknown."""
     processor, environment = facts.get("cpu"), facts.get("environment")
     label = processor.get("label") if isinstance(processor, Mapping) else None
     name = environment.get("cpu") if isinstance(environment, Mapping) else None
@@ -258,7 +231,7 @@ def may_be_same_processor(one: str, other: str) -> bool:
 
 
 def list_distinct_processors(labels: Iterable[str]) -> list[str]:
-    """Return the labels of different processors, or [] if all may name the same processor."""
+    """Return the labels of different processors, or [] if all may name the same one."""
     distinct: list[str] = []
     for label in sorted(set(labels), key=len, reverse=True):
         if not any(may_be_same_processor(label, other) for other in distinct):
@@ -292,10 +265,7 @@ def find_mixed_processors(runs: Sequence[Run]) -> dict[str, list[str]]:
 
 
 def mark_processors(runs: Sequence[Run], mark: Callable[[CaseId, str], CaseId]) -> list[Run]:
-    """Return the runs; apply `mark` to cases of software renderers timed on several CPU models.
-
-    mark : (case, processor) -> the case with the processor in one of its fields
-    """
+    """Return the runs; `mark` adds the processor to cases of software devices timed on several."""
     mixed = find_mixed_processors(runs)
 
     def mark_record(run: Run, record: Record) -> Record:
@@ -312,7 +282,7 @@ def format_processors(mixed: dict[str, list[str]]) -> str:
 
 
 def describe_machine(run: Run) -> list[str]:
-    """Return lines about the processor of software devices, and about disturbances of the run."""
+    """Return lines about the processor of software devices, and about disturbances."""
     devices = dict.fromkeys(record.id.device_name for record in _list_timed_in_software(run))
     label = read_processor(run.facts)
     lines = [f"processor of {', '.join(devices)}: {label}"] if devices and label else []

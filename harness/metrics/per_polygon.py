@@ -1,6 +1,6 @@
 """Costs of single polygons relative to another triangulation of the same polygon.
 
-The division removes the polygon's size, which would otherwise make every criterion look good.
+Without this division the polygon's size would make every criterion look good.
 """
 
 import numpy as np
@@ -12,12 +12,11 @@ from harness.results.record import Record
 from harness.results.run_folder import Run, read_arrays
 
 Column = NDArray[np.float64]
-Columns = dict[str, Column]
-"""Criteria and counters of p polygons, (p,), by name."""
+Columns = dict[str, Column]  # criteria and counters of p polygons, (p,), by name
 
 
 def read_columns(run: Run, record: Record) -> Columns | None:
-    """Return the criteria and counters of each polygon in a case, (p,), or None if not stored."""
+    """Return the criteria and counters of each polygon in a case, or None if not stored."""
     arrays = read_arrays(run, record.key)
     if arrays is None or f"{PREDICTED}triangles" not in arrays:
         return None
@@ -26,10 +25,7 @@ def read_columns(run: Run, record: Record) -> Columns | None:
 
 
 def compute_ratios(columns: Columns, base: Columns, name: str) -> Column:
-    """Return each polygon's ratio, (p,), of its value in the column `name` to the base's value.
-
-    A polygon has NaN if its triangulation is missing or a cost is 0.
-    """
+    """Return each polygon's ratio in the column `name` to the base's, (p,), NaN if missing or 0."""
     drawn = (columns[f"{PREDICTED}triangles"] > 0) & (base[f"{PREDICTED}triangles"] > 0)
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = columns[name] / base[name]
@@ -37,15 +33,14 @@ def compute_ratios(columns: Columns, base: Columns, name: str) -> Column:
 
 
 TIE_TOLERANCE = 1e-9
-"""Relative difference up to which neighbouring values share a rank. The sums of two equal
-triangulations differ by about 1e-15, because triangles are added in different orders."""
+"""Relative difference up to which neighbouring values share a rank: the sums of two equal
+triangulations differ by about 1e-15."""
 
 
 def compute_ranks(values: Column) -> Column:
     """Return the rank of each value, counted from 1; values within `TIE_TOLERANCE` share the mean.
 
-    Values are not rounded to a number of digits: two equal sums on either side of a rounding
-    boundary would still get different ranks.
+    Rounding would give two equal sums on either side of a rounding boundary different ranks.
     """
     order = np.argsort(values, kind="stable")
     ascending = values[order]
@@ -77,7 +72,7 @@ def compute_rank_correlation(x: Column, y: Column) -> float | None:
 
 
 def compute_rms_error(x: Column, y: Column) -> float | None:
-    """Return the root mean square of log(x / y), about x's relative error, or None if undefined."""
+    """Return the root mean square of log(x / y), about x's relative error, or None."""
     valid = np.isfinite(x) & np.isfinite(y) & (x > 0) & (y > 0)
     if not valid.any():
         return None
@@ -89,8 +84,7 @@ def pair_ratios(
 ) -> tuple[Column, Column]:
     """Return the ratios to the base of a criterion and of a counter, one per polygon and method.
 
-    columns : triangulator -> columns, including the columns of the triangulator `base`. The results
-        are empty if any triangulator lacks the criterion, or the base lacks the measure
+    columns : by triangulator; without the criterion or the measure, the results are empty
     """
     name, base_columns = PREDICTED + criterion, columns[base]
     complete = measure in base_columns and all(name in column for column in columns.values())

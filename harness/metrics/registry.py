@@ -1,12 +1,8 @@
 """Registry of metrics: name, unit, direction, and the function that computes a record's value.
 
-A record holds only raw samples and counters. Tables, plots, comparisons, studies and reports use
-this registry, so that a name means the same everywhere. Metrics are
-
-- counters, declared in `harness.rasterisers.counters` or by a third party's rasteriser, or
-  undeclared;
-- predictions of `triangulators.criteria`;
-- metrics derived from counters, predictions and times: `METRICS` below.
+Metrics are counters, declared by a rasteriser or not; predictions of `triangulators.criteria`; and
+`METRICS`, which are derived from both and from times. All outputs use this registry, so that a name
+means the same everywhere.
 """
 
 import statistics
@@ -25,8 +21,7 @@ MetricKind = Literal["counter", "ratio", "prediction", "time", "count"]
 Better = Literal["lower", "higher", "none"]
 Read = Callable[[Record], float | None]
 
-PREDICTED = "predicted_"
-"""Prefix of a prediction's column in tables that also have counters."""
+PREDICTED = "predicted_"  # prefix of a prediction's column in tables that also have counters
 
 LANES_PER_QUAD = 4
 
@@ -100,10 +95,7 @@ class Metric:
 
     @property
     def is_cost(self) -> bool:
-        """Whether an increase is a regression by default.
-
-        Ratios follow from counters, and predictions are not measurements.
-        """
+        """Whether an increase is a regression by default; not of ratios and predictions."""
         return self.kind in ("counter", "count") and self.can_regress
 
 
@@ -127,10 +119,7 @@ def _divide(value: float | None, base: float | None, factor: float = 1) -> float
 
 
 def compute_lower_bound(record: Record) -> Record | None:
-    """Return a record whose counters are lower bounds for every triangulation, or None if unknown.
-
-    The counters are those of polygons that are drawn in one piece each, without diagonals.
-    """
+    """Return a record with the counters of polygons drawn without diagonals, or None if unknown."""
     fragments, outline = record.counters.get("fragments"), record.outline_quads
     if fragments is None or outline is None:
         return None
@@ -140,8 +129,7 @@ def compute_lower_bound(record: Record) -> Record | None:
 
 
 METRICS: dict[str, Metric] = {}
-"""Metrics derived from records, for plots, comparisons, reports and, given a `heading`, the
-terminal's table."""
+"""Metrics derived from records; those with a `heading` are in the terminal's table."""
 
 
 def _register(label: str, unit: str, kind: MetricKind, **properties: Any) -> Callable[[Read], Read]:
@@ -297,8 +285,7 @@ def list_predictions() -> dict[str, Metric]:
 def find_metric(name: str) -> Metric:
     """Return the metric called `name`; an unknown name is a counter.
 
-    Criteria are found by their name on the command line (half-perimeter), or by their column with
-    or without a prefix (half_perimeter, predicted_half_perimeter).
+    Criteria are found by name (half-perimeter), or by column with or without `PREDICTED`.
     """
     if name in METRICS:
         return METRICS[name]
@@ -340,7 +327,7 @@ def sort_counters(names: Iterable[str]) -> list[str]:
 def list_costs(names: Iterable[str], *, of_order: bool = False) -> list[str]:
     """Return the counters in `names` that a triangulation can change, the main counter first.
 
-    of_order : whether to include counters that also depend on the order of triangles
+    of_order : include counters that also depend on the order of triangles
     """
     candidates = [name for name in names if not name.startswith(PREDICTED) and name != MIN_QUADS]
     first = [name for name in COST_COUNTERS if name in candidates]
