@@ -96,7 +96,6 @@ def compare_without_baseline(path: str, head: Run, settings: Settings) -> Compar
 
 
 def _has_other_device(matches: Sequence[Match]) -> bool:
-    """Return whether any case ran on different devices in BASE and HEAD."""
     return any(m.base.id.device_name != m.head.id.device_name for m in matches if m.base and m.head)
 
 
@@ -115,7 +114,6 @@ def _compare_counters(match: Match, run: Run, settings: Settings) -> CaseChange:
 
 
 def _find_status(match: Match, run: Run) -> tuple[Status, str]:
-    """Return whether the records of a case can be compared, and if not, the reason."""
     base, head = match.base, match.head
     if base is None or head is None:
         record = head or base

@@ -22,16 +22,13 @@ from harness.stats import run_quality
 from harness.style import flatten
 
 ENVIRONMENT = "harness", "code", "python", "packages", "kernel", "cpu", "threads", "governor"
-"""Compared facts of a run's environment."""
 
-QUANTILE = 0.1
-"""Quantile of the samples that represents a case's time: low enough to exclude samples that other
-programs lengthened, steadier than the minimum."""
+QUANTILE = 0.1  # excludes samples that other programs lengthened; steadier than the minimum
 
 Samples = NDArray[np.float64]
 
 Parts = tuple[Sequence[int] | None, Sequence[int] | None]
-"""Number of rounds in each epoch, and in each process; None if unknown."""
+"""Numbers of rounds in each epoch and in each process, if known."""
 
 MIN_ROUNDS = 8  # minimum number of samples of a case that both runs must have
 

@@ -12,8 +12,7 @@ from harness.errors import UsageError, make_unknown_name_error
 from harness.metrics.registry import find_metric, list_metrics
 from harness.results.record import CaseGroup, CaseId
 
-Exact = Literal["equal", "better", "worse", "changed"]
-"""Change of an exact metric; `changed` if neither direction is better."""
+Exact = Literal["equal", "better", "worse", "changed"]  # `changed` if neither direction is better
 
 Outcome = Literal["regressed", "improved", "unchanged", "inconclusive"]
 """Change of a time; `inconclusive` means too noisy for a conclusion, never good."""
@@ -52,7 +51,7 @@ STATUS_TEXT: dict[Status, str] = {
 }
 
 BROKEN: tuple[Status, ...] = ("now-failing", "now-skipped", "not-done", "fewer-polygons")
-"""Statuses of cases measured in BASE, but not completely in HEAD: regressions without a gate."""
+"""Statuses of cases measured in BASE, but not completely in HEAD: always regressions."""
 
 Verdict = Literal["good", "regression", "inconclusive", "nothing-comparable", "no-baseline"]
 
@@ -233,7 +232,7 @@ GATES = ("counters", "time")
 Normalise = Literal["auto", "reference", "none"]
 TABLE = "raster-harness"
 KEYS = ("gate", "threshold", "normalise", "require-all", "allow-inconclusive")
-"""Table of a project's settings in pyproject.toml, and the keys of the table."""
+"""Table of a project's settings in pyproject.toml, and its keys."""
 
 TIME_THRESHOLD = 0.05  # tolerated relative increase of a time by default; see docs/how-to/ci.md
 

@@ -96,8 +96,7 @@ def print_comparison(comparison: Comparison, console: Console) -> None:
 
 MAX_COMMENT_LENGTH = 60_000  # GitHub rejects comments of more than 65,536 characters
 
-MARKER = "<!-- raster-harness compare -->"
-"""Last line of a comment, which identifies an earlier comment to be replaced."""
+MARKER = "<!-- raster-harness compare -->"  # identifies an earlier comment, to be replaced
 
 
 def to_markdown(
@@ -234,7 +233,6 @@ def to_junit(comparison: Comparison) -> str:
 def _list_tests(
     comparison: Comparison, group: CaseGroup | None
 ) -> Iterator[tuple[str, TestOutcome, str]]:
-    """Yield the name, outcome and message of the tests of a group."""
     gated = comparison.settings.gates_time
     for case in comparison.cases:
         name = make_printable(case.id.name)

@@ -49,11 +49,9 @@ DRIFT_SD = 0.015  # standard deviation of log ratios of equal code about the ref
 
 MIN_PEERS = 3  # minimum number of peers; with fewer, the reference draw is used
 
-MIN_CASE_SD = 0.0075
-"""Minimum standard deviation of a case's log ratio between two runs of equal code."""
+MIN_CASE_SD = 0.0075  # minimum scatter of a case's log ratio between runs of equal code
 
-OUTLIER_CONFIDENCE = 0.99
-"""Confidence of the interval of all peers but one, which excludes a single outlier."""
+OUTLIER_CONFIDENCE = 0.99  # confidence of the interval that excludes a single outlying peer
 
 
 class MachineShift(NamedTuple):

@@ -25,11 +25,9 @@ from harness.style import format_count, format_number, format_percent, format_st
 if TYPE_CHECKING:
     from harness.compare.polygons import GrownPolygon
 
-SAME_TRIANGLES = "same triangles"
-"""Shown in place of the ratio of a case with the same drawing in both versions."""
+SAME_TRIANGLES = "same triangles"  # shown instead of a ratio if one drawing was timed for both
 
-NOT_GATED = "not gated"
-"""Label of changes that do not affect the exit code; these are never called regressed."""
+NOT_GATED = "not gated"  # label of changes that do not affect the exit code
 
 
 def format_headline(comparison: Comparison) -> str:
@@ -168,8 +166,7 @@ def sort_by_cost(names: Iterable[str]) -> list[str]:
     return list(dict.fromkeys([*first, *counters]))
 
 
-Kind = Literal["bad", "unsure", "good", "plain"]
-"""Highlighting of a case; the cases of a table are sorted in this order."""
+Kind = Literal["bad", "unsure", "good", "plain"]  # highlighting of a case, in sorting order
 
 ORDER: tuple[Kind, ...] = get_args(Kind)
 
@@ -211,7 +208,6 @@ def describe_case(comparison: Comparison, case: CaseChange) -> tuple[Kind, str]:
 
 
 def _list_ungated(comparison: Comparison, case: CaseChange) -> list[str]:
-    """Return short descriptions of the changes that do not affect the exit code."""
     gates, changes = comparison.settings.gates, []
     costs = (change for change in case.counters if find_metric(change.metric).is_cost)
     if "counters" not in gates and any(change.exact != "equal" for change in costs):

@@ -33,25 +33,19 @@ T = TypeVar("T")
 
 _LOG = logging.getLogger(__name__)
 
-MIN_IMPORT_TIMEOUT_S = 60.0
-"""Minimum time limit for importing third-party code, even if `--timeout` is less."""
+MIN_IMPORT_TIMEOUT_S = 60.0  # minimum time limit of imports of third-party code
 
-MIN_ROUNDS, MAX_ROUNDS = 5, 12
-"""Bounds of the number of rounds that time triangulation; above 12, intervals narrow little."""
+MIN_ROUNDS, MAX_ROUNDS = 5, 12  # rounds that time triangulation; above 12, intervals narrow little
 
-TRIANGULATING_SHARE = 1 / 3
-"""Time budget for timing triangulation, as a multiple of the budget for timing draws."""
+TRIANGULATING_SHARE = 1 / 3  # budget for timing triangulation, relative to that for timing draws
 
-COMPILE_TIMEOUT_S = 900.0
-"""Time limit for compiling a built-in triangulator, which does not count as triangulating."""
+COMPILE_TIMEOUT_S = 900.0  # time limit of compiling, which does not count as triangulating
 
-COMPILED_LATE = "triangulators.geometry.order"
-"""Module compiled after the optimum's kernels: if cached, so are the optimum's kernels."""
+COMPILED_LATE = "triangulators.geometry.order"  # compiled after the optimum's kernels
 
 TRIANGULATORS = WorkerSpec("triangulators")
 
-SECOND_PROCESS = WorkerSpec("second process")
-"""Worker that compiles, and computes lower bounds, while `TRIANGULATORS` triangulates."""
+SECOND_PROCESS = WorkerSpec("second process")  # it compiles, and computes lower bounds
 
 
 def get_rasteriser_worker(name: str) -> WorkerSpec:

@@ -38,8 +38,7 @@ from harness.triangulating.result import FrameTriangulation
 
 SHORT_DRAW_S = 20e-6  # duration of a draw below which the cost of the draw call dominates
 
-MAX_SCATTER = 0.10
-"""Maximum interquartile range of times, relative to the median, without a warning."""
+MAX_SCATTER = 0.10  # maximum interquartile range, relative to the median, without a warning
 
 Columns = Mapping[str, NDArray[Any]]  # values per polygon, (p,), by name
 

@@ -53,7 +53,6 @@ from scenes import Scene
 from scenes.spec import format_label as scene_label
 
 SCENE_FIELDS = ("name", "units", "description", "licence", "credit", "dropped", "repaired", "notes")
-"""Fields of a scene that are copied into a run's facts."""
 
 
 class ScenePart(NamedTuple):
@@ -64,8 +63,7 @@ class ScenePart(NamedTuple):
     triangulators: tuple[Recipe, ...] = ()
 
 
-Split = Callable[[str, Scene], list[ScenePart]]
-"""Function of a scene's label and the scene; returns the parts to measure separately."""
+Split = Callable[[str, Scene], list[ScenePart]]  # divides a scene, given its label, for a study
 
 
 @dataclass(frozen=True)
@@ -195,7 +193,6 @@ def _measure_parts(
     options: RunOptions,
     start: float,
 ) -> RunResult:
-    """Measure each part of the scene, or the scene as one part, and store the run in `out`."""
     # A file's label omits the folder, as the same file in another folder is the same scene.
     label = scene_label(plan.scene)
     parts = options.split(label, scene) if options.split else [ScenePart(label, scene)]

@@ -31,9 +31,7 @@ from scenes import Scene
 
 DONE_STATUSES = ("ok", "skipped")  # statuses of records that a resumed run does not measure again
 
-COVERAGE_RECIPE = Recipe("delaunay")
-"""Triangulator whose fragments define the pixels that each polygon must cover, as it uses every
-vertex."""
+COVERAGE_RECIPE = Recipe("delaunay")  # it uses every vertex: all must cover its fragments
 
 MESSAGE_AFTER_S = 2.0  # seconds of waiting before a message; loading compiled kernels takes less
 
@@ -349,7 +347,6 @@ class SceneRun:
     def _time_group(
         self, current: _ViewState, group: Group, ready: Mapping[Recipe, Record]
     ) -> None:
-        """Time the counted cases together, and store their records."""
         settings, backend = self.plan.timing, group.backend
         test = self.pool.open_device(backend).timer
         assert test is not None

@@ -26,14 +26,13 @@ from harness.settings import TimingSettings
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons, warm_up
 
-Candidate = tuple[Frame, Triangles, Options]
-"""A drawing to time: frame, triangles (m, 3), and options of drawing."""
+Candidate = tuple[Frame, Triangles, Options]  # frame, triangles (m, 3), and options of drawing
 
 SELF_TEST_PX = 1024
 SELF_TEST_LAYERS = 256
 SELF_TEST_S = 10e-3
 """Viewport, maximum number of viewport-filling layers, and minimum seconds of the draw by which
-timers are compared; layers are added until the draw takes that long."""
+timers are compared."""
 
 
 EXACT_QUADS = parse("optimal:exact-quads")
@@ -60,7 +59,7 @@ class OpenedDevice:
 
 Supported = tuple[tuple[Options, ...], tuple[Device, ...], tuple[str, ...]]
 """For a plan and a rasteriser: the supported options; the requested devices that are supported, or
-if there are none, the rasteriser's best device; and the names of these requested devices."""
+if there are none, the best device; and the names of these requested devices."""
 
 
 def find_supported(name: str, options: Sequence[Options], devices: Sequence[str]) -> Supported:

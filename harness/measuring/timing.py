@@ -33,18 +33,15 @@ from harness.stats.run_quality import select_rounds
 Timer = Literal["gpu", "cpu", "wall"]
 
 EMPTY = "(empty)"
-REFERENCE = "(reference)"
-"""Names of the two drawings that every round times in addition to the candidates."""
+REFERENCE = "(reference)"  # every round times these two drawings and the candidates
 
 MIN_CPU_SHARE = 0.5
 """Minimum share of a large draw's wall time that this process spent on computing or on waiting for
 a core; if the share is lower, another process draws."""
 
-MAX_CPU_CLOCK_STEP_S = 1e-4
-"""Maximum step of a usable CPU clock; coarser clocks would require too long batches."""
+MAX_CPU_CLOCK_STEP_S = 1e-4  # coarser clocks would require too long batches
 
-MAX_TIMER_DIFFERENCE = 0.30
-"""Tolerated relative difference of GPU timer and wall clock in the self-test."""
+MAX_TIMER_DIFFERENCE = 0.30  # tolerated relative difference of GPU timer and wall clock
 
 MAX_BATCHES = 10
 """Maximum duration of a batch, in usual batches: slow drawings get as many draws per batch as the

@@ -23,8 +23,7 @@ Reason = Literal[
 TIME = "draw_ms"
 COVERED = "fragments"
 
-MIN_PIXELS = 64
-"""Minimum number of covered pixels for a recommendation: small counters do not scale."""
+MIN_PIXELS = 64  # minimum for a recommendation, as small counters do not scale
 
 MIN_SAVED_SHARE = 0.01
 """Smallest saved share of a cost that is a reason to change the triangulator, in `run` and
@@ -114,8 +113,7 @@ def decide_group(group: RecordGroup) -> Decision | None:
     return Decision(group, ranked, base, reason, choice, best, measure, timed, saving)
 
 
-Decided = tuple[RecordGroup, Decision | None]
-"""A group of records with the recommendation, or None if no record was measured."""
+Decided = tuple[RecordGroup, Decision | None]  # the decision is None if no record was measured
 
 
 def decide_run(run: Run) -> list[Decided]:

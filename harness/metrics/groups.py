@@ -133,8 +133,7 @@ def compute_time_ratio(
     return ratio
 
 
-DESCRIBED_COUNTERS = ("helper_lanes", "quads")
-"""Counters that `describe_views` compares in addition to the main counter."""
+DESCRIBED_COUNTERS = ("helper_lanes", "quads")  # compared over views, like the main counter
 
 
 @dataclass(frozen=True)
@@ -213,8 +212,7 @@ def _describe_counter(group: RecordGroup, base: Record, measure: str) -> str:
     return f"{find_metric(measure).label} relative to {base.name} ({note}): {ratios}"
 
 
-SOFTWARE_DEVICES = ("cpu", "zink", "osmesa")
-"""Software devices that the renderer string does not identify as software."""
+SOFTWARE_DEVICES = ("cpu", "zink", "osmesa")  # the renderer string does not identify these
 
 
 def read_processor(facts: Mapping[str, Any]) -> str:

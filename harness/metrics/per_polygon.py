@@ -32,9 +32,7 @@ def compute_ratios(columns: Columns, base: Columns, name: str) -> Column:
     return np.where(drawn & np.isfinite(ratio) & (ratio > 0), ratio, np.nan)
 
 
-TIE_TOLERANCE = 1e-9
-"""Relative difference up to which neighbouring values share a rank: the sums of two equal
-triangulations differ by about 1e-15."""
+TIE_TOLERANCE = 1e-9  # relative; the sums of two equal triangulations differ by about 1e-15
 
 
 def compute_ranks(values: Column) -> Column:

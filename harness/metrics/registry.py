@@ -25,11 +25,9 @@ PREDICTED = "predicted_"  # prefix of a prediction's column in tables that also 
 
 LANES_PER_QUAD = 4
 
-OUTLINE = "outline_quads"
-"""Field of a record, and column, of the quads that the polygons' outlines cover."""
+OUTLINE = "outline_quads"  # field of a record: quads that the polygons' outlines cover
 
-MIN_QUADS = "least"
-"""Column of each polygon's minimum number of quads, whose sums are in `Record.least`."""
+MIN_QUADS = "least"  # column of each polygon's minimum quads, with sums in `Record.least`
 
 
 @dataclass(frozen=True)
@@ -128,8 +126,7 @@ def compute_lower_bound(record: Record) -> Record | None:
     return Record(record.id, "ok", counters=counters)
 
 
-METRICS: dict[str, Metric] = {}
-"""Metrics derived from records; those with a `heading` are in the terminal's table."""
+METRICS: dict[str, Metric] = {}  # derived from records; a `heading` adds a column to the table
 
 
 def _register(label: str, unit: str, kind: MetricKind, **properties: Any) -> Callable[[Read], Read]:
