@@ -97,10 +97,7 @@ def _pair_devices(base: Run, head: Run, *, across_devices: bool) -> dict[tuple[s
 
 
 def find_changed_hardware(base: Run, head: Run) -> dict[str, tuple[str, str]]:
-    """Return label -> (BASE's, HEAD's) renderer of each device whose renderer differs.
-
-    The driver's version, in brackets, may change.
-    """
+    """Return label -> both renderers of devices that differ in more than the driver's version."""
     before, after = _map_renderers(base), _map_renderers(head)
     common = {
         label: (before[label], after[label]) for label in sorted(before.keys() & after.keys())
@@ -207,7 +204,7 @@ class Pair:
     polygons : number of polygons drawn, equal in both runs; 0 if unknown
     same_drawing : True if both versions have the same triangles, which were timed once
     quiet : (r,) True for the common rounds that the ratio uses, or None for all
-    obstacle : why the machine's state during the two separate runs forbids a comparison, or ""
+    obstacle : why the machine's state forbids a comparison of separate runs, or ""
     """
 
     base: Samples

@@ -66,11 +66,7 @@ EXIT_CODES: dict[Verdict, int] = {
 
 @dataclass(frozen=True)
 class CounterChange:
-    """An exact metric of a case in both runs.
-
-    change : growth relative to BASE, or None if only BASE is 0
-    threshold : tolerated relative increase, or None if the metric is not gated
-    """
+    """An exact metric of a case in both runs; `change` is relative to BASE, None if BASE is 0."""
 
     metric: str
     base: float
@@ -148,11 +144,7 @@ class CaseChange:
 
 @dataclass(frozen=True)
 class Total:
-    """An exact metric over all compared cases.
-
-    affected, better, worse : number of cases in which the metric differs, is better, is worse
-    base, head, change : sums over the cases, and growth of the sum relative to BASE
-    """
+    """An exact metric over all compared cases: numbers of cases that differ, and sums."""
 
     metric: str
     unit: str
@@ -180,11 +172,7 @@ class RunOrigin:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Result of a comparison of two runs.
-
-    notes : warnings about the runs, their records and machines, one line each
-    changes : differences between the runs' plans and environments, one line each
-    """
+    """Result of a comparison: `notes` are warnings, `changes` are facts that differ."""
 
     verdict: Verdict
     base: RunOrigin

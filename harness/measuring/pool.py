@@ -120,10 +120,7 @@ class MeasuringPool(WorkerPool):
             self._compiled.add(recipe.base)
 
     def compile_ahead(self, recipes: Sequence[Recipe]) -> None:
-        """Start compiling uncached built-in triangulators in the second process.
-
-        It starts with the last recipe, as `compile_kernels` starts with the first.
-        """
+        """Start compiling uncached triangulators in the second process, the last one first."""
         builtin = [recipe for recipe in reversed(recipes) if recipe.builtin]
         if (
             self.is_used(SECOND_PROCESS)

@@ -179,10 +179,7 @@ def make_counted_record(
 
 
 def summarise_gaps(gaps: Sequence[float]) -> tuple[int | None, float | None]:
-    """Return the number of proven optima, and the largest gap (None if infinite).
-
-    A gap is the relative distance of a cost from its proven lower bound; only optima have gaps.
-    """
+    """Return the number of proven optima, and the largest gap (None if infinite)."""
     if not gaps:
         return None, None
     largest = max(gaps)

@@ -57,10 +57,7 @@ Renew = Callable[[Sequence[str]], Mapping[str, Drawing]]
 
 @dataclass(frozen=True)
 class TimerTest:
-    """Result of the timer self-test of a device, with the reason of the selection.
-
-    gpu_s, cpu_s, wall_s : seconds of one large draw, or None if the timer does not exist
-    """
+    """Result of the self-test: seconds of one large draw, None if a timer does not exist."""
 
     timer: Timer
     wall_s: float
@@ -257,7 +254,7 @@ def time_together(
 
 
 def _sample(name: str, drawing: Drawing, repeats: int) -> Sample:
-    """Time draws; the reference is drawn once untimed, to not depend on the previous drawing."""
+    """Time draws; an untimed draw frees the reference of effects of the previous drawing."""
     if name == REFERENCE:
         drawing.sample(1)
     return drawing.sample(repeats)
@@ -268,7 +265,6 @@ class _Epochs:
     """Schedule of epochs; at the beginning of each, the drawings are prepared again.
 
     seconds, until : planned duration of an epoch; time before which the current one does not end
-    rounds : rounds of each epoch, the current epoch last
     """
 
     renew: Renew | None

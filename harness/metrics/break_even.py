@@ -80,8 +80,6 @@ def compute_break_even(record: Record, base: Record, ratio: Ratio | None) -> Bre
 
     None for the base itself, and unless drawing and triangulating of both records were timed. The
     extra time has an interval only if both were triangulated in the same rounds.
-
-    ratio : `compute_time_ratio` of `record` and `base`
     """
     if ratio is None or record is base or base.time is None:
         return None
