@@ -1,7 +1,8 @@
-"""The summary table of a run, for a terminal and as CSV."""
+"""The table of a run: for a terminal, as CSV, Markdown, LaTeX (booktabs), and JSON of Bencher."""
 
+import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from harness import atomic
+from harness.errors import InputError
 from harness.metrics.decision import Decided, Decision, Standing, format_advice
 from harness.metrics.groups import compare_views, describe_views
 from harness.metrics.registry import (
@@ -22,7 +24,7 @@ from harness.metrics.registry import (
 )
 from harness.results.record import Record
 from harness.stats.intervals import FASTER, SLOWER, UNDECIDED
-from harness.style import make_plain_table
+from harness.style import format_latex_table, format_markdown_table, make_plain_table
 
 MAX_COLUMNS = 4  # metrics, if no counter has a heading; those with headings fit 80 characters
 MIN_WIDE = 96  # characters of a terminal from which `WIDE_TABLE_METRICS` are shown
@@ -236,3 +238,43 @@ def _make_comparison_columns(standing: Standing, base: Record) -> dict[str, Any]
         for name in ("draws", "low", "high"):
             row[f"break_even_{name}"] = getattr(even, name) if is_after else None
     return row
+
+
+def write_table(decided: Sequence[Decided], file: Path) -> None:
+    """Write a run's table in the format of the file's suffix, one of `FORMATS`.
+
+    Raises
+    ------
+    InputError
+        If the run has no measured case.
+    """
+    decisions = [decision for _, decision in decided if decision]
+    if not decisions:
+        raise InputError(f"{file}: table not written (no case was measured); see cases.jsonl")
+    atomic.write(file, FORMATS[file.suffix.lower()](decisions).encode())
+
+
+def _format_bencher(decisions: Sequence[Decision]) -> str:
+    """Return the Bencher Metric Format: a benchmark per case, `latency` in ns, and all counters."""
+    benchmarks = {}
+    for decision in decisions:
+        for standing in decision.standings:
+            record, measures = standing.record, {}
+            if record.time and record.time.median_s is not None:
+                measures["latency"] = {"value": record.time.median_s * 1e9}
+                if ends := record.time.ci95_s:
+                    names = ("lower_value", "upper_value")
+                    measures["latency"] |= dict(
+                        zip(names, (end * 1e9 for end in ends), strict=True)
+                    )
+            measures |= {name: {"value": value} for name, value in record.counters.items()}
+            benchmarks[f"{format_title(decision)}: {standing.name}"] = measures
+    return json.dumps(benchmarks, indent=1) + "\n"
+
+
+FORMATS: dict[str, Callable[[Sequence[Decision]], str]] = {
+    ".md": lambda decisions: format_markdown_table(*make_combined_table(decisions)),
+    ".tex": lambda decisions: format_latex_table(*make_combined_table(decisions)),
+    ".json": _format_bencher,
+}
+"""Format of a table, by the suffix of its file."""

@@ -39,8 +39,8 @@ def report(
     from harness.metrics.groups import replace_base
     from harness.profile.device_costs import find_profile, read_costs
     from harness.report.page import write_report
-    from harness.report.tables import FORMATS, write_table
     from harness.results.run_folder import read_latest
+    from harness.summary import FORMATS, write_table
 
     stored = read_latest(run, Reporter().warn)
     run_with_base = replace_base(stored, base) if base else stored

@@ -76,8 +76,7 @@ def read_profile_options(file: Path | None) -> dict[str, Any]:
     """Return the fields `profile` and `calibrate` of `RunOptions`, or {} if `file` is None."""
     if file is None:
         return {}
-    from harness.profile.device_costs import read_costs
-    from harness.profile.stage_optimum import minimise_slowest_stage
+    from harness.profile.device_costs import minimise_slowest_stage, read_costs
 
     device = read_costs(file)
     has_stages = len(device.stages) > 1

@@ -1,6 +1,7 @@
 """Pipeline of `raster-harness triangulate FILE -o OUT`: read, triangulate, write."""
 
 import json
+import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -22,7 +23,6 @@ from harness.export.writers import (
     NpzWriter,
     ObjWriter,
     make_mesh,
-    remove_polygons,
 )
 from harness.machine.user_modules import allow_user_module
 from harness.triangulating.isolated import triangulate_many
@@ -46,7 +46,7 @@ CHUNK_POLYGONS = 20_000
 Writer = GltfWriter | ObjWriter | NpzWriter | GeoJsonWriter | GeoParquetWriter
 """Writer of an export: `add` writes the mesh of a batch, `finish` completes the file."""
 
-FORMATS: dict[str, Callable[[Output, ExportMetadata], Writer]] = {
+FORMATS: dict[str, Callable[..., Writer]] = {
     ".glb": partial(GltfWriter, binary=True),
     ".gltf": partial(GltfWriter, binary=False),
     ".obj": ObjWriter,
@@ -288,14 +288,15 @@ def _read_chunks(source: str, size: int, *, solid: bool) -> Iterator[Chunk]:
     limit = parameters.pop("limit", None)
     if limit is not None and limit < 1:
         raise UsageError(f"limit={limit}: out of range; give 1 or more")
-    remaining = limit
+    remaining = math.inf if limit is None else limit
     for chunk in read_chunks(name, size=size, **parameters):
-        if remaining is not None and len(chunk.cleaned.polygons) >= remaining:
-            cleaned = replace(chunk.cleaned, polygons=chunk.cleaned.polygons[:remaining])
-            table = None if chunk.attributes is None else chunk.attributes.iloc[:remaining]
+        polygons = chunk.cleaned.polygons
+        if len(polygons) >= remaining:
+            cleaned = replace(chunk.cleaned, polygons=polygons[: int(remaining)])
+            table = None if chunk.attributes is None else chunk.attributes.iloc[: int(remaining)]
             yield replace(chunk, cleaned=cleaned, attributes=table)
             return
-        remaining = None if remaining is None else remaining - len(chunk.cleaned.polygons)
+        remaining -= len(polygons)
         yield chunk
 
 
@@ -348,26 +349,23 @@ def export_chunks(
     return writer
 
 
-def _find_writer(
-    target: Path, *, polygons: bool, collection: bool
-) -> Callable[[Output, ExportMetadata], Writer]:
+def _find_writer(target: Path, *, polygons: bool, collection: bool) -> Callable[..., Writer]:
     """Return the writer for the suffix of `target`; raise UsageError if options do not fit."""
-    make = FORMATS.get(target.suffix.lower())
+    suffix = target.suffix.lower()
+    make = FORMATS.get(suffix)
     if make is None:
-        formats = ", ".join(FORMATS)
-        raise UsageError(f"{target}: unknown suffix (choose from {formats})")
+        raise UsageError(f"{target}: unknown suffix (choose from {', '.join(FORMATS)})")
     if target.is_dir():
         raise UsageError(f"{target}: is a folder; give the name of a file")
     if collection:
-        for writer in (GeoJsonWriter, GeoParquetWriter):
-            if make is writer:
-                return partial(writer, collection=True)
-        raise UsageError(f"{target}: --collection is for maps; give a .geojson or .parquet file")
-    if not polygons:
-        return make
-    if target.suffix.lower() not in GLTF_SUFFIXES:
+        if make not in (GeoJsonWriter, GeoParquetWriter):
+            raise UsageError(
+                f"{target}: --collection is for maps; give a .geojson or .parquet file"
+            )
+        return partial(make, collection=True)
+    if polygons and suffix not in GLTF_SUFFIXES:
         raise UsageError(f"{target}: --polygons is for glTF; give a .glb or .gltf file")
-    return partial(GltfWriter, binary=target.suffix.lower() == ".glb", polygons=True)
+    return partial(make, polygons=True) if polygons else make
 
 
 def resolve_triangulator_name(triangulator: str | None, criterion: str | None = None) -> str:
@@ -404,17 +402,15 @@ def _triangulate_chunk(chunk: Chunk, options: TriangulationOptions, report: Repo
     report.triangulate_s += time.perf_counter() - start
     failed = [(f"polygon {report.polygons + k}", why) for k, why in sorted(result.failed.items())]
     report.note("failed", failed)
-    mesh = make_mesh(polygons, result, chunk.attributes)
     if parse(options.name).entry.name == "optimal":
         # Optima of compiled code, and of the dynamic program over one ring, are exact.
         is_single_ring = polygons.ring_counts == 1
-        exact = result.compiled | (is_single_ring & (np.diff(mesh.vertex_offsets) <= LIMIT))
+        exact = result.compiled | (is_single_ring & (polygons.vertex_counts <= LIMIT))
         exact[list(result.failed)] = False
         report.proven += int(exact.sum())
     if report.certified is not None:
         report.certified.certify_batch(chunk.cleaned.polygons, result, report.evidence)
-    removed = np.diff(mesh.triangle_offsets) == 0
-    return remove_polygons(mesh, removed)
+    return make_mesh(polygons, result, chunk.attributes)
 
 
 def _format_empty_export(source: str, report: Report) -> str:

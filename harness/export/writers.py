@@ -4,7 +4,7 @@ import io
 import json
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import IO, Any, NamedTuple
+from typing import IO, Any
 
 import numpy as np
 import pandas as pd
@@ -41,11 +41,6 @@ class ExportMesh:
         return len(self.vertex_offsets) - 1
 
     @property
-    def triangle_owners(self) -> NDArray[np.int64]:
-        """Polygon of each triangle, (m,)."""
-        return np.repeat(np.arange(self.polygons), np.diff(self.triangle_offsets))
-
-    @property
     def vertex_owners(self) -> NDArray[np.int64]:
         """Polygon of each vertex, (n,)."""
         return np.repeat(np.arange(self.polygons), np.diff(self.vertex_offsets))
@@ -54,31 +49,19 @@ class ExportMesh:
 def make_mesh(
     polygons: PolygonArray, triangulations: Triangulations, attributes: pd.DataFrame | None
 ) -> ExportMesh:
-    """Return the mesh of a batch of polygons; failed polygons have vertices but no triangles."""
-    shift = np.repeat(polygons.vertex_offsets[:-1], np.diff(triangulations.triangle_offsets))
-    table = pd.DataFrame(index=range(len(triangulations))) if attributes is None else attributes
+    """Return the mesh of a batch, without polygons that have no triangles."""
+    counts = np.diff(triangulations.triangle_offsets)
+    drawn = np.flatnonzero(counts)
+    polygons, counts = polygons.take(drawn), counts[drawn]
+    shift = np.repeat(polygons.vertex_offsets[:-1], counts)
+    table = pd.DataFrame(index=drawn) if attributes is None else attributes.iloc[drawn]
     return ExportMesh(
         np.ascontiguousarray(polygons.coords, dtype=np.float64),
         triangulations.triangles.astype(np.int64) + shift[:, None],
         polygons.vertex_offsets,
-        np.asarray(triangulations.triangle_offsets, dtype=np.int64),
+        offsets_of(counts),
         np.repeat(np.arange(polygons.geom_offsets[-1]), np.diff(polygons.ring_offsets)),
         table.reset_index(drop=True),
-    )
-
-
-def remove_polygons(mesh: ExportMesh, removed: NDArray[np.bool_]) -> ExportMesh:
-    """Return the mesh without the polygons flagged in `removed` (p,)."""
-    keep_vertex = ~removed[mesh.vertex_owners]
-    renumbered = np.cumsum(keep_vertex) - 1
-    keep_triangle = ~removed[mesh.triangle_owners]
-    return ExportMesh(
-        mesh.vertices[keep_vertex],
-        renumbered[mesh.triangles[keep_triangle]],
-        offsets_of(np.diff(mesh.vertex_offsets)[~removed]),
-        offsets_of(np.diff(mesh.triangle_offsets)[~removed]),
-        mesh.rings[keep_vertex],
-        mesh.attributes[~removed].reset_index(drop=True),
     )
 
 
@@ -223,22 +206,15 @@ _UPRIGHT = [1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1]
 """Column-major rotation of the z axis (up) to glTF's y axis."""
 
 
-class PolygonLoops(NamedTuple):
-    """Rings and triangles of a batch, as EXT_mesh_polygon stores them.
+def make_polygon_loops(
+    mesh: ExportMesh,
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Return rings of polygons with conforming triangulations, as EXT_mesh_polygon stores them.
 
     loops : indices of vertices, exterior rings counter-clockwise and holes clockwise, with RESTART
         between the rings; a ring contains each vertex once
     offsets : (p,) first index of each polygon in `loops`
     triangles : (m, 3) indices of the same vertices
-    """
-
-    loops: NDArray[np.int64]
-    offsets: NDArray[np.int64]
-    triangles: NDArray[np.int64]
-
-
-def make_polygon_loops(mesh: ExportMesh) -> PolygonLoops:
-    """Return the rings of polygons whose triangulations are conforming.
 
     Of coincident vertices of a polygon, the first one represents all: a triangulation need not use
     the others, and a loop's vertices must belong to triangles.
@@ -257,7 +233,7 @@ def make_polygon_loops(mesh: ExportMesh) -> PolygonLoops:
     is_distinct = loops != following
     loops, ring = loops[is_distinct], ring[is_distinct]
     starts = np.flatnonzero(np.diff(ring, prepend=-1))
-    return PolygonLoops(
+    return (
         np.insert(loops, starts[1:], RESTART),
         (starts + np.arange(len(starts)))[is_exterior],
         site[mesh.triangles],
@@ -307,20 +283,21 @@ class GltfWriter:
             "POSITION": self._add_accessor(grid.astype("<f4")),
             "_FEATURE_ID_0": self._add_accessor(feature),
         }
-        loops = make_polygon_loops(mesh) if self._polygons else None
-        triangles = mesh.triangles if loops is None else loops.triangles
+        triangles = mesh.triangles
+        if self._polygons:
+            loops, loop_offsets, triangles = make_polygon_loops(mesh)
         primitive: dict[str, Any] = {
             "attributes": attributes,
             "indices": self._add_accessor(triangles.astype("<u4").ravel()),
         }
-        if loops is not None:
+        if self._polygons:
             extension = {
                 "count": mesh.polygons,
                 "indicesOffsets": self._add_accessor(
                     (3 * mesh.triangle_offsets[:-1]).astype("<u4")
                 ),
-                "loopIndices": self._add_accessor(loops.loops.astype("<u4")),
-                "loopIndicesOffsets": self._add_accessor(loops.offsets.astype("<u4")),
+                "loopIndices": self._add_accessor(loops.astype("<u4")),
+                "loopIndicesOffsets": self._add_accessor(loop_offsets.astype("<u4")),
             }
             primitive |= {"mode": TRIANGLES, "extensions": {POLYGONS: extension}}
         matrix = np.diag([step, step, step, 1.0])
@@ -363,18 +340,13 @@ class GltfWriter:
             del document["asset"]["copyright"]
         if self._polygons:
             document["extensionsUsed"] = [POLYGONS]
-        self._write_document(json.dumps(document, separators=(",", ":")))
-
-    def _write_document(self, document: str) -> None:
-        """Splice the spooled meshes into the JSON, and write it before the binary data."""
         self._meshes.seek(0)
-        payload = f'{document[:-1]},"meshes":[{self._meshes.read()}]}}'.encode()
+        start = json.dumps(document, separators=(",", ":"))[:-1]
+        payload = f'{start},"meshes":[{self._meshes.read()}]}}'.encode()
         stream = self._output.open_published()
         if self._binary:
-            chunks: list[tuple[bytes, IO[bytes]]] = [
-                (JSON, io.BytesIO(payload)),
-                (BIN, self._data),
-            ]
+            chunks: list[tuple[bytes, IO[bytes]]]
+            chunks = [(JSON, io.BytesIO(payload)), (BIN, self._data)]
             write_glb(stream, chunks, self._output.target)
         else:
             stream.write(payload)

@@ -6,7 +6,7 @@ The content is a run's frames and triangulations, or the draws of a profile, wit
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any
 
 import numpy as np
 
@@ -39,111 +39,17 @@ from harness.webpages import encode_array, load_template, pack_json, read_static
 PACKAGE = "harness.page"
 SHARED = ("figures.js", "timing.js", "grid.js", "device.js", "run.js")
 SCRIPTS = (*SHARED, "show.js", "main.js")
-PROFILING = (
-    *SHARED,
-    "design.js",
-    "stage_draws.js",
-    "law.js",
-    "costs.js",
-    "costs_shown.js",
-    "profile.js",
-)
+FITTING = ("design.js", "stage_draws.js", "law.js", "costs.js", "costs_shown.js")
+PROFILING = (*SHARED, *FITTING, "profile.js")
 
 FORMAT, PROFILE_FORMAT = "raster-harness page", "raster-harness profile page"
 VERSION = 1
 
-
-class CaseContent(TypedDict):
-    """A triangulation: base64 of uint32 triangles (`rows`) and of exact counters per polygon."""
-
-    rows: str
-    fragments: str
-    quads: str
-    partial_quads: str
-    covering_triangles: str
-    record: dict[str, Any]
+Content = dict[str, Any]
+"""JSON-ready data of a page, or of a part of it, as the scripts in `static` read it."""
 
 
-class ViewContent(TypedDict):
-    """A view; points : base64 of int32 x, y in 1/256 px; sizes : vertices of each polygon."""
-
-    resolution: int
-    rotation: float
-    fit: str
-    scene: str
-    points: str
-    sizes: list[int]
-    cases: dict[str, CaseContent]
-
-
-class PageContent(TypedDict):
-    """Data of the page that measures a run's triangulations, read by `static/main.js`."""
-
-    format: str
-    version: int
-    harness: str
-    created: str
-    scene: str
-    base: str
-    looks: dict[str, dict[str, Any]]
-    criteria: dict[str, str]
-    views: list[ViewContent]
-
-
-class GridContent(TypedDict):
-    """Draws on a vertex grid: checksum, exact counters and `law.COSTS` (predicted) of each draw."""
-
-    checksums: list[int]
-    counters: dict[str, list[int]]
-    predicted: list[list[float]]
-
-
-class GroupsContent(TypedDict):
-    """The draws of a fit.
-
-    places : indices of the draws
-    labels, folds : number of each draw's group, and of its cross-validation fold
-    reach : half-widths of intervals in standard errors: of a single interval, and of one of a
-        family of intervals that hold together
-    standard_errors : `law.STANDARD_ERRORS`
-    """
-
-    places: list[int]
-    labels: list[int]
-    folds: list[int]
-    reach: list[float]
-    standard_errors: dict[str, float]
-
-
-class ProfileContent(TypedDict):
-    """Data of the page that fits a device's cost model (law), read by `static/profile.js`.
-
-    grids : exact results by the step of the device's vertex grid, in 1/256 px
-    fitted, plain : draws of the law, and of the coefficients for criteria, see `select_fitted`
-    forms, vertices, in_px, costs : `law.FORMS`, `law.VERTICES`, `PX_TERMS` and `law.COSTS`
-    scenes : scene -> triangulator -> terms per polygon, for the recommendation
-    """
-
-    format: str
-    version: int
-    harness: str
-    design: Any
-    seed: int
-    draws: list[dict[str, Any]]
-    grids: dict[int, GridContent]
-    fitted: GroupsContent
-    plain: GroupsContent
-    terms: dict[str, dict[str, Any]]
-    forms: dict[str, dict[str, tuple[str, ...]]]
-    vertices: tuple[str, ...]
-    in_px: Any
-    costs: Any
-    base: str
-    criteria: dict[str, str]
-    scenes: dict[str, dict[str, list[list[float]]]]
-
-
-def write_page(content: PageContent | ProfileContent, file: Path) -> None:
+def write_page(content: Content, file: Path) -> None:
     """Write the page for the content of a run, with charts, or of a profile, without charts."""
     profiling = content["format"] == PROFILE_FORMAT
     shaders = {name: read_shader(f"{name}.wgsl") for name in ("draw", "count")}
@@ -163,8 +69,8 @@ def write_page(content: PageContent | ProfileContent, file: Path) -> None:
     write_atomically(file, text)
 
 
-def make_page_content(run: Run) -> PageContent:
-    """Return the content of the page of `run`, JSON-ready.
+def make_page_content(run: Run) -> Content:
+    """Return the content of the page of `run`.
 
     Raises InputError if the run has no drawable frame.
     """
@@ -190,7 +96,7 @@ def make_page_content(run: Run) -> PageContent:
     }
 
 
-def _make_views(run: Run) -> Iterator[ViewContent]:
+def _make_views(run: Run) -> Iterator[Content]:
     """Yield views with two or more drawable triangulations.
 
     Cases have one sample per pixel and native order, on any device; the first record of a
@@ -216,8 +122,8 @@ def _make_views(run: Run) -> Iterator[ViewContent]:
         }
 
 
-def _encode_triangulation(record: Record, geometry: Geometry) -> CaseContent:
-    """Return a triangulation's triangles, exact counters and record, encoded for the page."""
+def _encode_triangulation(record: Record, geometry: Geometry) -> Content:
+    """Return triangles and exact counters per polygon, as base64 of uint32, and the record."""
     rows = geometry.triangles[record.name]
     fields = record_to_json(record) | {"triangulator": record.name}
     fragments, quads, partial, covering = (
@@ -243,8 +149,13 @@ GRID_STEPS = (1, 2, 4, 8, 16)
 """Steps of devices' vertex grids, in 1/256 px; see `grid.js`."""
 
 
-def make_profile_content(pool: MeasuringPool) -> ProfileContent:
-    """Return the content of the profiling page, JSON-ready; the page generates the draws."""
+def make_profile_content(pool: MeasuringPool) -> Content:
+    """Return the content of the profiling page, which generates the draws.
+
+    grids : exact results by the step of the device's vertex grid, in 1/256 px
+    fitted, plain : draws of the law, and of `coefficients`, see `select_draws_to_fit`
+    scenes : scene -> triangulator -> terms per polygon, for the recommendation
+    """
     draws = make_draws(SEED)
     fitted, plain = select_draws_to_fit(draws)
     sums = {
@@ -258,7 +169,7 @@ def make_profile_content(pool: MeasuringPool) -> ProfileContent:
         "seed": SEED,
         "draws": [{name: getattr(draw, name) for name in DRAW_FIELDS} for draw in draws],
         "grids": {
-            step: make_grid_content([snap_draw(draw, step) for draw in draws])
+            step: _make_grid_content([snap_draw(draw, step) for draw in draws])
             for step in GRID_STEPS
         },
         "fitted": _make_groups(draws, fitted),
@@ -278,8 +189,8 @@ def make_profile_content(pool: MeasuringPool) -> ProfileContent:
     }
 
 
-def make_grid_content(draws: Sequence[Draw]) -> GridContent:
-    """Return checksums, counters and criteria of draws whose points are on one grid."""
+def _make_grid_content(draws: Sequence[Draw]) -> Content:
+    """Return checksums, exact counters and `law.COSTS` of draws whose points are on one grid."""
     counted = [count_draw(draw) for draw in draws]
     predicted = make_cost_rows([(draw.frame, draw.triangles) for draw in draws])
     return {
@@ -289,20 +200,21 @@ def make_grid_content(draws: Sequence[Draw]) -> GridContent:
     }
 
 
-def _make_groups(draws: Sequence[Draw], positions: list[int]) -> GroupsContent:
-    """Return the groups and cross-validation folds of the draws at `positions`."""
+def _make_groups(draws: Sequence[Draw], positions: list[int]) -> Content:
+    """Return each draw's group and cross-validation fold, and the half-widths of intervals.
+
+    reach : in standard errors, of a single interval, and of one of a family that hold together
+    """
     groups = [draws[position].group for position in positions]
     labels = np.unique(groups, return_inverse=True)[1]
-    folds = law.assign_folds(groups).tolist()
-    reach = [
-        law.compute_interval_reach(int(labels.max()) + 1, confidence)
-        for confidence in (law.CONFIDENCE, law.FAMILY_CONFIDENCE)
-    ]
     return {
         "places": positions,
         "labels": labels.tolist(),
-        "folds": folds,
-        "reach": reach,
+        "folds": law.assign_folds(groups).tolist(),
+        "reach": [
+            law.compute_interval_reach(int(labels.max()) + 1, confidence)
+            for confidence in (law.CONFIDENCE, law.FAMILY_CONFIDENCE)
+        ],
         "standard_errors": law.STANDARD_ERRORS,
     }
 

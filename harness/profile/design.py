@@ -111,18 +111,13 @@ def make_draws(seed: int = 0) -> list[Draw]:
         _yield_aspects(seed),
         _yield_equal_shapes("size", 200, ((side, SMALL_TRIANGLES) for side in SIZES), seed),
         _yield_equal_shapes("lanes", 300, EQUAL_LANES, seed),
-        *(
-            kind(seed)
-            for kind in (
-                _yield_positions,
-                _yield_cuts,
-                _yield_strips,
-                _yield_thin,
-                _yield_vertices,
-                _yield_work,
-                _yield_repeated,
-            )
-        ),
+        _yield_positions(seed),
+        _yield_cuts(seed),
+        _yield_strips(seed),
+        _yield_thin(seed),
+        _yield_vertices(seed),
+        _yield_work(seed),
+        _yield_repeated(seed),
         _yield_equal_shapes("size", 210, BALANCED_SIZES, seed),
         stage_draws.make_stage_draws(seed),
         _yield_work_in_meshes(seed),

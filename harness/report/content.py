@@ -2,15 +2,15 @@
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import Any, TypedDict
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from harness.machine.git import get_commit
-from harness.metrics.decision import Decided, Decision, Standing, decide_run, format_advice
+from harness.metrics.decision import Decided, Decision, decide_run, format_advice
 from harness.metrics.groups import RecordGroup, describe_views, read_processor
 from harness.metrics.per_polygon import (
     Columns,
@@ -21,7 +21,6 @@ from harness.metrics.per_polygon import (
 )
 from harness.metrics.registry import (
     PREDICTED,
-    Metric,
     find_metric,
     find_metrics,
     list_costs,
@@ -59,118 +58,39 @@ MAX_TRIANGLES = 1_500_000
 """Maximum number of triangles in a report's heatmaps, over all triangulators and views."""
 
 
-class PackedTriangles(TypedDict):
-    """Triangles of the sampled polygons.
+METRIC_FIELDS = ("title", "label", "unit", "kind", "better", "description")
+"""Fields of a metric in a report."""
 
-    counts : number of triangles of each polygon
-    rows : base64 of uint32 vertex indices, which start at 0 in each polygon
-    """
-
-    counts: list[int]
-    rows: str
-
-
-class Drawing(TypedDict):
-    """Polygons and their triangulations, see `pack_drawing`."""
-
-    points: str
-    sizes: list[int]
-    source: list[int]
-    triangles: dict[str, PackedTriangles]
-
-
-class ViewContent(TypedDict):
-    """A view: indices of sampled polygons, and each triangulator's predictions for the sample."""
-
-    polygons: int
-    sampled: list[int]
-    predicted: dict[str, dict[str, list[float]]]
-    drawing: Drawing | None
-
-
-class GroupContent(TypedDict):
-    """A group of comparable cases, which differ in the triangulator alone.
-
-    correlations : measure -> criterion -> rank correlation
-    estimated : estimate -> rank correlation (`rank`) and RMS error (`error`) of ratios to the base
-    answer, judged : sentences about the recommended triangulator, and about the best criterion
-    """
-
-    scene: str
-    rasteriser: str
-    device: str
-    view: str
-    condition: str
-    base: str | None
-    measures: list[str]
-    main: str | None
-    correlations: dict[str, dict[str, float | None]]
-    estimated: dict[str, dict[str, float | None]]
-    answer: str
-    judged: str
-    views: list[str]
-
-
-class CaseContent(TypedDict):
-    """A case: index of its group, its row of summary.csv, and counters of the sampled polygons."""
-
-    group: int
-    row: dict[str, Any]
-    rank: int | None
-    complete: bool
-    warnings: list[str]
-    counted: dict[str, list[int]] | None
-
-
-class Content(TypedDict):
-    """Data of the report, read by `static/main.js`."""
-
-    name: str
-    figures: dict[str, dict[str, Any]]
-    criteria: list[str]
-    estimates: dict[str, str]
-    measures: list[str]
-    triangulators: list[str]
-    looks: dict[str, dict[str, Any]]
-    groups: list[GroupContent]
-    cases: list[CaseContent]
-    views: dict[str, ViewContent]
-    matrices: list[dict[str, Any]]
-    study: str | None
-    environment: list["Row"]
-    key_facts: list[tuple[str, str]]
-    warnings: list[str]
+Content = dict[str, Any]
+"""JSON-ready data of a report or of a part of it, as `static/main.js` reads it."""
 
 
 def make_content(run: Run, decided: Sequence[Decided] | None = None) -> Content:
-    """Return the content of the report of `run`, JSON-ready.
-
-    decided : result of `decide_run` for the run, computed if None
-    """
-    decided = list(decide_run(run) if decided is None else decided)
+    """Return the content of the report of `run`; decided : `decide_run(run)` if already known."""
     # The most useful groups first: timed GPUs, other timed devices, the rest as measured.
     position = {id(record): number for number, record in enumerate(run.records)}
-    decided.sort(
-        key=lambda pair: (_get_display_key(pair[0]), _get_first_position(pair[0], position))
+    decided = sorted(
+        decide_run(run) if decided is None else decided,
+        key=lambda pair: (
+            _get_display_key(pair[0]),
+            min(position[id(record)] for record in pair[0].records),
+        ),
     )
     polygons = _Polygons(run, [group for group, _ in decided])
     names = _list_triangulators(run)
     metrics = find_metrics(run.records)
     scenes = [run.facts.get("scene", {}).get("name"), *(r.id.scene for r in run.records[:1])]
-    groups: list[GroupContent] = []
-    cases: list[CaseContent] = []
+    groups: list[Content] = []
+    cases: list[Content] = []
     for number, (group, decision) in enumerate(decided):
         groups.append(_make_group(group, decision, polygons))
-        ranks = {id(s.record): rank for rank, s in enumerate(_list_standings(decision), start=1)}
-        cases += [
-            _make_case(number, record, ranks.get(id(record)), decision, polygons)
-            for record in group.records
-        ]
+        cases += [_make_case(number, record, decision, polygons) for record in group.records]
     study = read_study_matrices(run.folder)
     return {
         "name": next(filter(None, scenes), run.path.name),
         "figures": {
-            name: _describe_metric(metric)
+            name: {field: getattr(metric, field) for field in METRIC_FIELDS}
+            | {"percent": "%}" in metric.form}
             for name, metric in (metrics | {name: find_metric(name) for name in ESTIMATES}).items()
         },
         "criteria": [name for name, metric in metrics.items() if metric.kind == "prediction"],
@@ -181,7 +101,7 @@ def make_content(run: Run, decided: Sequence[Decided] | None = None) -> Content:
         "groups": groups,
         "cases": cases,
         "views": polygons.views,
-        "matrices": study or make_run_matrices(_list_correlations(groups)),
+        "matrices": study or make_run_matrices(groups),
         "study": format_best_criterion_of_study(study),
         "environment": list_facts(run),
         "key_facts": list_key_facts(run),
@@ -189,30 +109,12 @@ def make_content(run: Run, decided: Sequence[Decided] | None = None) -> Content:
     }
 
 
-def _get_first_position(group: RecordGroup, position: Mapping[int, int]) -> int:
-    return min(position.get(id(record), 0) for record in group.records)
-
-
-def _list_standings(decision: Decision | None) -> Sequence[Standing]:
-    return decision.standings if decision else ()
-
-
-def _list_correlations(
-    groups: Sequence[GroupContent],
-) -> Iterator[tuple[tuple[str, str, str], Mapping[str, float | None]]]:
-    """Yield (rasteriser, device, measure), and correlations by criterion, in the first view."""
-    for group in groups:
-        if group["view"] == groups[0]["view"]:
-            for measure, values in group["correlations"].items():
-                yield (group["rasteriser"], group["device"], measure), values
-
-
 class _Polygons:
     """Per-polygon columns of the run's cases, and the content of views made from them."""
 
     def __init__(self, run: Run, groups: Sequence[RecordGroup]) -> None:
         self.run = run
-        self.views: dict[str, ViewContent] = {}
+        self.views: dict[str, Content] = {}
         cases = sum(len(group.measured) for group in groups)
         share = MAX_VALUES // max(1, 8 * cases)  # a case has about eight columns
         widest = max((len(group.records) for group in groups), default=1)
@@ -240,7 +142,7 @@ class _Polygons:
     def _add_view(self, name: str, record: Record, polygons: int) -> None:
         """Sample a view's polygons, and add the view with its drawing, if not too large."""
         sample = self._samples[name] = choose_sample(polygons, self._max)
-        view: ViewContent = {
+        view: Content = {
             "polygons": polygons,
             "sampled": sample.tolist(),
             "predicted": {},
@@ -260,8 +162,11 @@ class _Polygons:
         return {name: columns[name][sample].astype(int).tolist() for name in list_costs(columns)}
 
 
-def _make_group(group: RecordGroup, decision: Decision | None, polygons: _Polygons) -> GroupContent:
-    """Return the content of a group; reading its cases adds their view to `polygons.views`."""
+def _make_group(group: RecordGroup, decision: Decision | None, polygons: _Polygons) -> Content:
+    """Return the content of a group, whose cases differ in the triangulator alone.
+
+    Reading the cases adds their view to `polygons.views`.
+    """
     columns = {
         record.name: values
         for record in group.records
@@ -310,17 +215,17 @@ def _make_group(group: RecordGroup, decision: Decision | None, polygons: _Polygo
 
 
 def _make_case(
-    number: int,
-    record: Record,
-    rank: int | None,
-    decision: Decision | None,
-    polygons: _Polygons,
-) -> CaseContent:
+    number: int, record: Record, decision: Decision | None, polygons: _Polygons
+) -> Content:
+    """Return a case's row of summary.csv, and the counters of the sampled polygons."""
     row = make_row(record, decision) | {"polygons": record.polygons}
     predicted: dict[str, Any] = {PREDICTED + name: v for name, v in record.predicted.items()}
     predicted |= compute_estimates(predicted, PREDICTED)
     columns = polygons.read_case(record)
-    complete = any(s.complete for s in _list_standings(decision) if s.record is record)
+    standings = enumerate(decision.standings if decision else (), start=1)
+    rank, complete = next(
+        ((rank, s.complete) for rank, s in standings if s.record is record), (None, False)
+    )
     return {
         "group": number,
         "row": {name: _round_number(value) for name, value in (row | predicted).items()},
@@ -337,11 +242,6 @@ def _get_display_key(group: RecordGroup) -> tuple[bool, bool, bool]:
     gpu = bool(group.measured) and group.id.device.startswith("gpu")
     main = bool(group.measured) and group.id.rasteriser == "opengl"
     return not (gpu and timed), not (main and timed), not timed
-
-
-def _describe_metric(metric: Metric) -> dict[str, Any]:
-    names = ("title", "label", "unit", "kind", "better", "description")
-    return {name: getattr(metric, name) for name in names} | {"percent": "%}" in metric.form}
 
 
 def _list_triangulators(run: Run) -> list[str]:
@@ -364,7 +264,7 @@ def choose_sample(polygons: int, limit: int) -> NDArray[np.int64]:
     return np.sort(sample).astype(np.int64)
 
 
-def pack_drawing(geometry: Geometry, numbers: NDArray[np.int64]) -> Drawing:
+def pack_drawing(geometry: Geometry, numbers: NDArray[np.int64]) -> Content:
     """Return points and triangles of some polygons, JSON-ready.
 
     numbers : indices of the polygons in `geometry`
@@ -375,7 +275,7 @@ def pack_drawing(geometry: Geometry, numbers: NDArray[np.int64]) -> Drawing:
     offsets = geometry.grid.vertex_offsets
     starts, sizes = offsets[numbers], geometry.grid.vertex_counts[numbers]
     vertices = concatenate_ranges(starts, sizes)
-    packed: Drawing = {
+    packed: Content = {
         "points": encode_array(geometry.points[vertices].astype("<i4")),
         "sizes": sizes.tolist(),
         "source": geometry.source[numbers].tolist(),
@@ -393,10 +293,7 @@ def pack_drawing(geometry: Geometry, numbers: NDArray[np.int64]) -> Drawing:
     return packed
 
 
-Row = tuple[str, str, str]
-
-
-def list_facts(run: Run) -> list[Row]:
+def list_facts(run: Run) -> list[tuple[str, str, str]]:
     """Return all facts of `run.json` as (section, name, value), flattened."""
     facts: Mapping[str, Any] = {**run.facts}
     names = ("created", "schema_version", "interrupted", "resumed")

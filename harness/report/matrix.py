@@ -77,16 +77,16 @@ def read_study_matrices(folder: Path) -> list[Matrix]:
     return [_make_matrix(name, cells[name]) for name in dict.fromkeys([*first, *cells])]
 
 
-def make_run_matrices(
-    correlations: Iterable[tuple[tuple[str, str, str], Mapping[str, float | None]]],
-) -> list[Matrix]:
-    """Return a list with a run's matrix, [] without correlations.
+def make_run_matrices(groups: Sequence[Mapping[str, Any]]) -> list[Matrix]:
+    """Return a list with the matrix of a run's first view, [] without correlations.
 
-    correlations : pairs of (rasteriser, device, measure) and criterion -> rank correlation
+    groups : groups of a report's content, with `correlations` of each
     """
     cells = [
-        (target, criterion, [value, None, None])
-        for target, values in correlations
+        ((group["rasteriser"], group["device"], measure), criterion, [value, None, None])
+        for group in groups
+        if group["view"] == groups[0]["view"]
+        for measure, values in group["correlations"].items()
         for criterion, value in values.items()
     ]
     return [_make_matrix("spearman_of_ratios", cells)] if cells else []

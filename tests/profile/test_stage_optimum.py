@@ -7,14 +7,14 @@ import pytest
 
 from harness.frame import View, make_scene_frame
 from harness.profile.counted import TERMS, count_cost_terms
-from harness.profile.device_costs import DeviceCosts
-from harness.profile.law import VERTICES
-from harness.profile.stage_optimum import (
+from harness.profile.device_costs import (
     EXPECTED,
+    DeviceCosts,
     compute_stage_weights,
     minimise_slowest_stage,
     order_for_slowest_stage,
 )
+from harness.profile.law import VERTICES
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load

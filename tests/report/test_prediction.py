@@ -14,10 +14,9 @@ from harness.frame import View, make_scene_frame
 from harness.measuring.plan import Plan
 from harness.measuring.run import RunOptions, run
 from harness.metrics.decision import decide_run
-from harness.profile.device_costs import find_profile, read_costs
-from harness.profile.stage_optimum import minimise_slowest_stage
+from harness.profile.device_costs import find_profile, minimise_slowest_stage, read_costs
 from harness.progress import Reporter
-from harness.report.prediction import make_prediction, predict_run
+from harness.report.page import predict_run
 from harness.results import drawings
 from harness.results.run_folder import STORED_PROFILE, read_run
 from harness.settings import TimingSettings
@@ -126,7 +125,6 @@ def test_run_stores_the_profile_and_minimises_the_slowest_stage(tmp_path):
     assert chosen.calibration != plan.triangulators[1].calibration
     geometry = drawings.read(stored, plan.views[0])
     assert np.array_equal(geometry.triangles[name], frame.join_triangles(expected.parts))
-    prediction, warnings = make_prediction(stored, decide_run(stored), None)
-    assert warnings == []
+    prediction = predict_run(stored, decide_run(stored), read_costs(stored.folder / STORED_PROFILE))
     assert [row["name"] for row in prediction["views"][0]["rows"]] == [name, base]
     assert all(record.triangulate_samples_s for record in stored.records)

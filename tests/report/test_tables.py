@@ -6,9 +6,9 @@ import pytest
 from harness.commands.report import report
 from harness.errors import InputError
 from harness.metrics.decision import decide_run
-from harness.report.tables import write_table
 from harness.results.run_folder import read_run
 from harness.style import format_latex_table
+from harness.summary import write_table
 from tests.report.conftest import NAMES, VIEWS
 
 CASES = len(NAMES) * len(VIEWS)
