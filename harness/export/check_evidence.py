@@ -137,13 +137,9 @@ class Claim:
 
     def is_crossing(self, a: int, b: int, c: int, d: int) -> bool:
         """Return whether two segments cross in a point inside both."""
-        sides = (
-            self.orient(a, b, c),
-            self.orient(a, b, d),
-            self.orient(c, d, a),
-            self.orient(c, d, b),
-        )
-        return min(sides[:2]) < 0 < max(sides[:2]) and min(sides[2:]) < 0 < max(sides[2:])
+        low, high = sorted((self.orient(a, b, c), self.orient(a, b, d)))
+        lower, upper = sorted((self.orient(c, d, a), self.orient(c, d, b)))
+        return low < 0 < high and lower < 0 < upper
 
     def _list_boundary(self, rings: list[list[int]]) -> set[Edge]:
         """Return the directed edges of the boundary, with the interior on the left.
@@ -203,14 +199,10 @@ class Claim:
             scale, self.exact = Fraction(2) ** max(-900, min(900, exponent)), False
             bits, factor = next(c for c in choices if c[1] << 38 < 2**61)
         self.scale, self.factor, self.bits = scale, factor, bits
-        stated = (
-            require_double(self.fields["scale"]),
-            require_int(self.fields["factor"]),
-            require_int(self.fields["bits"]),
-        )
-        require(
-            stated == (scale, factor, bits), "scale, factor and bits do not follow from the polygon"
-        )
+        stated_scale = require_double(self.fields["scale"])
+        stated = stated_scale, *(require_int(self.fields[name]) for name in ("factor", "bits"))
+        reason = "scale, factor and bits do not follow from the polygon"
+        require(stated == (scale, factor, bits), reason)
 
     def compute_noise(self, a: int, b: int) -> int:
         """Return the noise of an edge a < b: the upper bits of a hash (splitmix64)."""
@@ -246,12 +238,7 @@ class Claim:
         """Return all triangles inside the polygon without a vertex inside, counter-clockwise."""
         edges, triangles = {e for e in combinations(self.sites, 2) if self.is_edge(*e)}, []
         for a, b, c in combinations(self.sites, 3):
-            if (
-                (a, b) in edges
-                and (b, c) in edges
-                and (a, c) in edges
-                and self.orient(a, b, c) != 0
-            ):
+            if {(a, b), (b, c), (a, c)} <= edges and self.orient(a, b, c) != 0:
                 t = (a, b, c) if self.orient(a, b, c) > 0 else (a, c, b)
                 outside = any((q, p) in self.boundary for p, q in list_directed_sides(t))
                 inner = (
@@ -266,14 +253,11 @@ class Claim:
         """Return the lower bound from the potentials, checked for all empty triangles."""
         pairs = [require_list(edge, 2) for edge in require_list(self.fields["edges"])]
         edges = [(require_int(a), require_int(b)) for a, b in pairs]
-        require(
-            all(0 <= a < b < len(self.site) for a, b in edges), "an edge is not (a, b) with a < b"
-        )
+        is_ordered = all(0 <= a < b < len(self.site) for a, b in edges)
+        require(is_ordered, "an edge is not (a, b) with a < b")
         require(len(set(edges)) == len(edges), "duplicate edge")
-        potentials, lift = (
-            require_list(self.fields["potentials"], len(edges)),
-            require_int(self.fields["lift"]),
-        )
+        potentials = require_list(self.fields["potentials"], len(edges))
+        lift = require_int(self.fields["lift"])
         y = dict(zip(edges, map(require_int, potentials), strict=True))
         y |= {(b, a): -value for (a, b), value in y.items()}
         for t, weight in weights.items():
@@ -298,10 +282,8 @@ class Claim:
         require(low <= bound, f"the stated bound exceeds the proven one, {float(bound)}")
         # The relative gap from exact numbers, a lower bound of the stated gap.
         share = max(Fraction(0), (self.total - bound) / self.total if self.total else 0)
-        require(
-            gap >= 0 and gap >= Fraction(float(share)) - off,
-            f"the stated gap is below {float(share)}",
-        )
+        is_above = gap >= max(0, Fraction(float(share)) - off)
+        require(is_above, f"the stated gap is below {float(share)}")
         require(type(self.fields["proven"]) is bool, "proven is neither true nor false")
         if not self.fields["proven"]:
             return f"at most {float(share):.3g} of the cost above the optimum"

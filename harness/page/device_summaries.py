@@ -19,7 +19,7 @@ from harness.metrics.groups import (
 )
 from harness.metrics.per_polygon import compute_rank_correlation
 from harness.metrics.registry import list_predictions
-from harness.profile.report import name_device_model
+from harness.profile.profile import name_device_model
 from harness.results.run_folder import Run
 from harness.webpages import write_atomically
 

@@ -3,7 +3,6 @@
 Only the saved times are used; a result whose draws, counters or law differ from these is rejected.
 """
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -16,7 +15,7 @@ from harness.measuring.timing import EMPTY, Times
 from harness.page import saved
 from harness.page.saved import Count, Finite, NonNegative, SavedModel, Text, check_rounds
 from harness.profile import design, measured
-from harness.profile.counted import TERMS, count_draw, make_design_rows
+from harness.profile.counted import TERMS, Design, count_draw, make_design_rows
 from harness.profile.design import DESIGN_VERSION
 from harness.profile.law import FORMS, fit_form, predict_times
 from harness.profile.measured import CONTROL, DrawTimes
@@ -31,9 +30,6 @@ NEW_PAGE = "create the page again (raster-harness page --profile) and measure ag
 LAW_TOLERANCE = 0.02
 """Tolerated relative difference between a draw's time by the page's law and by a new fit. Both fits
 stop once an iteration changes no time by more than 1e-4, so they differ slightly."""
-
-Counted = Mapping[str, int]
-"""Exact counters of a draw, by name."""
 
 
 class _Page(SavedModel):
@@ -115,7 +111,7 @@ def import_profile(file: Path, result: Result, name: str) -> tuple[dict[str, Any
         name: Times(drawn.repeats, drawn.samples_s, epochs) for name, drawn in result.times.items()
     }
     measurement = measured.normalise_times(times, names)
-    _check_law(file, result, draws, exact, measurement)
+    _check_law(file, result, draws, make_design_rows(exact), measurement)
     content = make_profile(draws, exact, measurement, _make_facts(result, name), page.seed)
     try:
         if not content["refused"]:
@@ -130,7 +126,9 @@ def import_profile(file: Path, result: Result, name: str) -> tuple[dict[str, Any
     return content, measurement.unreliable_reason, saved.list_warnings(result, warnings, "draws")
 
 
-def _check_draws(file: Path, result: Result, draws: list[Draw], exact: Sequence[Counted]) -> None:
+def _check_draws(
+    file: Path, result: Result, draws: list[Draw], exact: list[dict[str, int]]
+) -> None:
     """Raise InputError for draws of another design, or if `result.differing` is wrong."""
     actual = [draw.checksum for draw in result.draws]
     expected = [draw.checksum for draw in draws]
@@ -150,14 +148,14 @@ def _check_draws(file: Path, result: Result, draws: list[Draw], exact: Sequence[
 
 
 def _check_law(
-    file: Path, result: Result, draws: list[Draw], exact: Sequence[Counted], measurement: DrawTimes
+    file: Path, result: Result, draws: list[Draw], rows: Design, measurement: DrawTimes
 ) -> None:
     """Raise InputError unless the page's law and a new fit to the page's times agree."""
     if result.law is None:
         return
     if list(result.law.seconds) != list(TERMS) or result.law.form not in FORMS:
         raise InputError(f"{file}: the cost model has unknown terms or form; {NEW_PAGE}")
-    rows, form = make_design_rows(exact), result.law.form
+    form = result.law.form
     fitted, _ = select_draws_to_fit(draws)
     labels = np.unique([draws[n].group for n in fitted], return_inverse=True)[1]
     costs, _ = fit_form(rows[fitted], measurement.times[fitted], labels, form)

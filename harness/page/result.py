@@ -187,8 +187,8 @@ def import_result(result: Result, folder: Path, device: str, run: Run | None = N
     Raises UsageError if the folder already has a run; IncompatibleRunsError or InputError if `run`
     has different polygons or contradicts the result.
     """
-    for case in (case for view in result.views for case in view.cases.values()):
-        if run is not None:
+    if run is not None:
+        for case in (case for view in result.views for case in view.cases.values()):
             _raise_if_contradicting(run, case, exact_grid=result.device.step == 1)
     remedy = f"remove {folder} and run the same command again"
     with RunFolder.create(folder, remedy) as writer:
@@ -205,8 +205,7 @@ def _make_facts(result: Result, device: str) -> RunFacts:
     cases = [case for view in result.views for case in view.cases.values()]
     names = dict.fromkeys(case.record.triangulator for case in cases)
     differing = sum(case.differing for case in cases)
-    warning = f"counters differ from the run's in {differing} polygons"
-    warnings = [warning] * bool(differing)
+    warnings = [f"counters differ from the run's in {differing} polygons"] if differing else []
     step = result.device.step
     details = {
         **result.device.model_dump(),
@@ -313,11 +312,9 @@ def _raise_if_contradicting(run: Run, case: _Case, *, exact_grid: bool) -> None:
 
 def _find_record(run: Run, name: str, scene_hash: str, view: View) -> Record | None:
     """Return the run's record of these polygons, triangulator and view, or None."""
-    for record in run.records:
-        case = record.id
-        if record.is_ok and (case.name, case.scene_hash, case.view) == (name, scene_hash, view):
-            return record
-    return None
+    key = name, scene_hash, view
+    records = (r for r in run.records if r.is_ok)
+    return next((r for r in records if (r.id.name, r.id.scene_hash, r.id.view) == key), None)
 
 
 def _write_polygon_arrays(

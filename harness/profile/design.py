@@ -172,13 +172,8 @@ def _yield_equal_shapes(
     """Yield draws of triangles of aspect 1; shapes : base in 1/256 px, and number of triangles."""
     for number, (side, count) in enumerate(shapes, first):
         geometry = _scatter_triangles(side, side, SLANTED, count, (seed, number))
-        name = f"{side / SUBPIXEL:g} px"
-        yield Draw(
-            kind,
-            name if count == SMALL_TRIANGLES else f"{count} triangles of {name}",
-            kind,
-            *geometry,
-        )
+        number_of = "" if count == SMALL_TRIANGLES else f"{count} triangles of "
+        yield Draw(kind, f"{number_of}{side / SUBPIXEL:g} px", kind, *geometry)
 
 
 def _yield_positions(seed: int) -> Iterator[Draw]:
@@ -202,9 +197,8 @@ def _make_rings(seed: int, index: int) -> tuple[Frame, NDArray[np.int32]]:
     count = max(1, SMALL_TRIANGLES // (corners - 2))
     numbers = placing.hash_numbers(seed, 400 + index, count)
     points = placing.place_shapes(lambda _: outline[None], size, SLANTED, numbers)
-    return make_bare_frame(SIDE, points.reshape(-1, 2)), np.arange(
-        len(points), dtype=np.int32
-    ) * corners
+    starts = np.arange(len(points), dtype=np.int32) * corners
+    return make_bare_frame(SIDE, points.reshape(-1, 2)), starts
 
 
 def _yield_cuts(seed: int) -> Iterator[Draw]:
@@ -214,12 +208,8 @@ def _yield_cuts(seed: int) -> Iterator[Draw]:
         for cut_name, cut in placing.RING_TRIANGULATIONS.items():
             triangles = (cut(corners) + starts[:, None, None]).reshape(-1, 3)
             name = f"rings of {width} by {width // flat} px, {corners} corners, {cut_name}"
-            yield Draw(
-                "cuts",
-                name,
-                f"cuts {width} {corners}",
-                *make_unshared_triangles(frame.points[triangles]),
-            )
+            geometry = make_unshared_triangles(frame.points[triangles])
+            yield Draw("cuts", name, f"cuts {width} {corners}", *geometry)
 
 
 def _yield_strips(seed: int) -> Iterator[Draw]:
@@ -269,9 +259,8 @@ def _yield_vertices(seed: int) -> Iterator[Draw]:
     for index in SHARED_RINGS:
         width, corners, _ = RINGS[index]
         frame, starts = _make_rings(seed, index)
-        triangles = (placing.triangulate_ring_by_halving(corners) + starts[:, None, None]).reshape(
-            -1, 3
-        )
+        ring = placing.triangulate_ring_by_halving(corners)
+        triangles = (ring + starts[:, None, None]).reshape(-1, 3)
         # Every other triangle, so that the draw differs from those of the kind cuts.
         shared.append((f"half of rings of {width} px", frame, triangles[::2]))
     for name, frame, triangles in shared:

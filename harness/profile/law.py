@@ -38,6 +38,7 @@ and M. Kolesar, "Robust standard errors in small samples", Review of Economics a
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -190,7 +191,9 @@ class Law:
         which the share is computed. Delta method with the covariance of the signed costs, each draw
         in its binding stage.
         """
-        spent, base = mask_other_stages(np.stack([spent, base]), costs, self.form)
+        rows = np.stack([spent, base])
+        binding = compute_stage_times(rows, costs, self.form).argmax(axis=1)
+        spent, base = rows * make_stage_masks(self.form)[binding]
         base_s = float(base @ costs)
         ratio = float(spent @ costs) / base_s
         weights = (ratio * base - spent) / base_s  # the derivative of the share by each cost
@@ -224,12 +227,6 @@ def predict_times(rows: Design, costs: Seconds, form: str) -> Seconds:
     return np.asarray(np.maximum(compute_stage_times(rows, costs, form).max(axis=1), 1e-12))
 
 
-def mask_other_stages(rows: Design, costs: Seconds, form: str) -> Design:
-    """Return the counts of draws, (k, t), with 0 for terms outside a draw's slowest stage."""
-    binding = compute_stage_times(rows, costs, form).argmax(axis=1)
-    return np.asarray(rows * make_stage_masks(form)[binding])
-
-
 def fit_law(design: Design, epochs: Seconds, groups: Sequence[str], form: str | None = None) -> Law:
     """Fit the costs of `TERMS`: design, (k, t) their counters in k draws; epochs, (e, k) seconds.
 
@@ -245,8 +242,10 @@ def fit_law(design: Design, epochs: Seconds, groups: Sequence[str], form: str | 
         name: predict_held_out(design, seconds, labels, folds, name, binding)
         for name, (_, binding) in fits.items()
     }
+    held = folds >= 0
     errors = {
-        name: compute_group_errors(seconds, times, folds) for name, times in predicted.items()
+        name: compute_group_means(np.abs(np.log(times / seconds))[held], folds[held])
+        for name, times in predicted.items()
     }
     form = choose_form(errors)
     costs, binding = fits[form]
@@ -341,15 +340,6 @@ def predict_held_out(
     return predicted
 
 
-def compute_group_errors(seconds: Seconds, predicted: Seconds, folds: Groups) -> Seconds:
-    """Return the mean absolute error of log time over the draws that each fit leaves out, (f,).
-
-    folds : (k,) number of the fit that leaves out each draw; draws with -1 have no error
-    """
-    held = folds >= 0
-    return compute_group_means(np.abs(np.log(predicted / seconds))[held], folds[held])
-
-
 def choose_form(errors: Mapping[str, Seconds]) -> str:
     """Return the simplest form, or one with more stages that predicts significantly better.
 
@@ -375,7 +365,8 @@ def _estimate_covariance(
     The last iteration of the fit is linear in the errors: they move coefficients by
     `response` @ errors.
     """
-    signed, fitted, columns, scale, trust = fit_iteratively(design, seconds, labels, _solve_signed)
+    solve = partial(np.linalg.lstsq, rcond=MIN_SINGULAR_VALUE)
+    signed, fitted, columns, scale, trust = fit_iteratively(design, seconds, labels, solve)
     shares = design / fitted[:, None]
     unit = trust[:, None] * stack_deviations(np.eye(len(seconds)), labels)
     inverse = np.linalg.pinv(columns, rcond=MIN_SINGULAR_VALUE)
@@ -394,11 +385,6 @@ def _estimate_covariance(
         single, shared = observed.sum() / expected[:, 0].sum(), 0.0
     covariance = single * response @ response.T + shared * response @ same_group @ response.T
     return signed, covariance, (inverse * columns.T).sum(axis=1) > 1.0 - 1e-6
-
-
-def _solve_signed(columns: Design, right: Seconds) -> tuple[Seconds]:
-    """Solve least squares with any sign; return a 1-tuple, as `nnls` also returns a residual."""
-    return (np.asarray(np.linalg.lstsq(columns, right, rcond=MIN_SINGULAR_VALUE)[0], float),)
 
 
 COSTS = ("draw", *CALIBRATED_FEATURES)

@@ -210,12 +210,16 @@ def read_law(content: Mapping[str, Any]) -> Law | None:
     return laws.fit_law(design, epochs, [str(row["group"]) for row in rows], content["form"])
 
 
+def name_device_model(device: str, details: Mapping[str, Any]) -> str:
+    """Return a GPU's model name, if known, in place of its number, such as gpu0."""
+    model = str(details.get("renderer", "")).partition("/")[0]
+    return (model if device.startswith("gpu") else "") or device
+
+
 def describe_origin(device: Mapping[str, Any]) -> str:
     """Return the device on which a profile was measured; a software device with its processor."""
-    renderer = str(device.get("details", {}).get("renderer", ""))
-    name = renderer.partition("/")[0] if device["name"].startswith("gpu") else device["name"]
     on = f", on {device.get('cpu') or 'an unknown processor'}" if device.get("software") else ""
-    return f"{name or device['name']}{on}"
+    return f"{name_device_model(device['name'], device.get('details', {}))}{on}"
 
 
 def is_of_this_machine(device: Mapping[str, Any]) -> bool:

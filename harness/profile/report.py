@@ -12,7 +12,7 @@ import numpy as np
 from harness.metrics.decision import join_names
 from harness.profile.advice import CRITERIA, SCENES
 from harness.profile.counted import TERMS
-from harness.profile.profile import describe_origin
+from harness.profile.profile import describe_origin, name_device_model
 from harness.style import (
     COLOURS,
     add_legend_below,
@@ -41,11 +41,8 @@ def format_seconds(value: float) -> str:
     if value < ZERO_S:
         return "0 s"
     step, unit = next((entry for entry in UNITS if value >= entry[0]), UNITS[-1])
-    return f"{_format_digits(value / step)} {unit}"
-
-
-def _format_digits(value: float) -> str:
-    return f"{value:.0f}" if value >= 10 else f"{value:.2g}"
+    digits = ".0f" if value / step >= 10 else ".2g"
+    return f"{value / step:{digits}} {unit}"
 
 
 def format_sentences(profile: Mapping[str, Any]) -> list[str]:
@@ -148,16 +145,9 @@ def make_devices_table(folder: Path) -> tuple[tuple[str, ...], list[tuple[str, .
     return heads, [_make_row(profile, names) for profile in profiles]
 
 
-def name_device_model(device: str, details: Mapping[str, Any]) -> str:
-    """Return a GPU's model name if `device` is only its number, such as gpu0."""
-    return str(details["renderer"]).partition("/")[0] if device.startswith("gpu") else device
-
-
 def _make_row(profile: Mapping[str, Any], names: Sequence[str]) -> tuple[str, ...]:
     device = profile["device"]
-    label = (
-        f"{name_device_model(device['name'], device.get('details', {}))} ({device['rasteriser']})"
-    )
+    model = name_device_model(device["name"], device.get("details", {}))
     cpu = f"; {device['cpu']}" if device["software"] and device["cpu"] else ""
     terms = {term["name"]: term for term in profile["terms"]}
     doubled = ", ".join(
@@ -165,13 +155,21 @@ def _make_row(profile: Mapping[str, Any], names: Sequence[str]) -> tuple[str, ..
         for area in profile["aspects"]
     )
     advice = profile["advice"]["triangulator"] if profile.get("advice") else "-"
-    costs = (_format_cost(terms[name]) if terms[name]["shown"] else "-" for name in names)
-    return (f"{label}{cpu}", profile["form"], doubled, f"`{advice}`", *costs)
-
-
-def _format_cost(term: Mapping[str, Any]) -> str:
-    cost, low, high = (format_seconds(term[name]) for name in ("cost", "low", "high"))
-    return f"{cost} ({low} to {high})"
+    costs = (
+        "{} ({} to {})".format(
+            *(format_seconds(terms[name][end]) for end in ("cost", "low", "high"))
+        )
+        if terms[name]["shown"]
+        else "-"
+        for name in names
+    )
+    return (
+        f"{model} ({device['rasteriser']}){cpu}",
+        profile["form"],
+        doubled,
+        f"`{advice}`",
+        *costs,
+    )
 
 
 def draw_chart(profile: Mapping[str, Any], file: Path) -> Path:

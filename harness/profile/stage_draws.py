@@ -17,7 +17,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.frame import Frame, make_bare_frame
+from harness.frame import make_bare_frame
 from harness.grid import SUBPIXEL
 from harness.profile import placing
 from harness.profile.placing import SIDE, Draw, make_jittered_mesh, make_unshared_triangles
@@ -162,16 +162,14 @@ def _yield_samples(seed: int) -> Iterator[Draw]:
     cells = _make_grid(3000, 60, (4, 4), (8, 8))
     for quarters in COVERING_QUARTERS:
         name = f"{quarters} of 4 isolated triangles on a sample"
-        yield _make_draw(
-            "samples", name, "samples isolated", _make_small_triangles(cells, numbers, quarters)
-        )
+        population = _make_small_triangles(cells, numbers, quarters)
+        yield _make_draw("samples", name, "samples isolated", population)
     numbers = placing.hash_numbers(seed, 912, 96)
     cells = _make_grid(96, 12, (8, 12), (8, 8))
     for quarters in COVERING_QUARTERS[::2]:
         name = f"{quarters} of 4 patches on samples"
-        yield _make_draw(
-            "samples", name, "samples patches", _make_patches(cells, numbers, quarters)
-        )
+        population = _make_patches(cells, numbers, quarters)
+        yield _make_draw("samples", name, "samples patches", population)
 
 
 def _yield_tiles(seed: int) -> Iterator[Draw]:
@@ -195,27 +193,20 @@ def _yield_mixed(seed: int) -> Iterator[Draw]:
     quads take most.
     """
     numbers = [placing.hash_numbers(seed, number, 2200) for number in (931, 932, 933)]
-    large = placing.make_triangle_shape(64 * SUBPIXEL, 64 * SUBPIXEL)(numbers[2][:28])
-    frame, triangles = make_unshared_triangles(
-        (large + _make_grid(28, 14, (68, 68), (8, 256))[:, None]).astype(np.int32)
-    )
-    populations: dict[str, tuple[Population, int]] = {
-        "vertices": (
-            _make_small_triangles(_make_grid(2200, 100, (4, 4), (8, 8)), numbers[0], 0),
-            10,
-        ),
-        "covering": (_make_patches(_make_grid(57, 48, (8, 12), (8, 128)), numbers[1][:57], 4), 32),
-        "quads": ((frame.points, triangles), 1),
-    }
+    small = _make_small_triangles(_make_grid(2200, 100, (4, 4), (8, 8)), numbers[0], 0)
+    patches = _make_patches(_make_grid(57, 48, (8, 12), (8, 128)), numbers[1][:57], 4)
+    shapes = placing.make_triangle_shape(64 * SUBPIXEL, 64 * SUBPIXEL)(numbers[2][:28])
+    corners = shapes + _make_grid(28, 14, (68, 68), (8, 256))[:, None]
+    frame, triangles = make_unshared_triangles(corners.astype(np.int32))
+    large = frame.points, triangles
+    populations = {"vertices": (small, 10), "covering": (patches, 32), "quads": (large, 1)}
     for name, (population, _) in populations.items():
         yield _make_draw("mixed", f"{name} alone", "mixed", population)
     for one, other in combinations(populations, 2):
         first, second = populations[one], populations[other]
-        keys = [
-            _compute_interleaving_keys(first, second),
-            _compute_interleaving_keys(second, first),
-        ]
-        order = np.argsort(np.concatenate(keys), kind="stable")
+        pairs = ((first, second), (second, first))
+        keys = np.concatenate([_compute_interleaving_keys(*pair) for pair in pairs])
+        order = np.argsort(keys, kind="stable")
         joined = _join_populations(first[0], second[0])
         yield _make_draw("mixed", f"{one} and {other}, interleaved", "mixed", joined, order)
     joined = _join_populations(populations["vertices"][0], populations["quads"][0])
@@ -249,5 +240,4 @@ def _make_draw(
     order: NDArray[np.int64] | slice = slice(None),
 ) -> Draw:
     points, triangles = population
-    frame: Frame = make_bare_frame(SIDE, points)
-    return Draw(kind, name, group, frame, triangles[order])
+    return Draw(kind, name, group, make_bare_frame(SIDE, points), triangles[order])

@@ -239,9 +239,8 @@ def _make_case(
 def _get_display_key(group: RecordGroup) -> tuple[bool, bool, bool]:
     """Return a sort key: timed GPUs first, then timed opengl devices, then other timed devices."""
     timed = any(record.time for record in group.measured)
-    gpu = bool(group.measured) and group.id.device.startswith("gpu")
-    main = bool(group.measured) and group.id.rasteriser == "opengl"
-    return not (gpu and timed), not (main and timed), not timed
+    is_gpu, is_main = group.id.device.startswith("gpu"), group.id.rasteriser == "opengl"
+    return not (timed and is_gpu), not (timed and is_main), not timed
 
 
 def _list_triangulators(run: Run) -> list[str]:

@@ -95,15 +95,18 @@ def make_run_matrices(groups: Sequence[Mapping[str, Any]]) -> list[Matrix]:
 def _make_matrix(statistic: str, cells: Iterable[Cell]) -> Matrix:
     table = {(target, criterion): values for target, criterion, values in cells}
     columns = list(dict.fromkeys(target for target, _ in table))
-    rows = sorted({criterion for _, criterion in table}, key=_get_sort_key)
+    titles = list_predictors()
+    order = list(titles)
+    predictors = {name: get_predictor_column(name) for _, name in table}
+    # Registered criteria in their order, then others by name.
+    rows = sorted(
+        predictors, key=lambda name: ([*order, predictors[name]].index(predictors[name]), name)
+    )
     return {
         "statistic": statistic,
         "title": STATISTICS.get(statistic, statistic.replace("_", " ")),
         "rows": [
-            {
-                "name": name,
-                "title": list_predictors().get(get_predictor_column(name), name.replace("_", " ")),
-            }
+            {"name": name, "title": titles.get(predictors[name], name.replace("_", " "))}
             for name in rows
         ],
         "columns": [
@@ -112,12 +115,6 @@ def _make_matrix(statistic: str, cells: Iterable[Cell]) -> Matrix:
         ],
         "cells": [[table.get((target, name)) for target in columns] for name in rows],
     }
-
-
-def _get_sort_key(criterion: str) -> tuple[int, str]:
-    """Return the sort key of criteria: registered ones in their order, then others by name."""
-    names = [*list_predictors(), get_predictor_column(criterion)]
-    return names.index(get_predictor_column(criterion)), criterion
 
 
 Correlations = Mapping[str, Mapping[str, float | None]]
