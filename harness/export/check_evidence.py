@@ -282,8 +282,10 @@ class Claim:
         require(low <= bound, f"the stated bound exceeds the proven one, {float(bound)}")
         # The relative gap from exact numbers, a lower bound of the stated gap.
         share = max(Fraction(0), (self.total - bound) / self.total if self.total else 0)
-        is_above = gap >= max(0, Fraction(float(share)) - off)
-        require(is_above, f"the stated gap is below {float(share)}")
+        require(
+            gap >= 0 and gap >= Fraction(float(share)) - off,
+            f"the stated gap is below {float(share)}",
+        )
         require(type(self.fields["proven"]) is bool, "proven is neither true nor false")
         if not self.fields["proven"]:
             return f"at most {float(share):.3g} of the cost above the optimum"

@@ -155,21 +155,14 @@ def _make_row(profile: Mapping[str, Any], names: Sequence[str]) -> tuple[str, ..
         for area in profile["aspects"]
     )
     advice = profile["advice"]["triangulator"] if profile.get("advice") else "-"
-    costs = (
-        "{} ({} to {})".format(
-            *(format_seconds(terms[name][end]) for end in ("cost", "low", "high"))
-        )
-        if terms[name]["shown"]
-        else "-"
-        for name in names
-    )
-    return (
-        f"{model} ({device['rasteriser']}){cpu}",
-        profile["form"],
-        doubled,
-        f"`{advice}`",
-        *costs,
-    )
+    label = f"{model} ({device['rasteriser']})"
+    costs = (_format_cost(terms[name]) if terms[name]["shown"] else "-" for name in names)
+    return (f"{label}{cpu}", profile["form"], doubled, f"`{advice}`", *costs)
+
+
+def _format_cost(term: Mapping[str, Any]) -> str:
+    cost, low, high = (format_seconds(term[name]) for name in ("cost", "low", "high"))
+    return f"{cost} ({low} to {high})"
 
 
 def draw_chart(profile: Mapping[str, Any], file: Path) -> Path:
