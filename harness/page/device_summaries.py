@@ -26,22 +26,22 @@ from harness.webpages import write_atomically
 FORMAT = "raster-harness device"
 VERSION = 1
 
+# A, H and Q, whose rank correlation with times is reported
 CRITERIA = ("overdraw", "half_perimeter", "expected_quads")
-"""Criteria whose rank correlation with a device's times is reported: A, H and Q."""
 
+# Triangulators with a column in the table.
 TABLE_TRIANGULATORS = (
     *("optimal:half-perimeter", "refined:half-perimeter", "optimal:expected-quads"),
     *("optimal:overdraw", "delaunay"),
 )
-"""Triangulators with a column in the table."""
 
+# Patterns of user agents; the group is the version.
 BROWSERS = {
     "edge": r"Edg/(\d+)?",
     "firefox": r"Firefox/(\d+)?",
     "chrome": r"Chrome/(\d+)?",
     "safari": r"(?:Version/(\d+).*)?Safari/",
 }
-"""Patterns of user agents by browser; the group is the version."""
 
 Summary = dict[str, Any]
 
@@ -49,10 +49,7 @@ Summary = dict[str, Any]
 def summarise_device(run: Run) -> Summary:
     """Return the summary of a run's device, JSON-ready.
 
-    A view has the base, times and quads relative to the base, and the rank correlation of criteria
-    with the times of complete triangulations.
-
-    Raises InputError if the run has no times, or times of several devices.
+    Raises InputError unless the run has times of exactly one device.
     """
     timed = [record for record in run.records if record.is_ok and record.time]
     devices = dict.fromkeys((record.id.rasteriser, record.id.device_name) for record in timed)
@@ -82,7 +79,7 @@ def summarise_device(run: Run) -> Summary:
 
 
 def _summarise_view(group: RecordGroup) -> Summary:
-    """Return the ratios of a view's triangulators to the base, and the criteria's correlations."""
+    """Return times and quads relative to the base, and rank correlations of criteria with times."""
     base, case = group.base, group.id
     assert base is not None
     ratios: dict[str, Any] = {}
@@ -113,10 +110,9 @@ def _summarise_view(group: RecordGroup) -> Summary:
 
 
 def write_summary(run: Run, file: Path) -> Path:
-    """Write the summary of a run, and retain other views in the file.
+    """Write the summary of a run, and retain other views of the file.
 
-    Raises IncompatibleRunsError if the file belongs to another device or, for a software device, to
-    another processor.
+    Raises IncompatibleRunsError if the file is of another device, or of software on another CPU.
     """
     summary = summarise_device(run)
     if file.exists():
@@ -149,7 +145,6 @@ def _read_summary(file: Path) -> Summary:
 
 
 def _identify_view(view: Summary) -> tuple[Any, ...]:
-    """Return the fields that distinguish the views of a summary."""
     return view["scene"], view["resolution"], view["rotation"]
 
 
@@ -184,10 +179,7 @@ def format_plain_cell(text: str) -> str:
 
 
 def identify_browser(agent: str) -> tuple[str, str]:
-    """Return the name and version of the browser of a user agent, "" if unknown.
-
-    User agents also name compatible browsers: Edge names Chrome, and Chrome Safari.
-    """
+    """Return the name and version of the browser of a user agent, "" if unknown."""
     for name, pattern in BROWSERS.items():
         if match := re.search(pattern, agent):
             return name, match[1] or ""
@@ -195,7 +187,6 @@ def identify_browser(agent: str) -> tuple[str, str]:
 
 
 def _shorten_driver(driver: str) -> str:
-    """Replace a user agent by the browser's name and version."""
     prefix = "WebGPU in "
     if not driver.startswith(prefix):
         return driver

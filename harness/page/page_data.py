@@ -1,7 +1,4 @@
-"""Content and HTML of pages that draw, count and time in a browser.
-
-The content is a run's frames and triangulations, or the draws of a profile, with exact counters.
-"""
+"""Content and HTML of pages that draw, count and time a run or a profile in a browser."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
@@ -70,10 +67,7 @@ def write_page(content: Content, file: Path) -> None:
 
 
 def make_page_content(run: Run) -> Content:
-    """Return the content of the page of `run`.
-
-    Raises InputError if the run has no drawable frame.
-    """
+    """Return the content of the page of `run`, or raise InputError without a drawable frame."""
     for fit, name in FIXED_VIEWS.items():
         if any(record.id.view.fit == fit for record in run.records):
             raise InputError(f"{run.path}: pages do not support {name}; give another run")
@@ -99,8 +93,7 @@ def make_page_content(run: Run) -> Content:
 def _make_views(run: Run) -> Iterator[Content]:
     """Yield views with two or more drawable triangulations.
 
-    Cases have one sample per pixel and native order, on any device; the first record of a
-    triangulator is used.
+    Cases have one sample per pixel and native order; the first record of a triangulator is used.
     """
     by_view: dict[View, dict[str, Record]] = {}
     for record in run.records:
@@ -140,13 +133,11 @@ def _encode_triangulation(record: Record, geometry: Geometry) -> Content:
 
 
 SEED = 0
-"""Seed of the designed draws."""
 
+# properties that the page receives
 DRAW_FIELDS = ("kind", "name", "group", "work", "aspect", "area")
-"""Properties of a draw that the page receives."""
 
-GRID_STEPS = (1, 2, 4, 8, 16)
-"""Steps of devices' vertex grids, in 1/256 px; see `grid.js`."""
+GRID_STEPS = (1, 2, 4, 8, 16)  # steps of devices' vertex grids, in 1/256 px; see `grid.js`
 
 
 def make_profile_content(pool: MeasuringPool) -> Content:
@@ -220,5 +211,5 @@ def _make_groups(draws: Sequence[Draw], positions: list[int]) -> Content:
 
 
 def _round_rows(rows: Any) -> list[list[float]]:
-    """Return rows of numbers with 9 significant digits, enough for any fit."""
+    """Round to 9 significant digits, enough for any fit."""
     return [[float(f"{value:.9g}") for value in row] for row in rows.tolist()]

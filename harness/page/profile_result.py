@@ -27,9 +27,9 @@ from triangulators.devices import is_software
 FORMAT = "raster-harness device profile"
 NEW_PAGE = "create the page again (raster-harness page --profile) and measure again"
 
+# Tolerated relative difference of a draw's times by the page's law and by a new fit: both fits stop
+# once an iteration changes no time by more than 1e-4, so they differ slightly.
 LAW_TOLERANCE = 0.02
-"""Tolerated relative difference between a draw's time by the page's law and by a new fit. Both fits
-stop once an iteration changes no time by more than 1e-4, so they differ slightly."""
 
 
 class _Page(SavedModel):
@@ -45,8 +45,6 @@ class _Draw(SavedModel):
 
 
 class _Law(SavedModel):
-    """Cost model that the page fitted: its form, seconds by term, and R2 over and within groups."""
-
     form: Annotated[str, StringConstraints(max_length=50)]
     seconds: dict[Annotated[str, StringConstraints(max_length=50)], NonNegative]
     r2_over: Finite
@@ -67,7 +65,6 @@ class Result(saved.Measured):
 
     @validator(mode="after")
     def _check_consistency(self) -> Self:
-        """Raise ValueError for impossible counters, or different numbers of rounds."""
         if any(not draw.fragments / 4 <= draw.quads <= draw.fragments for draw in self.draws):
             raise ValueError("quads of fewer than one pixel, or more than four")
         check_rounds(self.times or {}, self.epochs)
@@ -79,12 +76,7 @@ def import_profile(file: Path, result: Result, name: str) -> tuple[dict[str, Any
 
     The profile has no advice yet. The reason says why the times are unreliable, or is "".
 
-    name : name of the device
-
-    Raises
-    ------
-    IncompatibleRunsError, InputError
-        if the result contradicts itself, or is incomplete
+    Raises IncompatibleRunsError or InputError if the result contradicts itself, or is incomplete.
     """
     page = result.page
     if page.design != DESIGN_VERSION:
@@ -150,7 +142,6 @@ def _check_draws(
 def _check_law(
     file: Path, result: Result, draws: list[Draw], rows: Design, measurement: DrawTimes
 ) -> None:
-    """Raise InputError unless the page's law and a new fit to the page's times agree."""
     if result.law is None:
         return
     if list(result.law.seconds) != list(TERMS) or result.law.form not in FORMS:

@@ -42,8 +42,7 @@ from harness.settings import RESOLUTIONS, TimingSettings
 
 FORMAT = "raster-harness device result"
 RASTERISER = "webgpu"
-CONTROLS = (EMPTY, REFERENCE, "(the base again)")
-"""Drawings that are timed in addition to the cases; the last one is the base again."""
+CONTROLS = (EMPTY, REFERENCE, "(the base again)")  # timed in addition to the cases
 
 
 class _Page(SavedModel):
@@ -77,8 +76,6 @@ class _Record(SavedModel):
 
 
 class _Counters(SavedModel):
-    """Counters per polygon."""
-
     fragments: list[Count]
     quads: list[Count]
     partial_quads: list[Count]
@@ -107,7 +104,6 @@ class _Case(SavedModel):
 
     @validator(mode="after")
     def _check_counters(self) -> Self:
-        """Raise ValueError for counters that no polygons can have."""
         record = self.record
         polygons = record.polygons + record.polygons_skipped + record.polygons_failed
         counters = self.counters.to_arrays()
@@ -143,7 +139,6 @@ class _View(SavedModel):
 
     @validator(mode="after")
     def _check_consistency(self) -> Self:
-        """Raise ValueError unless cases have the same frame and times the same rounds."""
         for name, case in self.cases.items():
             record = case.record
             if name != record.triangulator or _identify_view(record) != _identify_view(self):
@@ -171,7 +166,6 @@ class Result(Measured):
 
     @validator(mode="after")
     def _check_views(self) -> Self:
-        """Raise ValueError if two views are equal."""
         if len(set(map(_identify_view, self.views))) < len(self.views):
             raise ValueError("a view occurs twice")
         return self
@@ -180,9 +174,7 @@ class Result(Measured):
 def import_result(result: Result, folder: Path, device: str, run: Run | None = None) -> Path:
     """Write a page's result as a run folder; return the folder.
 
-    device : name for the device
-    run : the run from which the page was made, if available, whose frames and predictions per
-        polygon are copied
+    run : the run from which the page was made, whose frames and predictions are copied
 
     Raises UsageError if the folder already has a run; IncompatibleRunsError or InputError if `run`
     has different polygons or contradicts the result.
@@ -278,7 +270,7 @@ def _make_time(view: _View, name: str, result: Result) -> Time | None:
 def _raise_if_contradicting(run: Run, case: _Case, *, exact_grid: bool) -> None:
     """Raise an error if a case contradicts the run's polygons or triangles.
 
-    exact_grid : True if the device has the reference's grid, so that counters must be equal
+    exact_grid : True if counters must equal the reference's, whose grid the device has
     """
     saved = case.record
     name = saved.triangulator
@@ -311,7 +303,6 @@ def _raise_if_contradicting(run: Run, case: _Case, *, exact_grid: bool) -> None:
 
 
 def _find_record(run: Run, name: str, scene_hash: str, view: View) -> Record | None:
-    """Return the run's record of these polygons, triangulator and view, or None."""
     key = name, scene_hash, view
     records = (r for r in run.records if r.is_ok)
     return next((r for r in records if (r.id.name, r.id.scene_hash, r.id.view) == key), None)
@@ -320,7 +311,6 @@ def _find_record(run: Run, name: str, scene_hash: str, view: View) -> Record | N
 def _write_polygon_arrays(
     writer: RunFolder, run: Run, record: Record, counters: Mapping[str, np.ndarray]
 ) -> None:
-    """Store the run's frame and predictions per polygon, and the page's counters per polygon."""
     name = drawings.get_view_file_stem(record.id.view)
     if not (writer.path / drawings.FOLDER / f"{name}.npz").exists():
         arrays = read_arrays(run, name, drawings.FOLDER)

@@ -1,7 +1,4 @@
-"""Reading of files that measuring and profiling pages saved, and fields that both have.
-
-The files are untrusted, so that all fields are validated.
-"""
+"""Reading of the untrusted files that measuring and profiling pages saved; common fields."""
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -39,7 +36,6 @@ class SavedDevice(SavedModel):
     """GPU as reported by a browser.
 
     step : step of the vertex grid, in 1/256 px; None if no grid gives the device's coverage
-    limits : WebGPU limits by name
     """
 
     vendor: Text
@@ -73,7 +69,7 @@ class Times(SavedModel):
 def check_rounds(times: Mapping[str, Times], epochs: Sequence[int]) -> None:
     """Raise ValueError if numbers of rounds differ, or a draw other than the empty one took 0 s.
 
-    epochs : number of rounds in each epoch, which sum to the number of each draw's samples
+    epochs : number of rounds in each epoch
     """
     if {len(draw.samples_s) for draw in times.values()} - {sum(epochs)}:
         raise ValueError("draws have different numbers of rounds")
@@ -97,8 +93,6 @@ class Measured(SavedModel):
 
 
 class _File(BaseModel):
-    """File of a page: a result as text, and the digest of the text."""
-
     format: str
     version: int
     sha256: str = ""
@@ -109,11 +103,9 @@ Result = TypeVar("Result", bound=Measured)
 
 
 def read_saved(file: Path, kinds: Mapping[str, type[Result]]) -> Result:
-    """Return the result in a file that a page saved.
+    """Return the result in a file that a page saved, or raise InputError.
 
     kinds : class of the result by the file's format
-
-    Raises InputError if the file cannot be read, is damaged, or was not saved by a page.
     """
     try:
         if file.exists() and not file.is_file():
@@ -156,9 +148,9 @@ def make_device_name(result: Measured) -> str:
 
 
 def list_warnings(result: Measured, warnings: Iterable[str], moved: str) -> list[str]:
-    """Return warnings: the page's problems, `warnings`, and deviations of the device's coverage.
+    """Return the page's problems, `warnings`, and deviations of the device's coverage.
 
-    moved : noun for the warning about objects that a coarser grid moves: "draws" or "polygons"
+    moved : "draws" or "polygons", which a coarser grid moves
     """
     problem = " ".join((result.problem or "").split())
     step = result.device.step

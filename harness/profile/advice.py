@@ -18,32 +18,31 @@ from harness.study.subjects import sample_evenly
 from harness.triangulating.recipes import parse
 from scenes import SceneError, load
 
+# Scenes that are triangulated, if they can be loaded, with their names in sentences.
 SCENES = {"city": "city", "helsinki": "Helsinki", "glyphs": "letters"}
-"""Scenes that are triangulated, if they can be loaded, with their names in sentences."""
 
-SCENE_POLYGONS = 48
-"""Number of polygons of each scene, taken at equal steps of their order by vertex count."""
+SCENE_POLYGONS = 48  # of each scene, at equal steps of their order by vertex count
 
 RESOLUTION = 1024
 
 BASE = "ear-clipping"
+# Optima that need no profile, with symbols: half-perimeter, expected quads, overdraw.
 CRITERIA = {
     "optimal:half-perimeter": "H",
     "optimal:expected-quads": "Q",
     "optimal:overdraw": "A",
 }
-"""Optima that need no profile, with symbols: half-perimeter H, expected quads Q, overdraw A."""
 CALIBRATED_OPTIMUM = "optimal:calibrated"
 
+# Maximum modelled extra cost, as a share, at which a criterion that needs no profile is preferred
+# to `CALIBRATED_OPTIMUM`.
 MAX_REGRET = 0.005
-"""Maximum modelled extra cost, as a share, at which a criterion that needs no profile is preferred
-to `CALIBRATED_OPTIMUM`."""
 
 
 def recommend_triangulator(
     pool: MeasuringPool, coefficients: Mapping[str, float], seed: int = 0
 ) -> dict[str, Any] | None:
-    """Return the recommended triangulator for a device, as `choose_triangulator` does.
+    """Return the recommendation of `choose_triangulator` for a device.
 
     coefficients : the device's seconds for each of `COSTS`
 
@@ -65,16 +64,12 @@ def recommend_triangulator(
 def choose_triangulator(costs: Mapping[str, Mapping[str, NDArray[np.float64]]]) -> dict[str, Any]:
     """Return the recommendation, JSON-ready, from modelled seconds of polygons.
 
-    costs : scene -> triangulator -> seconds of each polygon, (p,)
+    costs : scene -> triangulator -> seconds of each polygon, (p,), not counting the draw itself
 
-    The keys of the result:
-
-    triangulator : a criterion's optimum, or the optimum for the device's coefficients if the regret
-        of each criterion exceeds `MAX_REGRET`
-    regret : for each triangulator, modelled extra cost over `CALIBRATED_OPTIMUM`, mean over the
-        scenes; the cost of the draw itself is not counted
-    saved : by scene, the modelled share of ear clipping's time that the recommended triangulator
-        saves, with its 95 % interval over polygons
+    The result has the `triangulator`, a criterion's optimum unless the regret of each exceeds
+    `MAX_REGRET`; by triangulator, the `regret`, the extra cost over `CALIBRATED_OPTIMUM`, mean over
+    the scenes; and by scene, the `saved` share of ear clipping's time, with its 95 % interval over
+    polygons.
     """
     regret = {
         name: float(
@@ -106,8 +101,8 @@ def sum_scene_features(
 ) -> dict[str, NDArray[np.float64]] | None:
     """Return, for each polygon, sums over its triangles of the features in a device's cost model.
 
-    Returns triangulator -> (p, 8): for each polygon that all triangulators solve, the columns
-    `COSTS[1:]` (number of triangles, area, half-perimeters, ...); None without such a polygon.
+    The result: triangulator -> (p, 8), with the columns `COSTS[1:]`, of polygons that all
+    triangulators solve; None without such a polygon.
 
     coefficients : weights that optimal:calibrated minimises
     """
@@ -169,8 +164,7 @@ def compare_aspects(
 def _interpolate_doubling(ratios: NDArray[np.float64]) -> list[float] | None:
     """Return the aspect at which the ratio reaches 2, with its interval over the epochs, or None.
 
-    ratios : (e, a) for each epoch and aspect; interpolated between the logarithms of two aspects.
-        The result is None unless the ratios of all epochs reach 2
+    ratios : (e, a) for each epoch and aspect; those of all epochs must reach 2
     """
     aspects = []
     steps = np.log2(ASPECTS)

@@ -12,22 +12,18 @@ from harness.profile.placing import Draw
 from harness.rasterisers import reference
 from harness.rasterisers.vertex_batches import sum_batches_of_draws
 
+# Size up to which a rasteriser may scan triangles differently, as llvmpipe does (`lp_setup_tri.c`).
 COARSE_SCAN_PX = 16
-"""Size in px up to which a rasteriser may scan triangles differently, as llvmpipe does
-(`lp_setup_tri.c`)."""
 
 
 class Term(NamedTuple):
-    """A possible cost of a device.
-
-    sentence : a sentence about the cost, with {} for the time
-    noun : name in tables
-    """
+    """A possible cost of a device: a sentence with {} for the time, and a name in tables."""
 
     sentence: str
     noun: str
 
 
+# Possible costs of a draw, by the counter that each is proportional to.
 TERMS = {
     "draw": Term("A draw by itself costs {}.", "the draw itself"),
     "triangles": Term("A triangle costs {}, however small it is.", "triangles"),
@@ -66,14 +62,11 @@ TERMS = {
     "bbox_tests": Term("A pixel of a bounding box costs {}.", "pixels of bounding boxes"),
     "work": Term("A round of arithmetic in a lane costs {}.", "rounds of arithmetic"),
 }
-"""Possible costs of a draw, by the counter that each is proportional to; half-perimeters and `near`
-are in px, all others are counts."""
 
+# terms in px, whose counters are in 1/256 px; others are counts
 PX_TERMS = ("half_perimeter", "near")
-"""Terms in px, whose counters are in 1/256 px."""
 
-Design = NDArray[np.float64]
-"""Counters of k draws, (k, t): a column for each of `TERMS`."""
+Design = NDArray[np.float64]  # counters of k draws, (k, t): a column for each of `TERMS`
 
 
 def count_draw(draw: Draw) -> dict[str, int]:

@@ -51,25 +51,20 @@ from harness.triangulating.result import FrameTriangulation
 from triangulators.errors import suggest
 from triangulators.geometry.order import put_in_walk_order
 
+# Contributed profiles; an installed wheel has none.
 CONTRIBUTED = Path(__file__).parents[2] / "results" / "reference" / "profiles"
-"""Contributed profiles; an installed wheel has none."""
 
+# Remedies by stage; the stage of vertices depends on the order of triangles.
 REMEDIES = {
     "triangles": "fewer covering triangles",
     "pixels": "fewer quads",
     "triangles and pixels": "fewer covering triangles and quads",
     "arithmetic": "fewer quads",
 }
-"""Remedies by stage, for stages that depend on the triangulation; the stage of vertices depends on
-the order of triangles."""
 
 WALK = Options(order="walk")
 
-Cost = dict[str, Any]
-"""Cost of one triangulator's triangles. `predict_draw_costs` returns `draw`, the predicted seconds
-of a draw; `draw_walk`, the draw time with the triangles in walk order (from neighbour to
-neighbour); `stage`, which of the device's stages is slowest; and `saved_95`, the 95 % interval of
-the saved share of the base's draw time, or None."""
+Cost = dict[str, Any]  # Cost of one triangulator's triangles, from `predict_draw_costs`.
 
 
 @dataclass(frozen=True)
@@ -97,7 +92,7 @@ class DeviceCosts:
 
 
 def find_profile(name: str, *folders: Path) -> Path:
-    """Return the file of a profile, given as a path, or by its name in `folders` or `CONTRIBUTED`.
+    """Return the file of a profile, a path or a name in `folders` or `CONTRIBUTED`.
 
     Raises UsageError if there is no such file.
     """
@@ -121,7 +116,6 @@ def read_costs(file: Path) -> DeviceCosts:
 
 
 def _make_costs(profile: Any) -> DeviceCosts:
-    """Return the costs in the content of a profile's file."""
     costs = {term["name"]: float(term["cost"]) for term in profile["terms"]}
     device, law = profile["device"], read_law(profile)
     seconds = np.array([costs[term] for term in TERMS])
@@ -140,9 +134,12 @@ def count_native_and_walk(frame: Frame, triangles: NDArray[np.int32]) -> dict[st
 
 
 def predict_draw_costs(counters: Sequence[Mapping[str, int]], device: DeviceCosts) -> list[Cost]:
-    """Return the predicted draw times and slowest stage of each triangulator, the base first.
+    """Return the predicted cost of each triangulator, the base first.
 
     counters : of each triangulator's triangles, from `count_native_and_walk`
+
+    A cost has the seconds of a `draw`, and of a `draw_walk` in walk order; the slowest `stage`; and
+    `saved_95`, the 95 % interval of the saved share of the base's draw time, or None.
     """
     design = make_design_rows(counters)
     walked = make_design_rows(
@@ -165,10 +162,7 @@ def predict_draw_costs(counters: Sequence[Mapping[str, int]], device: DeviceCost
 
 
 def compute_saved_shares(spent: Mapping[str, float]) -> dict[str, float]:
-    """Return the share of the base's cost that each triangulator saves.
-
-    spent : cost by triangulator, the base first
-    """
+    """Return the share of the base's cost that each triangulator saves; the base is first."""
     base = next(iter(spent.values()))
     return {name: 1.0 - cost / base if base else 0.0 for name, cost in spent.items()}
 
@@ -205,6 +199,7 @@ BASE = Recipe("ear-clipping")
 
 COVERING = {"area": 1 / 3, "expected_blocks": 8 / 3, "expected_quads": -2.0}
 
+# Expected counter of a triangle, by cost term (`TERMS`): coefficients of triangle features.
 EXPECTED: Mapping[str, Mapping[str, float]] = {
     "triangles": {"triangles": 1.0},
     "fragments": {"area": 1.0},
@@ -213,7 +208,6 @@ EXPECTED: Mapping[str, Mapping[str, float]] = {
     "covering": COVERING,
     "tile_pairs": COVERING | {"half_perimeter": 1 / COARSE_SCAN_PX},
 }
-"""Expected counter of a triangle, by cost term (`TERMS`): coefficients of triangle features."""
 
 
 def compute_stage_weights(device: DeviceCosts, stage: str) -> dict[str, float]:
@@ -271,8 +265,8 @@ def order_for_slowest_stage(
 ) -> tuple[FrameTriangulation, dict[str, float]]:
     """Return a triangulation in the order for its slowest stage, with the seconds of each stage.
 
-    If the stage of vertices is the slowest, triangles are sorted from neighbour to neighbour (a
-    walk); otherwise the order is unchanged.
+    The order is unchanged unless the stage of vertices is the slowest, for which triangles are
+    sorted from neighbour to neighbour (a walk).
     """
     times = _predict_stage_times(device, frame, result)
     slowest = max(times, key=lambda name: times[name])
@@ -289,7 +283,6 @@ def order_for_slowest_stage(
 def _predict_stage_times(
     device: DeviceCosts, frame: Frame, result: FrameTriangulation
 ) -> dict[str, float]:
-    """Return the predicted seconds of a triangulation in each stage of the device, by name."""
     design = make_design_rows([count_cost_terms(frame, frame.join_triangles(result.parts))])
     seconds = compute_stage_times(design, device.costs, device.form)[0]
     return dict(zip(device.stages, seconds.tolist(), strict=True))

@@ -8,20 +8,18 @@ from numpy.typing import NDArray
 
 Design = NDArray[np.float64]
 Seconds = NDArray[np.float64]
+# Counters of k draws, (k, t); times (k,) or coefficients (t,); the group of each draw, (k,).
 Labels = Sequence[Any] | NDArray[Any]
-"""Counters of k draws, (k, t); times (k,) or coefficients (t,); the group of each draw, (k,)."""
 
-BETWEEN_WEIGHT = 0.3
-"""Weight of the differences between sets of polygons; those within a set have weight 1."""
+BETWEEN_WEIGHT = 0.3  # of differences between sets of polygons; within a set, the weight is 1
 
-LARGE_ERROR = 0.05
-"""Relative error beyond which the loss is linear instead of quadratic."""
+LARGE_ERROR = 0.05  # relative error beyond which the loss is linear instead of quadratic
 
+# Maximum factor between the measured time and the fitted time by which a draw is weighted.
 MAX_FIT_RATIO = 2.0
-"""Maximum factor between the measured time and the fitted time by which a draw is weighted."""
 
+# The fit ends if fitted times change by smaller shares, or at this number of iterations.
 FIT_TOLERANCE, MAX_ITERATIONS = 1e-4, 100
-"""The fit ends if fitted times change by smaller shares, or at this number of iterations."""
 
 
 def fit_coefficients(design: Design, seconds: Seconds, groups: Labels) -> Seconds:
@@ -29,16 +27,14 @@ def fit_coefficients(design: Design, seconds: Seconds, groups: Labels) -> Second
 
     groups : (k,) labels; draws of one label have the same polygons in different triangulations
 
-    The draws of one set of polygons share a misfit that depends on the polygons' size and kind.
-    It varies more than the differences within a set, but choosing a triangulation needs the
-    differences. So the shared part has the weight `BETWEEN_WEIGHT`, as in a model with a random
-    effect for each set.
+    The draws of one set of polygons share a misfit that depends on the polygons' size and kind. It
+    varies more than the differences within a set, which decide between triangulations, so the
+    shared part has the weight `BETWEEN_WEIGHT`, as in a model with a random effect for each set.
 
-    The weights of the soft L1 loss and the coefficients are computed alternately (P. Holland and
-    R. Welsch, "Robust regression using iteratively reweighted least-squares", Communications in
+    The weights of the soft L1 loss and the coefficients are computed alternately (P. Holland and R.
+    Welsch, "Robust regression using iteratively reweighted least-squares", Communications in
     Statistics 6(9), 1977). Errors are relative to the fitted times: relative to the measured times,
-    which contain the errors, noise would bias all coefficients downwards. A term that costs nothing
-    gets exactly 0.
+    which contain the errors, noise would bias all coefficients downwards.
     """
     from scipy.optimize import nnls  # slow to import, and reading a profile fits nothing
 
@@ -91,8 +87,8 @@ def stack_deviations(shares: Design, labels: NDArray[np.int64]) -> Design:
 
     shares : (k, c) values of k draws; labels : (k,) group of each draw, 0 to g - 1
 
-    A mean is multiplied by `BETWEEN_WEIGHT` times the square root of the group's size, so that its
-    square counts as much as the squares of that many rows, each scaled by `BETWEEN_WEIGHT`.
+    A mean is multiplied by `BETWEEN_WEIGHT` and the square root of the group's size, so that its
+    square counts as much as the squares of that many rows.
     """
     mean = compute_group_means(shares, labels)
     weight = BETWEEN_WEIGHT * np.sqrt(np.bincount(labels))

@@ -18,17 +18,14 @@ from harness.settings import TimingSettings
 from harness.stats.intervals import MIN_EPOCHS, Ratio, compute_paired_ratio
 from harness.stats.run_quality import assess_times
 
-CONTROL = "(control)"
-"""Name of the second copy of one draw of the design."""
+CONTROL = "(control)"  # name of the second copy of one draw of the design
 
-EPOCHS = 12
-"""Number of epochs, each in a separate process: in some a draw takes 1.5 times as long."""
+EPOCHS = 12  # each in a separate process: in some a draw takes 1.5 times as long
 
-MAX_DRIFT = 1.5
-"""Tolerated ratio of the slowest to the fastest epoch."""
+MAX_DRIFT = 1.5  # tolerated ratio of the slowest to the fastest epoch
 
+# Tolerated relative difference of the two copies of one draw: memory layout makes them differ.
 MAX_CONTROL_DIFFERENCE = 0.03
-"""Tolerated relative difference of the two copies of one draw: memory layout makes them differ."""
 
 
 @dataclass(frozen=True)
@@ -69,8 +66,7 @@ class DrawTimes:
         return ""
 
 
-MIN_LIMIT_S = 100.0
-"""Minimum time limit of all rounds; the limit is twice the total budget if that is longer."""
+MIN_LIMIT_S = 100.0  # of all rounds; the limit is twice the total budget if that is longer
 
 
 def make_profile_timing(budget_s: float, draws: int) -> TimingSettings:
@@ -98,14 +94,8 @@ def measure_draws(
 ) -> DrawTimes:
     """Time all draws in interleaved rounds, with an empty draw and a second copy of one draw.
 
-    Raises
-    ------
-    NothingMeasuredError
-        if the device fails on a draw
-    InconclusiveError
-        if it is too slow for enough epochs
-    HarnessError
-        if it cannot be opened
+    Raises HarnessError if the device cannot be opened, NothingMeasuredError if it fails on a draw,
+    and InconclusiveError if it is too slow for enough epochs.
     """
     names = [str(number) for number in range(len(draws))]
     candidates = {
@@ -156,6 +146,5 @@ def normalise_times(times: Mapping[str, Times], names: Sequence[str]) -> DrawTim
 
 
 def _make_time(times: Times) -> Time:
-    """Convert the times of a drawing to the `Time` of a record."""
     time = make_time_without_median(times, "cpu" if times.wall_s else "wall")
     return replace(time, stolen_s=times.stolen_s, timing_s=times.timing_s)

@@ -28,18 +28,16 @@ FORMAT, VERSION = "raster-harness profile", 2
 
 Content = TypeVar("Content")
 
-MAX_COST_S = 1.0
-"""Maximum valid cost of a draw, a triangle or a pixel, in seconds."""
+MAX_COST_S = 1.0  # of a draw, a triangle or a pixel
 
 MAX_NAME_LENGTH = 200
 
-MAX_DRAWS = 1000
-"""Upper bound of the draws of a profile; the memory to refit its law grows as their square."""
+MAX_DRAWS = 1000  # the memory to refit a law grows as their square
 
+# Lower bound of the explained variance of held-out draws, over all draws and within groups: optima
+# for worse profiles would follow the noise. Quiet machines reach 0.91 to 0.98; softpipe has 0.86
+# within groups.
 MIN_R2 = 0.88
-"""Lower bound of the explained variance of held-out draws, over all draws and within groups. Worse
-profiles are refused: optima for them would follow the noise. Quiet machines reach 0.91 to 0.98;
-softpipe has 0.86 within groups."""
 
 
 def make_profile(
@@ -120,10 +118,7 @@ def make_profile(
 
 
 def write_profile(content: Mapping[str, Any], file: Path) -> Path:
-    """Write a profile to `file`, or to `<name>.refused.json` if it is refused; return the file.
-
-    A refused profile does not replace an older one.
-    """
+    """Write a profile to `file`, or to `<name>.refused.json` if it is refused; return the file."""
     if content["refused"]:
         file = file.with_name(f"{file.stem}.refused.json")
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -134,10 +129,7 @@ def write_profile(content: Mapping[str, Any], file: Path) -> Path:
 def read_profile(file: Path, parse: Callable[[Any], Content]) -> Content:
     """Return the result of `parse` for the content of a profile's file.
 
-    Raises
-    ------
-    InputError
-        if the file is missing, invalid, or was refused by `make_profile`
+    Raises InputError if the file is missing, invalid, or was refused by `make_profile`.
     """
     try:
         content = json.loads(atomic.read(file))
@@ -191,10 +183,7 @@ def check_profile(content: Any) -> None:
 
 
 def read_coefficients(file: Path) -> dict[str, float]:
-    """Return the coefficients of `optimal:calibrated` from a profile's file, by `COSTS`.
-
-    Raises as `read_profile` does.
-    """
+    """Return a profile's coefficients of `optimal:calibrated`; raise as `read_profile` does."""
     return read_profile(file, lambda content: {n: float(content["coefficients"][n]) for n in COSTS})
 
 
@@ -223,10 +212,7 @@ def describe_origin(device: Mapping[str, Any]) -> str:
 
 
 def is_of_this_machine(device: Mapping[str, Any]) -> bool:
-    """Return whether this machine has the GPU on which a profile was measured.
-
-    For a software renderer: whether this machine has the processor on which it was measured.
-    """
+    """Return whether this machine has the GPU, or the processor of the software renderer."""
     if device.get("software"):
         return bool(device.get("cpu") == describe_processor()["label"])
     name, details = device.get("rasteriser"), device.get("details", {})

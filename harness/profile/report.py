@@ -29,11 +29,10 @@ if TYPE_CHECKING:
 
 UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns"), (1e-12, "ps"))
 
-ZERO_S = 1e-16
-"""Times below this are round-off errors of 0."""
+ZERO_S = 1e-16  # times below this are round-off errors of 0
 
+# Columns in the table of devices even if significant on no device.
 REQUIRED_TERMS = ("draw", "triangles", "helper_lanes")
-"""Terms with a column in the table of devices even if they are significant on no device."""
 
 
 def format_seconds(value: float) -> str:
@@ -51,7 +50,6 @@ def format_sentences(profile: Mapping[str, Any]) -> list[str]:
 
 
 def _format_law(profile: Mapping[str, Any]) -> Iterator[str]:
-    """Yield sentences about the device's stages and the cost of each term."""
     yield f"On {describe_origin(profile['device'])}:"
     terms = {term["name"]: term for term in profile["terms"]}
     stages = profile["stages"]
@@ -71,14 +69,12 @@ def _format_law(profile: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _format_costs(terms: Iterable[Mapping[str, Any]]) -> Iterator[str]:
-    """Yield a sentence for each significant term."""
     for term in terms:
         if term["shown"]:
             yield TERMS[term["name"]].sentence.format(format_seconds(term["cost"]))
 
 
 def _format_aspects(profile: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a sentence about the cost of thin triangles for each triangle area."""
     for area in profile["aspects"]:
         ratio, low, high = (area[name][-1] for name in ("ratios", "low", "high"))
         text = (
@@ -92,7 +88,6 @@ def _format_aspects(profile: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _format_advice(profile: Mapping[str, Any]) -> Iterator[str]:
-    """Yield sentences about the recommended triangulator and its savings."""
     advice = profile.get("advice")
     if not advice:
         return
@@ -130,10 +125,7 @@ def make_table(profile: Mapping[str, Any]) -> Table:
 
 
 def make_devices_table(folder: Path) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return headings and rows of a table of the profiles in a folder, one row per device.
-
-    There is a column for each term that is significant on some device.
-    """
+    """Return headings and rows of a table of the profiles in a folder, one row per device."""
     contents = (json.loads(file.read_text("utf-8")) for file in sorted(folder.glob("*.json")))
     profiles = [profile for profile in contents if not profile["refused"]]
     significant = {
