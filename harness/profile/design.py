@@ -14,11 +14,9 @@
     work       arithmetic of a fragment                    all other terms
     twice      all terms except vertices, doubled          vertices
 
-`stage_draws` has further kinds.
-
-All are drawn in one viewport of `placing.SIDE` px, all coordinates are integers in 1/256 px, and
-only draws of `twice` cover a pixel more than once. An implementation in another language is correct
-if its checksums are equal.
+`stage_draws` has further kinds. All are drawn in one viewport of `placing.SIDE` px, in integers of
+1/256 px; only draws of `twice` cover a pixel more than once. An implementation in another language
+is correct if its checksums are equal.
 """
 
 from collections.abc import Iterable, Iterator
@@ -43,69 +41,58 @@ from harness.profile.placing import (
     make_unshared_triangles,
 )
 
-DESIGN_VERSION = 4
-"""Version of the design: pages of different versions have different draws."""
+DESIGN_VERSION = 4  # pages of different versions have different draws
 
 ASPECTS = (1, 2, 4, 8, 16, 32, 64)
+# in px^2, at which aspects are compared, with the number of triangles of a draw
 AREAS = {8: 1500, 64: 800}
-"""Areas in px^2 at which aspects are compared, with the number of triangles of a draw."""
 
-ALMOST_EMPTY = ((2048, 1), (2048, 16))
-"""Sizes in 1/256 px and numbers of triangles of almost empty draws."""
+ALMOST_EMPTY = ((2048, 1), (2048, 16))  # sizes in 1/256 px and numbers of triangles
 
+# Base and height of triangles of one aspect, in 1/256 px: a quarter pixel to 128 px.
 SIZES = (64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768)
-"""Base and height of triangles of one aspect, in 1/256 px: a quarter pixel to 128 px."""
 
+# Base and height in 1/256 px, and numbers of triangles, at which the covering triangles and the
+# quads of a draw take about as long on an H200.
 BALANCED_SIZES = ((2560, 1000), (3072, 1000), (3584, 1000))
-"""Base and height in 1/256 px, and numbers of triangles, at which the covering triangles and the
-quads of a draw take about as long on an H200."""
 
-SMALL_TRIANGLES = 3000
-"""Number of triangles of a draw of small triangles."""
+SMALL_TRIANGLES = 3000  # number in a draw of small triangles
 
+# Sizes in 1/256 px and numbers of triangles that have equal helper lanes, within 4 %.
 EQUAL_LANES = ((1024, 2880), (2048, 1440), (4096, 720), (8192, 360), (16384, 180))
-"""Sizes in 1/256 px and numbers of triangles that have equal helper lanes, within 4 %."""
 
+# Width in px, corners, and width / height of convex polygons with several triangulations.
 RINGS = ((12, 16, 1), (48, 16, 1), (48, 64, 1), (192, 16, 1), (192, 64, 1), (192, 32, 8))
-"""Width in px, corners, and width / height of convex polygons with several triangulations."""
 
+# Step in 1/256 px and height in px of strips as wide as the viewport.
 STRIPS = ((256, 16), (1024, 16), (4096, 16), (512, 64))
-"""Step in 1/256 px and height in px of strips as wide as the viewport."""
 
+# Length in px, height in 1/256 px and number of triangles thinner than a pixel.
 SLIVERS = ((64, 16, 2000), (64, 64, 2000), (16, 16, 2000))
-"""Length in px, height in 1/256 px and number of triangles thinner than a pixel."""
 
+# Length in px, height in 1/256 px and number of thin triangles as long as those of large polygons.
+# Rotation enlarges their boxes far more than any other term. Without them the fit attributes the
+# misfit of small triangles to boxes, and is wrong about large triangles.
 LONG_THIN = ((256, 256, 200), (256, 2048, 60), (448, 1024, 40))
-"""Length in px, height in 1/256 px and number of thin triangles as long as those of large polygons.
-
-Rotation enlarges their boxes far more than any other term. Without them the fit attributes the
-misfit of small triangles to boxes, and is wrong about large triangles.
-"""
 
 MESHES = (2, 16)
+# Sides in px of meshes, and indices into `RINGS`, drawn with shared and with unshared vertices.
 SHARED_RINGS = (0, 2)
-"""Sides in px of meshes, and indices into `RINGS`, drawn with shared and with unshared vertices."""
 
-WORK_ROUNDS = (16, 64)
-"""Rounds of arithmetic of a fragment."""
+WORK_ROUNDS = (16, 64)  # rounds of arithmetic of a fragment
 
+# Sides in px of meshes drawn with arithmetic. An H200 shades the quads of neighbouring triangles
+# together: a round in a lane takes 9 to 11 ps in scenes and for triangles of 16 px, but 21 ps for
+# scattered thin triangles.
 WORK_MESHES = (2, 4)
-"""Sides in px of meshes drawn with arithmetic.
 
-An H200 shades the quads of neighbouring triangles together: a round in a lane takes 9 to 11 ps in
-scenes and for triangles of 16 px, but 21 ps for scattered thin triangles.
-"""
-
+# Rounds of arithmetic in meshes: on an H200 it then takes about as long as triangles or pixels, so
+# that the sum and the maximum of the stages differ most.
 MESH_ROUNDS = (8, 16)
-"""Rounds of arithmetic in meshes: on an H200 it then takes about as long as triangles or pixels, so
-that the sum and the maximum of the stages differ most."""
 
 
 def make_draws(seed: int = 0) -> list[Draw]:
-    """Return the draws of a profile, in the order of this module's table and of `stage_draws`.
-
-    Draws of earlier versions of the design come first.
-    """
+    """Return the draws of a profile; those of earlier versions of the design come first."""
     kinds = (
         _yield_equal_shapes("few", 0, ALMOST_EMPTY, seed),
         _yield_aspects(seed),
@@ -132,10 +119,7 @@ def snap_draw(draw: Draw, step: int) -> Draw:
 
 
 def compute_triangle_sides(area: int, aspect: int) -> tuple[int, int]:
-    """Return base and height in 1/256 px, rounded down, of a triangle with `area` px^2.
-
-    aspect : base / height
-    """
+    """Return base and height in 1/256 px, rounded down, of a triangle with `area` px^2."""
     doubled = 2 * area * SUBPIXEL * SUBPIXEL
     height = isqrt(doubled // aspect)
     return doubled // height, height
@@ -156,7 +140,6 @@ def _scatter_triangles(
 
 
 def _yield_aspects(seed: int) -> Iterator[Draw]:
-    """Yield draws of triangles of equal area, from compact to thin, at several angles."""
     variants = product(AREAS.items(), DIRECTIONS, ASPECTS)
     for number, ((area, count), direction, aspect) in enumerate(variants, 101):
         geometry = _scatter_triangles(
@@ -202,7 +185,6 @@ def _make_rings(seed: int, index: int) -> tuple[Frame, NDArray[np.int32]]:
 
 
 def _yield_cuts(seed: int) -> Iterator[Draw]:
-    """Yield draws of the same convex polygons in different triangulations."""
     for index, (width, corners, flat) in enumerate(RINGS):
         frame, starts = _make_rings(seed, index)
         for cut_name, cut in placing.RING_TRIANGULATIONS.items():
@@ -213,7 +195,6 @@ def _yield_cuts(seed: int) -> Iterator[Draw]:
 
 
 def _yield_strips(seed: int) -> Iterator[Draw]:
-    """Yield draws of horizontal strips of triangles, as wide as the viewport."""
     width = (SIDE - 8) * SUBPIXEL
     for number, (step, height) in enumerate(STRIPS):
         steps = width // step
@@ -239,7 +220,6 @@ def _yield_strips(seed: int) -> Iterator[Draw]:
 
 
 def _yield_thin(seed: int) -> Iterator[Draw]:
-    """Yield draws of triangles thinner than a pixel, and of long thin triangles."""
     for kind, sizes, directions, first in (
         ("slivers", SLIVERS, (LEVEL, SLANTED), 601),
         ("long", LONG_THIN, DIRECTIONS, 621),
@@ -254,7 +234,6 @@ def _yield_thin(seed: int) -> Iterator[Draw]:
 
 
 def _yield_vertices(seed: int) -> Iterator[Draw]:
-    """Yield meshes and rings, with shared vertices and with three vertices per triangle."""
     shared = [(f"a mesh of {side} px", *_make_mesh(seed, side)) for side in MESHES]
     for index in SHARED_RINGS:
         width, corners, _ = RINGS[index]
@@ -270,7 +249,6 @@ def _yield_vertices(seed: int) -> Iterator[Draw]:
 
 
 def _make_mesh(seed: int, side: int) -> tuple[Frame, NDArray[np.int32]]:
-    """Return a mesh of squares of `side` px as a frame, and its triangles (m, 3)."""
     across = min(40, (SIDE - 8) // side)
     numbers = placing.hash_numbers(seed, 650 + side, (across + 1) ** 2)
     points, triangles = make_jittered_mesh(across, across, side * SUBPIXEL, numbers)
@@ -278,7 +256,6 @@ def _make_mesh(seed: int, side: int) -> tuple[Frame, NDArray[np.int32]]:
 
 
 def _yield_work(seed: int) -> Iterator[Draw]:
-    """Yield draws of scattered triangles without and with arithmetic for each fragment."""
     shapes = (("16 px", (4096, 4096), 300), ("8 px^2, 64:1", compute_triangle_sides(8, 64), 800))
     for number, (name, size, count) in enumerate(shapes):
         geometry = _scatter_triangles(*size, SLANTED, count, (seed, 700 + number))
@@ -287,7 +264,6 @@ def _yield_work(seed: int) -> Iterator[Draw]:
 
 
 def _yield_work_in_meshes(seed: int) -> Iterator[Draw]:
-    """Yield draws of meshes with arithmetic for each fragment."""
     for side in WORK_MESHES:
         geometry = _make_mesh(seed, side)
         for work in MESH_ROUNDS:
@@ -296,7 +272,6 @@ def _yield_work_in_meshes(seed: int) -> Iterator[Draw]:
 
 
 def _yield_repeated(seed: int) -> Iterator[Draw]:
-    """Yield draws that contain each triangle once, and draws that contain it twice."""
     for number, (side, count) in enumerate(((1024, 2000), (8192, 300))):
         frame, triangles = _scatter_triangles(side, side, SLANTED, count, (seed, 800 + number))
         for times in (1, 2):

@@ -1,11 +1,11 @@
 """A device's law: the cost in seconds of each of `counted.TERMS`, with intervals.
 
-A draw takes the sum of its costs, or the time of its slowest stage (`FORMS`). A GPU's stages work
-at the same time on different triangles, so a draw takes as long as the slowest; a program on one
-processor does one after another. The form is chosen by the errors of predicted groups of draws that
-the fit did not see: a form with more stages replaces a simpler one if its mean error is smaller by
-more than `STANDARD_ERRORS` of the difference (L. Breiman, J. Friedman, R. Olshen and C. Stone,
-"Classification and Regression Trees", 1984, section 3.4).
+A draw takes the sum of its costs, as on one processor, or the time of its slowest stage (`FORMS`),
+as on a GPU, whose stages work at the same time on different triangles. The form is chosen by the
+errors of predicted groups of draws that the fit did not see: a form with more stages replaces a
+simpler one if its mean error is smaller by more than `STANDARD_ERRORS` of the difference (L.
+Breiman, J. Friedman, R. Olshen and C. Stone, "Classification and Regression Trees", 1984, section
+3.4).
 
 In a maximum, a draw depends only on the costs of the stage that takes longest, its binding stage.
 Given the binding stages, the law is linear: the counters of all other stages are set to 0. Costs
@@ -14,22 +14,18 @@ piecewise-linear fitting", Optimization and Engineering 10, 2009). The costs of 
 in no draw are unknown, as are those of terms whose counters are linearly dependent in the draws
 that their stage binds: their intervals end at the bounds that the times of all draws imply.
 
-No device follows the law exactly: measured times deviate by 9 to 27 %, with noise of 1 %, and an
-eighth to a half of that deviation is common to the draws of a group. So a draw's error is modelled
-as the sum of an individual error and an error that its group shares. Both variances are estimated
-from the residuals within groups and from the groups' mean residuals, corrected for the part of each
-that the fit absorbs (the moment estimator of a model with a random effect for each group). They
-give the coefficients' covariance, for given binding stages. As groups are few, intervals are
-Student's, with half as many degrees of freedom as there are groups. Within a group, the deviations
-of real devices are not independent but follow the counters, so intervals are wider by
-`DEVIATION_FACTOR`. Errors of epochs are part of the errors of draws. For the intervals,
-coefficients may be negative: a constraint at 0 would bias the other terms downwards.
+Measured times deviate from the law by 9 to 27 %, with noise of 1 %, and an eighth to a half of that
+deviation is common to the draws of a group. So a draw's error is the sum of an individual error and
+an error that its group shares. Both variances are estimated from the residuals within groups and
+from the groups' mean residuals, corrected for the part of each that the fit absorbs (the moment
+estimator of a model with a random effect for each group), and give the coefficients' covariance,
+for given binding stages. As groups are few, intervals are Student's, with half as many degrees of
+freedom as there are groups, and wider by `DEVIATION_FACTOR`. For the intervals, coefficients may be
+negative: a constraint at 0 would bias the other terms downwards.
 
 A cost is significant if it is so among all terms, by Bonferroni's correction: at most one device in
-twenty may get a false cost. All terms stay in the law: non-negative costs already leave out 60 % of
-the terms that a simulated device does not charge for, and the others share the cost of correlated
-terms. Without the insignificant terms, the errors of predicted draw times of scenes, relative to
-ear clipping's times, rose from 0.6-1.4 % to 2-7 %.
+twenty may get a false cost. Insignificant terms stay in the law: without them, the errors of
+predicted draw times of scenes, relative to ear clipping's times, rose from 0.6-1.4 % to 2-7 %.
 
 Sources: S. Searle, G. Casella and C. McCulloch, "Variance Components", 1992, chapter 5; J. Imbens
 and M. Kolesar, "Robust standard errors in small samples", Review of Economics and Statistics 98(4),
@@ -60,27 +56,24 @@ from triangulators.criteria import predict
 from triangulators.criteria.criterion import CALIBRATED_FEATURES
 
 CONFIDENCE = 0.95
+# Confidence of a single cost's interval, at which 5 % of devices have a false cost.
 FAMILY_CONFIDENCE = 1.0 - (1.0 - CONFIDENCE) / len(TERMS)
-"""Confidence of a single cost's interval, at which 5 % of devices have a false cost."""
 
+# Factor of all intervals, as deviations of real devices follow the counters within a group. If the
+# residuals of each group of a published profile get a random sign, at least 93 % of costs are
+# covered on all seven profiles, and no device in thirty has a false cost; with a factor of 1 the
+# H200's coverage is 0.77, with 1.5 it is 0.92. Rejected: jackknives by groups or by kinds, and the
+# median ratio to a jackknife (coverage 0.81 to 1.00 at 1.2 to 2.3 times the width), the larger of
+# the two variances (0.90 to 1.00 at the same width), and their sum (0.95 to 1.00 at 2.1 to 2.4).
 DEVIATION_FACTOR = 1.7
-"""Factor of all intervals, for deviations that follow the counters within a group.
-
-If the residuals of each group of a published profile get a random sign, the factor is enough on all
-seven profiles: at least 93 % of costs are covered, and no device in thirty has a false cost. With a
-factor of 1 the H200's coverage is 0.77, with 1.5 it is 0.92. Rejected, with coverage on H200,
-SwiftShader and bounding boxes, and widths relative to a factor of 1: a jackknife by groups, 0.89,
-0.85, 1.00 at 1.9 to 2.2 times the width; the larger of the two variances, 0.92, 0.90, 1.00, same
-width; their sum, 0.95, 0.96, 1.00 at 2.1 to 2.4; a factor estimated as the median ratio to the
-jackknife, 0.92, 0.98, 0.94 at 1.9 to 2.2; a linearised jackknife by kinds, 0.81, 0.89, 0.92 at 1.2
-to 2.3.
-"""
 
 VERTICES = ("transformed_vertices", "vertex_batches")
 TRIANGLES = ("triangles", "covering", "tile_pairs")
 PIXELS = ("fragments", "helper_lanes", "blocks")
 ARITHMETIC = ("work",)
 
+# The stages of each form with their terms, the simplest form first. The draw itself is added to
+# each; other terms cost nothing in a maximum.
 FORMS: dict[str, dict[str, tuple[str, ...]]] = {
     "sum": {"all": tuple(TERMS)[1:]},
     "maximum of two stages": {
@@ -99,33 +92,25 @@ FORMS: dict[str, dict[str, tuple[str, ...]]] = {
         "arithmetic": ARITHMETIC,
     },
 }
-"""The stages of each form with their terms, the simplest first. The draw itself is added to each;
-other terms cost nothing in a maximum."""
 
+# group of draws that every fit uses: only these show the cost of the draw itself
 ALWAYS_FITTED = "few"
-"""Group of draws that every fit uses: only these show the cost of the draw itself."""
 
-START_FACTORS = (1.0, 0.5, 2.0)
-"""Factors of each stage's time, from which binding stages are computed to begin with."""
+START_FACTORS = (1.0, 0.5, 2.0)  # factors of each stage's time, for the initial binding stages
 
+# Standard errors by which a form must predict better than a simpler one; 1 for other forms. Only
+# four groups of draws have arithmetic, so that chance has more influence: with 1, 15 % of simulated
+# devices with three stages got a fourth, with 1.5 it is 3 %.
 STANDARD_ERRORS = {"maximum of four stages": 1.5}
-"""Standard errors by which a form must predict better than a simpler one; 1 for other forms.
-
-Only four groups of draws have arithmetic, so that chance has more influence: with 1, 15 % of
-simulated devices with three stages got a fourth, with 1.5 it is 3 %.
-"""
 
 MAX_REASSIGNMENTS = 40
 
-MIN_SINGULAR_VALUE = 1e-6
-"""Relative singular value below which columns count as linearly dependent."""
+MIN_SINGULAR_VALUE = 1e-6  # relative; below it, columns count as linearly dependent
 
-MIN_TIME_SHARE = 0.002
-"""Terms that take a smaller share of every draw's time count as free."""
+MIN_TIME_SHARE = 0.002  # terms that take a smaller share of every draw's time count as free
 
 Groups = NDArray[np.int64]
-Stages = NDArray[np.int64]
-"""Index of a stage for each draw, (k,)."""
+Stages = NDArray[np.int64]  # index of a stage for each draw, (k,)
 
 
 @dataclass(frozen=True)
@@ -139,11 +124,9 @@ class Law:
     bounds : (t,) upper bounds of the costs: no cost takes longer than a draw
     groups : number of groups of draws
     binding : the binding stage of each draw
-    shares : (k, t) share of each draw's time that a cost of 1 of each term would take, if its stage
-        binds
+    shares : (k, t) share of each draw's time that a cost of 1 would take, if its stage binds
     errors : mean absolute error of the log times of held-out draws, by form
-    r2_over, r2_within : R2 of the log times of held-out draws, over all draws and within groups of
-        draws that differ only in the term that their kind isolates
+    r2_over, r2_within : R2 of the log times of held-out draws, over all draws and within groups
     """
 
     form: str
@@ -176,7 +159,6 @@ class Law:
         return np.asarray(low * self.shares.max(axis=0) > MIN_TIME_SHARE)
 
     def _compute_intervals(self, confidence: float) -> Seconds:
-        """Return the ends (t, 2) of each cost's interval; from 0 to its bound if undetermined."""
         width = compute_interval_reach(self.groups, confidence) * np.sqrt(np.diag(self.covariance))
         low = np.clip(self.signed_costs - width, 0.0, self.costs) * self.known
         high = np.maximum(self.costs, self.signed_costs + width)
@@ -187,9 +169,9 @@ class Law:
     ) -> tuple[float, float]:
         """Return the 95 % interval of the share of a draw's time that another draw saves.
 
-        spent, base : (t,) counts of the draw that saves and of the other; costs : (t,) costs from
-        which the share is computed. Delta method with the covariance of the signed costs, each draw
-        in its binding stage.
+        spent, base : (t,) counts of the draw that saves and of the other; costs : (t,) of the share
+
+        Delta method with the covariance of the signed costs, each draw in its binding stage.
         """
         rows = np.stack([spent, base])
         binding = compute_stage_times(rows, costs, self.form).argmax(axis=1)
@@ -204,7 +186,7 @@ class Law:
 
 
 def compute_interval_reach(groups: int, confidence: float) -> float:
-    """Return the half-width of a cost's interval in standard errors; groups : number of groups."""
+    """Return the half-width of a cost's interval in standard errors, for a number of groups."""
     from scipy.special import stdtrit  # slow to import, not needed to read a profile
 
     return DEVIATION_FACTOR * float(stdtrit(groups / 2, 0.5 + confidence / 2))
@@ -298,9 +280,9 @@ def fit_form(
 def yield_initial_stages(design: Design, seconds: Seconds, members: Design) -> Iterator[Stages]:
     """Yield binding stages to begin a fit with.
 
-    A stage takes at most the time of a draw. So the draw with the least time per count of a term
-    bounds the cost of that term. Each draw is assigned to the stage whose time by these bounds is
-    longest; for further starts, one stage's time is multiplied by each of `START_FACTORS`.
+    The draw with the least time per count of a term bounds the cost of that term. Each draw is
+    assigned to the stage whose time by these bounds is longest; for further starts, one stage's
+    time is multiplied by each of `START_FACTORS`.
     """
     shares = design / seconds[:, None]
     bounded = shares / np.maximum(shares.max(axis=0), 1e-300)
@@ -313,11 +295,7 @@ def yield_initial_stages(design: Design, seconds: Seconds, members: Design) -> I
 
 
 def assign_folds(groups: Sequence[str]) -> Groups:
-    """Return the number of the fit that leaves out each draw, (k,).
-
-    A fit leaves out one group of draws. Draws of the group `ALWAYS_FITTED`, which no fit leaves
-    out, have -1.
-    """
+    """Return which fit leaves out each draw's group, (k,); -1 for `ALWAYS_FITTED`."""
     names = [name for name in sorted(set(groups)) if name != ALWAYS_FITTED]
     return np.array([names.index(name) if name in names else -1 for name in groups])
 
@@ -327,8 +305,7 @@ def predict_held_out(
 ) -> Seconds:
     """Return (k,) seconds, each predicted by a fit that leaves out the draw's group.
 
-    folds : (k,) number of the fit that leaves out each draw, or -1 if none does
-    binding : binding stages of a fit to all draws, with which the fits begin
+    folds : from `assign_folds`; binding : stages of a fit to all draws, with which the fits begin
     """
     predicted = np.empty(len(seconds))
     for fold in range(-1, folds.max() + 1):
@@ -357,13 +334,10 @@ def choose_form(errors: Mapping[str, Seconds]) -> str:
 def _estimate_covariance(
     design: Design, seconds: Seconds, labels: Groups
 ) -> tuple[Seconds, Seconds, NDArray[np.bool_]]:
-    """Return the signed coefficients, (t,), and their covariance under errors that groups share.
+    """Return signed coefficients (t,), their covariance, and whether each is determined (t,).
 
-    Also return which coefficients are determined, (t,): those of columns that are not linear
-    combinations of others.
-
-    The last iteration of the fit is linear in the errors: they move coefficients by
-    `response` @ errors.
+    Columns of determined coefficients are not linear combinations of others. The last iteration of
+    the fit is linear in the errors: they move coefficients by `response` @ errors.
     """
     solve = partial(np.linalg.lstsq, rcond=MIN_SINGULAR_VALUE)
     signed, fitted, columns, scale, trust = fit_iteratively(design, seconds, labels, solve)
@@ -387,11 +361,11 @@ def _estimate_covariance(
     return signed, covariance, (inverse * columns.T).sum(axis=1) > 1.0 - 1e-6
 
 
+# Terms that `optimal:calibrated` weights, sums from coordinates alone: the draw itself, which no
+# choice changes, then the number of triangles T, their area S, their half-perimeters H, the areas
+# of their bounding boxes, the deviation D of their angles from 60 degrees, the expected quads Q and
+# 4x4 blocks P, and R, the expected number of triangles whose bounding box holds a pixel centre.
 COSTS = ("draw", *CALIBRATED_FEATURES)
-"""Terms that `optimal:calibrated` weights, sums from coordinates alone: the draw itself, which no
-choice changes, then the number of triangles T, their area S, their half-perimeters H, the areas of
-their bounding boxes, the deviation D of their angles from 60 degrees, the expected quads Q and 4x4
-blocks P, and R, the expected number of triangles whose bounding box holds a pixel centre."""
 
 
 def make_cost_rows(draws: Sequence[tuple[Frame, NDArray[np.int32]]]) -> Design:

@@ -19,14 +19,12 @@ from harness.grid import SUBPIXEL
 Points = NDArray[np.int64]
 Triangles = NDArray[np.int32]
 
-SIDE = 1024
-"""Width and height of the viewport of every draw, px."""
+SIDE = 1024  # width and height of the viewport of every draw, px
 
+# Gap between boxes of shapes: no two share a pixel, although each is moved by less than 1 px.
 GAP = 2 * SUBPIXEL
-"""Gap between boxes of shapes: no two share a pixel, although each is moved by less than 1 px."""
 
-MARGIN = SUBPIXEL
-"""Empty margin at each side of the viewport."""
+MARGIN = SUBPIXEL  # empty margin at each side of the viewport
 
 
 @dataclass(frozen=True)
@@ -57,10 +55,7 @@ class Draw:
 
 
 def make_unshared_triangles(corners: NDArray[np.int32]) -> tuple[Frame, NDArray[np.int32]]:
-    """Return a frame and triangles (m, 3) of which no two share a vertex.
-
-    corners : (m, 3, 2) in 1/256 px
-    """
+    """Return a frame and triangles (m, 3) without shared vertices; corners : (m, 3, 2)."""
     rows = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
     return make_bare_frame(SIDE, corners.reshape(-1, 2)), rows
 
@@ -98,8 +93,7 @@ class Direction(NamedTuple):
 
 LEVEL, STEEP = Direction(1, 0, 1), Direction(0, 1, 1)
 SLANTED, DIAGONAL = Direction(12, 5, 13), Direction(21, 20, 29)
-DIRECTIONS = (LEVEL, SLANTED, DIAGONAL, STEEP)
-"""Rotations by 0, 22.6, 43.6 and 90 degrees."""
+DIRECTIONS = (LEVEL, SLANTED, DIAGONAL, STEEP)  # rotations by 0, 22.6, 43.6 and 90 degrees
 
 _MASK = np.uint64(0xFFFFFFFF)
 
@@ -108,8 +102,8 @@ def hash_numbers(seed: int, draw: int, count: int) -> NDArray[np.int64]:
     """Return `count` 32-bit hashes of the seed, the draw and each position.
 
     Multiplicative hashing as in D. E. Knuth ("The Art of Computer Programming", volume 3, section
-    6.4), then two rounds of shifts as in G. Marsaglia, "Xorshift RNGs", Journal of Statistical
-    Software 8(14), 2003.
+    6.4), then two rounds of G. Marsaglia, "Xorshift RNGs", Journal of Statistical Software 8(14),
+    2003.
     """
     position = np.arange(1, count + 1, dtype=np.uint64)
     start = (seed % (1 << 32) * 31 + draw * 65_599) % (1 << 32)
@@ -228,10 +222,7 @@ def triangulate_ring_as_zigzag(corners: int) -> Triangles:
 
 
 def triangulate_ring_by_halving(corners: int) -> Triangles:
-    """Return (corners - 2, 3) triangles of a convex ring.
-
-    The middle vertex of a chain forms a triangle with its ends, and so on in both halves.
-    """
+    """Return (corners - 2, 3) triangles of a convex ring: of middle and ends of halved chains."""
 
     def cut(first: int, last: int) -> list[tuple[int, int, int]]:
         if last - first < 2:
@@ -247,4 +238,3 @@ RING_TRIANGULATIONS: dict[str, Callable[[int], Triangles]] = {
     "zigzag": triangulate_ring_as_zigzag,
     "halved": triangulate_ring_by_halving,
 }
-"""Triangulations of a convex ring, by name."""

@@ -25,19 +25,18 @@ from harness.profile.placing import SIDE, Draw, make_jittered_mesh, make_unshare
 STAGE_KINDS = ("orders", "samples", "tiles", "mixed")
 """Kinds whose draws differ in what no criterion predicts."""
 
+# Sides of the squares of meshes in 1/256 px: few, half or nearly all triangles cover a sample.
 MESH_SIDES = (128, 256, 512)
-"""Sides of the squares of meshes in 1/256 px: few, half or nearly all triangles cover a sample."""
 
-MESH_ACROSS, MESH_ALONG = 60, 28
-"""Squares of a mesh in x and y, multiples of `PATCH`."""
+MESH_ACROSS, MESH_ALONG = 60, 28  # squares of a mesh in x and y, multiples of `PATCH`
 
+# Squares in x and y of a patch, whose 32 triangles and 25 vertices fit in one vertex batch: 0.78
+# vertices per triangle. No order has the 0.5 of an infinite mesh, as 32 triangles of a planar mesh
+# have at least 19 vertices.
 PATCH = 4
-"""Squares in x and y of a patch, whose 32 triangles and 25 vertices fit in one vertex batch.
 
-A patch has 0.78 vertices per triangle. No order has the 0.5 of an infinite mesh: 32 triangles of a
-planar mesh have at least 19 vertices.
-"""
-
+# Lengths of runs of triangles that follow each other in a strip, by transformed vertices per
+# triangle: a run of n triangles has n + 2 vertices, and consecutive runs share none.
 RUN_LENGTHS = {
     "1.07": (30,),
     "1.5": (4,),
@@ -45,41 +44,34 @@ RUN_LENGTHS = {
     "2.5": (1, 1, 2),
     "3": (1,),
 }
-"""Lengths of runs of triangles that follow each other in a strip, by transformed vertices per
-triangle: a run of n triangles has n + 2 vertices, and consecutive runs share none."""
 
-RUN_STRIDE = 1033
-"""Distance of consecutive runs, a prime that divides no number of runs."""
+RUN_STRIDE = 1033  # distance of consecutive runs, a prime that divides no number of runs
 
-SMALL_SIDE = 128
-"""Legs of isolated triangles in 1/256 px: shorter than the distance of samples."""
+SMALL_SIDE = 128  # legs of isolated triangles in 1/256 px: shorter than the distance of samples
 
+# Offsets from a pixel's corner in 1/256 px, at which a triangle of `SMALL_SIDE` covers the sample
+# in the pixel's centre, or none; jitter moves a triangle by less than `SAMPLE_JITTER`.
 ON_SAMPLE, OFF_SAMPLE = 80, 144
-"""Offsets from a pixel's corner in 1/256 px, at which a triangle of `SMALL_SIDE` covers the sample
-in the pixel's centre, or none; jitter moves a triangle by less than `SAMPLE_JITTER`."""
 
 SAMPLE_JITTER = 32
 
-COVERING_QUARTERS = (0, 1, 2, 3, 4)
-"""Quarters of the triangles that cover a sample."""
+COVERING_QUARTERS = (0, 1, 2, 3, 4)  # quarters of the triangles that cover a sample
 
+# x in px, modulo 64, of the lines on which triangles are centred.
 TILE_LINES = {
     "inside tiles of 16 px": 8,
     "across 16 px": 16,
     "across 32 px": 32,
     "across 64 px": 64,
 }
-"""x in px, modulo 64, of the lines on which triangles are centred."""
 
-TILE_BOXES = ((4, 8), (12, 16))
-"""Boxes of triangles and their distance in y, in px."""
+TILE_BOXES = ((4, 8), (12, 16))  # boxes of triangles and their distance in y, in px
 
-Population = tuple[NDArray[np.int32], NDArray[np.int32]]
-"""Points (n, 2) and triangles (m, 3)."""
+Population = tuple[NDArray[np.int32], NDArray[np.int32]]  # points (n, 2) and triangles (m, 3)
 
 
 def make_stage_draws(seed: int) -> Iterator[Draw]:
-    """Yield the draws of all kinds in the module's table, in the table's order."""
+    """Yield the draws of all kinds, in the order of the module's table."""
     yield from _yield_orders(seed)
     yield from _yield_samples(seed)
     yield from _yield_tiles(seed)
@@ -99,7 +91,6 @@ def _yield_orders(seed: int) -> Iterator[Draw]:
 
 
 def _order_patches() -> NDArray[np.int64]:
-    """Return indices of a mesh's triangles, patch by patch."""
     shape = (MESH_ALONG // PATCH, PATCH, MESH_ACROSS // PATCH, PATCH * 2)
     rows = np.arange(2 * MESH_ACROSS * MESH_ALONG).reshape(shape)
     return rows.swapaxes(1, 2).ravel()
@@ -142,7 +133,7 @@ def _make_patches(cells: placing.Points, numbers: NDArray[np.int64], quarters: i
     """Return a patch (`PATCH`) in each cell; in `quarters` of four, each triangle covers a sample.
 
     In these patches, squares are stretched to 1 by 2 px, so that each half contains a sample; in
-    the other patches, squares are shrunk to 1/8 px and lie between samples.
+    others, squares are shrunk to 1/8 px and lie between samples.
     """
     covers = (np.arange(len(cells)) % 4 < quarters)[:, None]
     squares = np.where(covers, (SUBPIXEL, 2 * SUBPIXEL), SMALL_SIDE // PATCH)
@@ -157,7 +148,6 @@ def _make_patches(cells: placing.Points, numbers: NDArray[np.int64], quarters: i
 
 
 def _yield_samples(seed: int) -> Iterator[Draw]:
-    """Yield draws of small triangles of which none to all cover a sample."""
     numbers = placing.hash_numbers(seed, 911, 3000)
     cells = _make_grid(3000, 60, (4, 4), (8, 8))
     for quarters in COVERING_QUARTERS:
@@ -173,7 +163,6 @@ def _yield_samples(seed: int) -> Iterator[Draw]:
 
 
 def _yield_tiles(seed: int) -> Iterator[Draw]:
-    """Yield draws of the same triangles inside tiles, or across lines between tiles."""
     for number, (side, pitch) in enumerate(TILE_BOXES, 921):
         lines, rows = SIDE // 64 - 1, SIDE // pitch - 2
         numbers = placing.hash_numbers(seed, number, lines * rows)
@@ -189,8 +178,7 @@ def _yield_mixed(seed: int) -> Iterator[Draw]:
     """Yield draws of three sets of triangles, each bound by another stage, alone and in pairs.
 
     On an H200 each takes 4.4 to 4.6 us: 19.9 ns per vertex batch of isolated triangles between
-    samples; 2.5 ns per small triangle that covers a sample; 158 ns per triangle of 64 px, whose
-    quads take most.
+    samples; 2.5 ns per small triangle that covers a sample; 158 ns per triangle of 64 px.
     """
     numbers = [placing.hash_numbers(seed, number, 2200) for number in (931, 932, 933)]
     small = _make_small_triangles(_make_grid(2200, 100, (4, 4), (8, 8)), numbers[0], 0)
@@ -226,7 +214,6 @@ def _compute_interleaving_keys(
 
 
 def _join_populations(one: Population, other: Population) -> Population:
-    """Concatenate the points and the triangles of two populations, with new vertex indices."""
     points, triangles = zip(one, other, strict=True)
     shifted = (triangles[0], triangles[1] + np.int32(len(points[0])))
     return np.concatenate(points), np.concatenate(shifted)
