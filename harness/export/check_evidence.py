@@ -10,11 +10,11 @@ empty and cover the polygon once, and weights, cost, bound and gap are computed 
 and overdraw are exact, and edge-length uses integer square roots: sums of doubles are accepted with
 a relative error up to 2^-44. The exit code is 1 if a line is refused.
 
-The proof is explained in docs/theory.md. In short: triangulations consist of empty triangles. A
-triangle has a weight, its scaled cost plus a little noise, and an edge has a potential y, negated
-for the opposite direction, so that for all empty triangles
-y(ab) + y(bc) + y(ca) + lift <= weight(abc). In the sum over a triangulation, y cancels along
-diagonals: the sum of y over the boundary, plus lift times the number of triangles, is a bound.
+The proof is explained in docs/theory.md. In short: a triangle has a weight, its scaled cost plus a
+little noise, and an edge has a potential y, negated for the opposite direction, so that for all
+empty triangles y(ab) + y(bc) + y(ca) + lift <= weight(abc). In the sum over a triangulation, y
+cancels along diagonals: the sum of y over the boundary, plus lift times the number of triangles, is
+a bound.
 """
 
 from __future__ import annotations

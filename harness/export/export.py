@@ -40,12 +40,12 @@ from triangulators.devices import CPU
 from triangulators.methods.optimal import LIMIT
 from triangulators.polygon_arrays import PolygonArray, Triangulations
 
-CHUNK_POLYGONS = 20_000
-"""Polygons in memory at a time."""
+CHUNK_POLYGONS = 20_000  # in memory at a time
 
+# `add` writes the mesh of a batch, `finish` completes the file.
 Writer = GltfWriter | ObjWriter | NpzWriter | GeoJsonWriter | GeoParquetWriter
-"""Writer of an export: `add` writes the mesh of a batch, `finish` completes the file."""
 
+# Writers by suffix of the output.
 FORMATS: dict[str, Callable[..., Writer]] = {
     ".glb": partial(GltfWriter, binary=True),
     ".gltf": partial(GltfWriter, binary=False),
@@ -56,25 +56,22 @@ FORMATS: dict[str, Callable[..., Writer]] = {
     ".parquet": GeoParquetWriter,
     ".geoparquet": GeoParquetWriter,
 }
-"""Writers by suffix of the output."""
 
 GLTF_SUFFIXES = (".glb", ".gltf")
 
-MODEL_SUFFIXES = (*GLTF_SUFFIXES, ".obj")
-"""Suffixes of 3D models."""
+MODEL_SUFFIXES = (*GLTF_SUFFIXES, ".obj")  # 3D models
 
+# Default order of a polygon's triangles, in which a GPU transforms few vertices twice.
 ORDER = "walk"
-"""Default order of a polygon's triangles, in which a GPU transforms few vertices twice."""
 
-DEFAULT_CRITERION = "half-perimeter"
-"""Criterion to certify if a triangulator has none."""
+DEFAULT_CRITERION = "half-perimeter"  # to certify if a triangulator has none
 
 
 @dataclass
 class Certified:
     """Certificates of a file's triangulations, summed over the polygons.
 
-    polygons : number of certified polygons; proven : number of proven optima
+    polygons, proven : numbers of certified polygons and of proven optima
     cost, lower_bound : sums of the criterion, in the source's units
     largest_gap : maximum of (cost - lower_bound) / cost over the polygons
     refused : number of polygons whose triangulation is invalid or has T-junctions
@@ -109,7 +106,7 @@ class Certified:
         triangulations: Triangulations,
         evidence: IO[str] | None = None,
     ) -> None:
-        """Certify a batch of triangulations; write a proof of each, one per line, to `evidence`."""
+        """Certify triangulations; write a proof of each, one per line, to `evidence`."""
         for number, (polygon, triangles) in enumerate(zip(polygons, triangulations, strict=True)):
             if number in triangulations.failed:
                 continue
@@ -130,7 +127,6 @@ class Certified:
             self.largest_gap = max(self.largest_gap, certificate.gap)
 
     def __str__(self) -> str:
-        """Return one line: cost, lower bound, gap, number of proofs."""
         gap = (self.cost - self.lower_bound) / self.cost if self.cost > 0.0 else 0.0
         text = (
             f"{self.criterion} {self.cost:.6g}, at least {self.lower_bound:.6g}, gap {gap:.2%} "
@@ -145,7 +141,6 @@ class Report(NoteCounter):
     """Statistics of an export; "failed" are polygons that the triangulator could not triangulate.
 
     files : written files, the target first
-    certified : cost and lower bound of the triangulations, if requested
     proven : number of polygons whose optimum was computed exactly
     evidence : open file of the proofs
     notes : lines about reading and projection of the file
@@ -183,49 +178,22 @@ def export_file(
     Polygons are read, triangulated and written `chunk` at a time, so memory does not grow with the
     file. `out` appears when complete; after an error it is unchanged.
 
-    Parameters
-    ----------
-    source : str or Path
-        Scene or file, with parameters as for `scenes.load`, e.g. "town.gpkg:layer=parks,limit=9".
-    out : str or Path
-        File to write, in the format of the suffix, see `FORMATS`.
-    triangulator : str
-        Name of the triangulator.
-    progress : callable, optional
-        Called with the number of triangulated polygons.
-    say : callable, optional
-        Called with a line before a polygon that may take minutes or hours.
-    certify : bool or Path
-        Compute a bound on each triangulation's distance from the optimum of its criterion
-        (half-perimeter if it has no criterion). A path is a file for the proofs, one line per
-        polygon.
-    device, order : str
-        As for `triangulators.triangulate_many`.
-    chunk : int
-        Number of polygons in memory at a time.
-    polygons : bool
-        Write the rings of the polygons to glTF as well, in the draft extension EXT_mesh_polygon. A
-        polygon whose triangulation has T-junctions fails.
-    collection : bool
-        Write each polygon's triangles as a GeometryCollection, which is valid, in place of a
-        MultiPolygon, which is not if parts share edges; for GeoJSON and GeoParquet.
-    **parameters
-        Keyword arguments of the triangulator.
+    source : scene or file, with parameters as for `scenes.load`, e.g.
+        "town.gpkg:layer=parks,limit=9"
+    out : file in the format of the suffix, see `FORMATS`
+    progress : called with the number of triangulated polygons
+    say : called with a line before a polygon that may take minutes or hours
+    certify : whether to bound each triangulation's distance from the optimum of its criterion; a
+        path is a file for the proofs
+    device, order, parameters : as for `triangulators.triangulate_many`
+    polygons : write the rings to glTF as well, in the draft extension EXT_mesh_polygon; a polygon
+        whose triangulation has T-junctions fails
+    collection : write GeometryCollections, which are valid, in place of MultiPolygons, which are
+        not if parts share edges; for GeoJSON and GeoParquet
 
-    Returns
-    -------
-    Report
-
-    Raises
-    ------
-    scenes.SceneError
-        If the source cannot be read.
-    UsageError
-        If the format or triangulator is unknown.
-    InputError
-        If no polygon could be triangulated.
-    StorageError
-        If the output cannot be written.
+    Raises SceneError if the source cannot be read, UsageError if the format or triangulator is
+    unknown, InputError if no polygon could be triangulated, StorageError if the output cannot be
+    written.
     """
     start = time.perf_counter()
     target = Path(out)
@@ -258,8 +226,6 @@ def export_file(
 class TriangulationOptions:
     """Options of a triangulation, as for `export_file`.
 
-    name : full name of the triangulator; parameters : keyword arguments
-    say : called with a line before a polygon that may take minutes or hours
     conforming : True if triangulations with T-junctions fail
     """
 
@@ -301,7 +267,6 @@ def _read_chunks(source: str, size: int, *, solid: bool) -> Iterator[Chunk]:
 
 
 def _split_scene(source: str, size: int) -> Iterator[Chunk]:
-    """Yield the polygons of a named scene, `size` at a time."""
     allow_user_module(source)
     scene = load(source)
     polygons = np.asarray(scene.polygons)

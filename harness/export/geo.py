@@ -1,8 +1,8 @@
 """GeoJSON and GeoParquet: a feature for each polygon, with the triangles as a multi-polygon.
 
-Coordinates are the source's. Triangles share edges, which the simple-features standard does not
-allow for parts of a multi-polygon; programs read and draw them nevertheless, and no other type is
-supported as widely. A geometry collection (`collection`) is valid.
+Triangles share edges, which the simple-features standard does not allow for parts of a
+multi-polygon; programs read and draw them nevertheless, and no other type is supported as widely. A
+geometry collection (`collection`) is valid.
 """
 
 import json
@@ -160,8 +160,7 @@ def _close_rings(mesh: ExportMesh, about: ExportMetadata) -> NDArray[np.float64]
 def _encode_wkb(mesh: ExportMesh, about: ExportMetadata, collection: bool) -> list[bytes]:
     """Return each polygon's triangles as a little-endian WKB multi-polygon or collection.
 
-    NumPy records give the bytes: shapely objects, one per triangle, took five times as long, a
-    third of an export.
+    Shapely objects, one per triangle, took five times as long, a third of an export.
     """
     rings = _close_rings(mesh, about)
     head = [("order", "u1"), ("type", "<u4"), ("rings", "<u4"), ("points", "<u4")]

@@ -67,11 +67,7 @@ def make_mesh(
 
 @dataclass(frozen=True)
 class ExportMetadata:
-    """Metadata of an export: units, origin and projection of the polygons.
-
-    crs : pyogrio's name of the source's coordinate reference system, or None
-    projection : projection of the polygons, or None
-    """
+    """Metadata of an export; crs : pyogrio's name of the source's coordinate reference system."""
 
     triangulator: str
     units: str
@@ -104,10 +100,7 @@ def to_json_value(value: Any) -> Any:
 
 
 class ObjWriter:
-    """Writes OBJ with groups feature_0, feature_1, ..., and attributes to a CSV file.
-
-    Coordinates are exactly the source's.
-    """
+    """Writes OBJ in the source's coordinates, a group per polygon, and attributes to a CSV file."""
 
     def __init__(self, output: Output, about: ExportMetadata) -> None:
         self._stream = output.open_published(mode="w")
@@ -146,8 +139,8 @@ class NpzWriter:
     """Writes arrays, for p polygons, n vertices and m triangles:
 
     vertices (n, 2) float64; triangles (m, 3) int64, indices of vertices; vertex_offsets and
-    triangle_offsets (p + 1,) int64, offsets of the polygons; attribute_NAME (p,) for each
-    attribute, text except for numbers, dates and booleans; triangulator, units, credit.
+    triangle_offsets (p + 1,) int64; attribute_NAME (p,) for each attribute, text except for
+    numbers, dates and booleans; triangulator, units, credit.
     """
 
     def __init__(self, output: Output, about: ExportMetadata) -> None:
@@ -190,7 +183,6 @@ class NpzWriter:
         np.savez(self._output.open_published(), allow_pickle=False, **arrays)
 
     def _append_to_spool(self, name: str, array: NDArray[Any]) -> None:
-        """Append rows to the temporary file of the array `name`."""
         if name not in self._spools:
             self._spools[name] = (self._output.open_unpublished(name), array.dtype, array.shape[1:])
         self._spools[name][0].write(np.ascontiguousarray(array).tobytes())
@@ -199,11 +191,10 @@ class NpzWriter:
 
 _FLOAT, _UNSIGNED = 5126, 5125
 _VERTICES, _INDICES = 34962, 34963
-_STEPS = 2**24
-"""Grid steps from a mesh's centre to its edge, the integers that single precision holds."""
+_STEPS = 2**24  # grid steps from a mesh's centre to its edge, integers that single precision holds
 
+# Column-major rotation of the z axis (up) to glTF's y axis.
 _UPRIGHT = [1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1]
-"""Column-major rotation of the z axis (up) to glTF's y axis."""
 
 
 def make_polygon_loops(
@@ -216,8 +207,8 @@ def make_polygon_loops(
     offsets : (p,) first index of each polygon in `loops`
     triangles : (m, 3) indices of the same vertices
 
-    Of coincident vertices of a polygon, the first one represents all: a triangulation need not use
-    the others, and a loop's vertices must belong to triangles.
+    The first of coincident vertices of a polygon represents all: a triangulation need not use the
+    others, and a loop's vertices must belong to triangles.
     """
     keys = np.column_stack((mesh.vertex_owners, mesh.vertices))
     _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)

@@ -26,7 +26,7 @@ from harness.webpages import write_atomically
 FORMAT = "raster-harness device"
 VERSION = 1
 
-# A, H and Q, whose rank correlation with times is reported
+# A, H and Q, whose rank correlation with times is reported.
 CRITERIA = ("overdraw", "half_perimeter", "expected_quads")
 
 # Triangulators with a column in the table.

@@ -134,7 +134,7 @@ def _encode_triangulation(record: Record, geometry: Geometry) -> Content:
 
 SEED = 0
 
-# properties that the page receives
+# Properties that the page receives.
 DRAW_FIELDS = ("kind", "name", "group", "work", "aspect", "area")
 
 GRID_STEPS = (1, 2, 4, 8, 16)  # steps of devices' vertex grids, in 1/256 px; see `grid.js`

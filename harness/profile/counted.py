@@ -63,7 +63,7 @@ TERMS = {
     "work": Term("A round of arithmetic in a lane costs {}.", "rounds of arithmetic"),
 }
 
-# terms in px, whose counters are in 1/256 px; others are counts
+# Terms in px, whose counters are in 1/256 px; others are counts.
 PX_TERMS = ("half_perimeter", "near")
 
 Design = NDArray[np.float64]  # counters of k draws, (k, t): a column for each of `TERMS`

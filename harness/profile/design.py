@@ -44,7 +44,7 @@ from harness.profile.placing import (
 DESIGN_VERSION = 4  # pages of different versions have different draws
 
 ASPECTS = (1, 2, 4, 8, 16, 32, 64)
-# in px^2, at which aspects are compared, with the number of triangles of a draw
+# Areas in px^2 at which aspects are compared, with the number of triangles of a draw.
 AREAS = {8: 1500, 64: 800}
 
 ALMOST_EMPTY = ((2048, 1), (2048, 16))  # sizes in 1/256 px and numbers of triangles

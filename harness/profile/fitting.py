@@ -12,7 +12,6 @@ Seconds = NDArray[np.float64]
 Labels = Sequence[Any] | NDArray[Any]
 
 BETWEEN_WEIGHT = 0.3  # of differences between sets of polygons; within a set, the weight is 1
-
 LARGE_ERROR = 0.05  # relative error beyond which the loss is linear instead of quadratic
 
 # Maximum factor between the measured time and the fitted time by which a draw is weighted.

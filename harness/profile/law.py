@@ -93,7 +93,7 @@ FORMS: dict[str, dict[str, tuple[str, ...]]] = {
     },
 }
 
-# group of draws that every fit uses: only these show the cost of the draw itself
+# Group of draws that every fit uses: only these show the cost of the draw itself.
 ALWAYS_FITTED = "few"
 
 START_FACTORS = (1.0, 0.5, 2.0)  # factors of each stage's time, for the initial binding stages
@@ -106,7 +106,6 @@ STANDARD_ERRORS = {"maximum of four stages": 1.5}
 MAX_REASSIGNMENTS = 40
 
 MIN_SINGULAR_VALUE = 1e-6  # relative; below it, columns count as linearly dependent
-
 MIN_TIME_SHARE = 0.002  # terms that take a smaller share of every draw's time count as free
 
 Groups = NDArray[np.int64]

@@ -19,9 +19,7 @@ from harness.stats.intervals import MIN_EPOCHS, Ratio, compute_paired_ratio
 from harness.stats.run_quality import assess_times
 
 CONTROL = "(control)"  # name of the second copy of one draw of the design
-
 EPOCHS = 12  # each in a separate process: in some a draw takes 1.5 times as long
-
 MAX_DRIFT = 1.5  # tolerated ratio of the slowest to the fastest epoch
 
 # Tolerated relative difference of the two copies of one draw: memory layout makes them differ.

@@ -46,7 +46,6 @@ RUN_LENGTHS = {
 }
 
 RUN_STRIDE = 1033  # distance of consecutive runs, a prime that divides no number of runs
-
 SMALL_SIDE = 128  # legs of isolated triangles in 1/256 px: shorter than the distance of samples
 
 # Offsets from a pixel's corner in 1/256 px, at which a triangle of `SMALL_SIDE` covers the sample

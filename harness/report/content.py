@@ -45,24 +45,16 @@ from harness.summary import make_row
 from harness.webpages import encode_array
 from triangulators.polygon_arrays import concatenate_ranges
 
-MAX_MARKS = 6_000
-"""Maximum number of marks in a chart: polygons times triangulators."""
-
-MAX_VALUES = 600_000
-"""Maximum number of per-polygon values in a report."""
-
-MIN_POLYGONS = 12
-"""Minimum number of polygons that are sampled in each view, if the view has as many."""
-
-MAX_TRIANGLES = 1_500_000
-"""Maximum number of triangles in a report's heatmaps, over all triangulators and views."""
+MAX_MARKS = 6_000  # maximum number of marks in a chart: polygons times triangulators
+MAX_VALUES = 600_000  # maximum number of per-polygon values in a report
+MIN_POLYGONS = 12  # sampled in each view, if the view has as many
+MAX_TRIANGLES = 1_500_000  # in a report's heatmaps, over all triangulators and views
 
 
-METRIC_FIELDS = ("title", "label", "unit", "kind", "better", "description")
-"""Fields of a metric in a report."""
+METRIC_FIELDS = ("title", "label", "unit", "kind", "better", "description")  # in a report
 
+# JSON-ready data of a report, or of a part of it, as `static/main.js` reads it.
 Content = dict[str, Any]
-"""JSON-ready data of a report or of a part of it, as `static/main.js` reads it."""
 
 
 def make_content(run: Run, decided: Sequence[Decided] | None = None) -> Content:
@@ -140,7 +132,6 @@ class _Polygons:
         return columns
 
     def _add_view(self, name: str, record: Record, polygons: int) -> None:
-        """Sample a view's polygons, and add the view with its drawing, if not too large."""
         sample = self._samples[name] = choose_sample(polygons, self._max)
         view: Content = {
             "polygons": polygons,
@@ -163,10 +154,7 @@ class _Polygons:
 
 
 def _make_group(group: RecordGroup, decision: Decision | None, polygons: _Polygons) -> Content:
-    """Return the content of a group, whose cases differ in the triangulator alone.
-
-    Reading the cases adds their view to `polygons.views`.
-    """
+    """Return the content of cases that differ in the triangulator alone; add their view."""
     columns = {
         record.name: values
         for record in group.records
@@ -217,7 +205,6 @@ def _make_group(group: RecordGroup, decision: Decision | None, polygons: _Polygo
 def _make_case(
     number: int, record: Record, decision: Decision | None, polygons: _Polygons
 ) -> Content:
-    """Return a case's row of summary.csv, and the counters of the sampled polygons."""
     row = make_row(record, decision) | {"polygons": record.polygons}
     predicted: dict[str, Any] = {PREDICTED + name: v for name, v in record.predicted.items()}
     predicted |= compute_estimates(predicted, PREDICTED)
@@ -244,7 +231,6 @@ def _get_display_key(group: RecordGroup) -> tuple[bool, bool, bool]:
 
 
 def _list_triangulators(run: Run) -> list[str]:
-    """Return measured triangulators: those of the plan in its order, then others of records."""
     planned = run.facts.get("plan", {}).get("triangulators", [])
     measured = dict.fromkeys(record.name for record in run.records)
     return list(dict.fromkeys([*(name for name in planned if name in measured), *measured]))
@@ -264,12 +250,10 @@ def choose_sample(polygons: int, limit: int) -> NDArray[np.int64]:
 
 
 def pack_drawing(geometry: Geometry, numbers: NDArray[np.int64]) -> Content:
-    """Return points and triangles of some polygons, JSON-ready.
+    """Return points and triangles of the polygons `numbers`, JSON-ready.
 
-    numbers : indices of the polygons in `geometry`
-
-    In the result, `points` is base64 of int32 x, y in 1/256 px, y up, polygon by polygon, and
-    `sizes` has the polygons' vertex counts.
+    `points` is base64 of int32 x, y in 1/256 px, y up, polygon by polygon; `rows` of uint32
+    indices, from 0 in each polygon; `sizes` and `counts` are numbers of vertices and triangles.
     """
     offsets = geometry.grid.vertex_offsets
     starts, sizes = offsets[numbers], geometry.grid.vertex_counts[numbers]
@@ -329,5 +313,4 @@ def list_key_facts(run: Run) -> list[tuple[str, str]]:
 
 
 def _format_value(value: Any) -> str:
-    """Return a text unchanged, and other values as JSON."""
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)

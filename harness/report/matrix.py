@@ -1,8 +1,7 @@
 """The matrix of a report: how well each criterion predicts each measurement.
 
-A study's matrix is read from `correlations.csv` of `study validate`, with intervals. The matrix
-of another run has the rank correlation of polygons' ratios to the base. A sentence names the
-criterion that predicts the cost best.
+A study's matrix is read from `correlations.csv` of `study validate`, with intervals. That of
+another run has the rank correlation of polygons' ratios to the base.
 """
 
 import math
@@ -44,8 +43,8 @@ STATISTICS = {
 }
 
 Matrix = dict[str, Any]
+# (rasteriser, device, measure), criterion, and the value with interval.
 Cell = tuple[tuple[str, str, str], str, list[float | None]]
-"""(rasteriser, device, measure), criterion, and the value with interval."""
 
 
 def read_study_matrices(folder: Path) -> list[Matrix]:
@@ -117,8 +116,8 @@ def _make_matrix(statistic: str, cells: Iterable[Cell]) -> Matrix:
     }
 
 
+# measure -> criterion -> rank correlation of ratios.
 Correlations = Mapping[str, Mapping[str, float | None]]
-"""measure -> criterion -> rank correlation of ratios."""
 
 
 def format_best_criterion(
@@ -129,7 +128,6 @@ def format_best_criterion(
     """Return a sentence about the criterion that predicts the cost best, "" if unknown.
 
     measure : the group's main counter, or None without counters per polygon
-    spread : criteria and counters of many triangulations per polygon, from `read_spread`
     """
     within = (
         {}
@@ -160,8 +158,8 @@ def format_best_criterion(
 def format_best_criterion_of_study(matrices: Sequence[Mapping[str, Any]]) -> str | None:
     """Return a sentence about the criterion that predicts a measure best, or None if unknown.
 
-    matrices : the study's correlations of criteria (rows) with measures (columns); the first matrix
-        is used, and of its columns helper lanes, otherwise bounding-box tests, otherwise the first
+    The first matrix is used, and of its columns helper lanes, otherwise bounding-box tests,
+    otherwise the first.
     """
     if not matrices:
         return None
@@ -190,8 +188,7 @@ def format_best_criterion_of_study(matrices: Sequence[Mapping[str, Any]]) -> str
     return f"{text[0].upper()}{text[1:]}."
 
 
-SPREAD = "spread.csv"
-"""File in a run's folder with criteria and counters of many triangulations per polygon."""
+SPREAD = "spread.csv"  # file with criteria and counters of many triangulations per polygon
 
 
 def write_spread(run: Run) -> Path | None:

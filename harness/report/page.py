@@ -27,8 +27,8 @@ from harness.results.run_folder import STORED_PROFILE, Run
 from harness.webpages import load_template, pack_json, read_static, write_atomically
 
 PACKAGE = "harness.report"
+# Scripts of reports and of measuring pages, which share `CHARTS` and `STYLE`.
 ELEMENTS, SPANS = "elements.js", "spans.js"
-"""Scripts of reports and of measuring pages, which also share `CHARTS` and `STYLE`."""
 FILE = "report.html"
 STYLE = "report.css"
 

@@ -39,8 +39,7 @@ if TYPE_CHECKING:
 
 Marks = NDArray[np.float64]
 
-NAME = "predicted-vs-measured"
-"""Stem of the file names."""
+NAME = "predicted-vs-measured"  # stem of the file names
 
 
 def plot_run(run: Run) -> list[Path]:
@@ -62,9 +61,8 @@ def draw_predictions(run: Run, group: RecordGroup) -> Figure | None:
     """Draw each polygon's criteria and cost relative to the base, or return None without data.
 
     Up to two panels show estimates in the unit of the cost, then the paper's criterion and the
-    criterion with the best rank correlation. The last panel shows the rank correlation of every
-    criterion. The division by the base's value on the same polygon removes the polygon's size,
-    which would otherwise make every criterion look good.
+    criterion with the best rank correlation. The division by the base's value on the same polygon
+    removes the polygon's size, which would otherwise make every criterion look good.
     """
     columns = {
         record.name: arrays
@@ -112,10 +110,7 @@ def draw_predictions(run: Run, group: RecordGroup) -> Figure | None:
 
 
 def _format_fit(x: Marks, y: Marks, *, in_unit: bool) -> str:
-    """Return the rank correlation of x and y and, if `in_unit`, also the RMS error in per cent.
-
-    in_unit : whether x and y both have the counter's unit
-    """
+    """Return the rank correlation of x and y and, if `in_unit`, the RMS error in per cent."""
     rank, error = compute_rank_correlation(x, y), compute_rms_error(x, y)
     text = "" if rank is None else f"rank correlation {rank:.2f}"
     if not in_unit or error is None:
@@ -157,7 +152,6 @@ def _share_axes(panels: Sequence[Axes]) -> None:
 
 
 def _draw_rank_bars(panel: Axes, ranks: Mapping[str, float], measure: str) -> None:
-    """Draw the rank correlation of each criterion, the best on top."""
     names = sorted(ranks, key=lambda name: ranks[name])
     colours = [COLOURS[1] if name == PAPER else COLOURS[0] for name in names]
     panel.barh(range(len(names)), [ranks[name] for name in names], color=colours, height=0.6)
