@@ -83,7 +83,7 @@ class Claim:
     points : exact integer coordinates, the file's times 2^k
     site, sites : for each vertex, the first vertex at its position; all such first vertices, sorted
     boundary : directed edges with the interior on the left
-    exact : True if doubles hold all costs exactly; total : cost of the triangles
+    exact : True if doubles hold all costs exactly
     """
 
     def __init__(self, fields: Any) -> None:

@@ -69,10 +69,8 @@ DEFAULT_CRITERION = "half-perimeter"  # to certify if a triangulator has none
 
 @dataclass
 class Certified:
-    """Certificates of a file's triangulations, summed over the polygons.
+    """Certificates of a file's triangulations, summed over the polygons, in the source's units.
 
-    polygons, proven : numbers of certified polygons and of proven optima
-    cost, lower_bound : sums of the criterion, in the source's units
     largest_gap : maximum of (cost - lower_bound) / cost over the polygons
     refused : number of polygons whose triangulation is invalid or has T-junctions
     """
@@ -144,7 +142,6 @@ class Report(NoteCounter):
     proven : number of polygons whose optimum was computed exactly
     evidence : open file of the proofs
     notes : lines about reading and projection of the file
-    seconds, triangulate_s : wall time in total, and of the triangulator
     """
 
     files: list[Path] = field(default_factory=list)
@@ -178,21 +175,17 @@ def export_file(
     Polygons are read, triangulated and written `chunk` at a time, so memory does not grow with the
     file. `out` appears when complete; after an error it is unchanged.
 
-    source : scene or file, with parameters as for `scenes.load`, e.g.
-        "town.gpkg:layer=parks,limit=9"
-    out : file in the format of the suffix, see `FORMATS`
+    source : scene or file, with parameters as for `scenes.load`, e.g. "town.gpkg:limit=9"
     progress : called with the number of triangulated polygons
     say : called with a line before a polygon that may take minutes or hours
-    certify : whether to bound each triangulation's distance from the optimum of its criterion; a
-        path is a file for the proofs
+    certify : whether to bound each triangulation's distance from the optimum; or a file for the
+        proofs
+    polygons : write the rings to glTF as well (EXT_mesh_polygon); T-junctions are failures
+    collection : write GeometryCollections, which are valid, in place of MultiPolygons
     device, order, parameters : as for `triangulators.triangulate_many`
-    polygons : write the rings to glTF as well, in the draft extension EXT_mesh_polygon; a polygon
-        whose triangulation has T-junctions fails
-    collection : write GeometryCollections, which are valid, in place of MultiPolygons, which are
-        not if parts share edges; for GeoJSON and GeoParquet
 
-    Raises SceneError if the source cannot be read, UsageError if the format or triangulator is
-    unknown, InputError if no polygon could be triangulated, StorageError if the output cannot be
+    Raises SceneError if the source cannot be read, UsageError for an unknown format or
+    triangulator, InputError if no polygon could be triangulated, StorageError if `out` cannot be
     written.
     """
     start = time.perf_counter()
@@ -224,10 +217,7 @@ def export_file(
 
 @dataclass(frozen=True)
 class TriangulationOptions:
-    """Options of a triangulation, as for `export_file`.
-
-    conforming : True if triangulations with T-junctions fail
-    """
+    """Options of a triangulation; conforming : True if triangulations with T-junctions fail."""
 
     name: str
     parameters: Mapping[str, Any]

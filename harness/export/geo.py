@@ -1,8 +1,7 @@
 """GeoJSON and GeoParquet: a feature for each polygon, with the triangles as a multi-polygon.
 
-Triangles share edges, which the simple-features standard does not allow for parts of a
-multi-polygon; programs read and draw them nevertheless, and no other type is supported as widely. A
-geometry collection (`collection`) is valid.
+Parts of a multi-polygon must not share edges; programs read and draw them nevertheless, and no
+other type is supported as widely. A geometry collection (`collection`) is valid.
 """
 
 import json

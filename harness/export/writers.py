@@ -25,7 +25,7 @@ class ExportMesh:
     vertices : (n, 2) float64; triangles : (m, 3) int64 indices of vertices
     vertex_offsets, triangle_offsets : (p + 1,) offsets of the polygons
     rings : (n,) ring of each vertex, counted over all polygons
-    attributes : one row per polygon (no columns if the source has no attributes)
+    attributes : one row per polygon
     """
 
     vertices: NDArray[np.float64]
@@ -202,8 +202,7 @@ def make_polygon_loops(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Return rings of polygons with conforming triangulations, as EXT_mesh_polygon stores them.
 
-    loops : indices of vertices, exterior rings counter-clockwise and holes clockwise, with RESTART
-        between the rings; a ring contains each vertex once
+    loops : indices of vertices, exterior rings counter-clockwise, holes clockwise, RESTART between
     offsets : (p,) first index of each polygon in `loops`
     triangles : (m, 3) indices of the same vertices
 
@@ -237,8 +236,6 @@ class GltfWriter:
     glTF has single precision only, so positions are integers on a fine grid around the centre of
     each batch. The node's matrix, which readers use in double precision, restores coordinates.
     `_FEATURE_ID_0` is the polygon of each vertex within the mesh, as in EXT_mesh_features.
-
-    polygons : True to write the rings of the polygons as well, in the draft EXT_mesh_polygon
     """
 
     def __init__(

@@ -47,10 +47,7 @@ Summary = dict[str, Any]
 
 
 def summarise_device(run: Run) -> Summary:
-    """Return the summary of a run's device, JSON-ready.
-
-    Raises InputError unless the run has times of exactly one device.
-    """
+    """Return a run's summary, JSON-ready; raise InputError unless its times have one device."""
     timed = [record for record in run.records if record.is_ok and record.time]
     devices = dict.fromkeys((record.id.rasteriser, record.id.device_name) for record in timed)
     if len(devices) != 1:

@@ -91,10 +91,7 @@ def make_page_content(run: Run) -> Content:
 
 
 def _make_views(run: Run) -> Iterator[Content]:
-    """Yield views with two or more drawable triangulations.
-
-    Cases have one sample per pixel and native order; the first record of a triangulator is used.
-    """
+    """Yield views with two or more drawable triangulations, with one sample and native order."""
     by_view: dict[View, dict[str, Record]] = {}
     for record in run.records:
         options = record.id.options
@@ -141,12 +138,7 @@ GRID_STEPS = (1, 2, 4, 8, 16)  # steps of devices' vertex grids, in 1/256 px; se
 
 
 def make_profile_content(pool: MeasuringPool) -> Content:
-    """Return the content of the profiling page, which generates the draws.
-
-    grids : exact results by the step of the device's vertex grid, in 1/256 px
-    fitted, plain : draws of the law, and of `coefficients`, see `select_draws_to_fit`
-    scenes : scene -> triangulator -> terms per polygon, for the recommendation
-    """
+    """Return the content of the profiling page, which generates the draws."""
     draws = make_draws(SEED)
     fitted, plain = select_draws_to_fit(draws)
     sums = {
@@ -192,10 +184,7 @@ def _make_grid_content(draws: Sequence[Draw]) -> Content:
 
 
 def _make_groups(draws: Sequence[Draw], positions: list[int]) -> Content:
-    """Return each draw's group and cross-validation fold, and the half-widths of intervals.
-
-    reach : in standard errors, of a single interval, and of one of a family that hold together
-    """
+    """Return each draw's group and fold, and the half-widths of intervals in standard errors."""
     groups = [draws[position].group for position in positions]
     labels = np.unique(groups, return_inverse=True)[1]
     return {

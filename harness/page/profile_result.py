@@ -1,7 +1,4 @@
-"""Import of a profiling page's result: draws, counters and cost model (law) are computed again.
-
-Only the saved times are used; a result whose draws, counters or law differ from these is rejected.
-"""
+"""Import of a profiling page's times, if the draws, counters and law that it states are right."""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -72,9 +69,7 @@ class Result(saved.Measured):
 
 
 def import_profile(file: Path, result: Result, name: str) -> tuple[dict[str, Any], str, list[str]]:
-    """Return the profile for a page's result, a reason, and warnings.
-
-    The profile has no advice yet. The reason says why the times are unreliable, or is "".
+    """Return a profile without advice, the reason why its times are unreliable, and warnings.
 
     Raises IncompatibleRunsError or InputError if the result contradicts itself, or is incomplete.
     """

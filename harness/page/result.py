@@ -1,7 +1,4 @@
-"""Import of a measuring page's result as a run folder.
-
-The file is untrusted, so its digest, structure, sizes, ranges and consistency are checked.
-"""
+"""Import of a measuring page's result as a run folder; the file is untrusted."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -176,8 +173,8 @@ def import_result(result: Result, folder: Path, device: str, run: Run | None = N
 
     run : the run from which the page was made, whose frames and predictions are copied
 
-    Raises UsageError if the folder already has a run; IncompatibleRunsError or InputError if `run`
-    has different polygons or contradicts the result.
+    Raises InputError or IncompatibleRunsError if `run` has other polygons or contradicts the
+    result.
     """
     if run is not None:
         for case in (case for view in result.views for case in view.cases.values()):

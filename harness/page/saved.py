@@ -33,10 +33,7 @@ class SavedModel(BaseModel):
 
 
 class SavedDevice(SavedModel):
-    """GPU as reported by a browser.
-
-    step : step of the vertex grid, in 1/256 px; None if no grid gives the device's coverage
-    """
+    """GPU as reported by a browser; step : of the vertex grid, in 1/256 px, None if none fits."""
 
     vendor: Text
     architecture: Text
@@ -67,10 +64,7 @@ class Times(SavedModel):
 
 
 def check_rounds(times: Mapping[str, Times], epochs: Sequence[int]) -> None:
-    """Raise ValueError if numbers of rounds differ, or a draw other than the empty one took 0 s.
-
-    epochs : number of rounds in each epoch
-    """
+    """Raise ValueError if numbers of rounds differ, or a draw other than the empty one took 0 s."""
     if {len(draw.samples_s) for draw in times.values()} - {sum(epochs)}:
         raise ValueError("draws have different numbers of rounds")
     if any(0.0 in draw.samples_s for name, draw in times.items() if name != EMPTY):
@@ -103,10 +97,7 @@ Result = TypeVar("Result", bound=Measured)
 
 
 def read_saved(file: Path, kinds: Mapping[str, type[Result]]) -> Result:
-    """Return the result in a file that a page saved, or raise InputError.
-
-    kinds : class of the result by the file's format
-    """
+    """Return the result in a file that a page saved, or raise InputError; kinds : by format."""
     try:
         if file.exists() and not file.is_file():
             raise InputError(f"{file}: not a regular file; give the file that the page saved")

@@ -42,9 +42,7 @@ MAX_REGRET = 0.005
 def recommend_triangulator(
     pool: MeasuringPool, coefficients: Mapping[str, float], seed: int = 0
 ) -> dict[str, Any] | None:
-    """Return the recommendation of `choose_triangulator` for a device.
-
-    coefficients : the device's seconds for each of `COSTS`
+    """Return the recommendation of `choose_triangulator` for a device's seconds of each of `COSTS`.
 
     None if no scene can be loaded, or if the coefficients give no triangle a cost.
     """
@@ -66,10 +64,9 @@ def choose_triangulator(costs: Mapping[str, Mapping[str, NDArray[np.float64]]]) 
 
     costs : scene -> triangulator -> seconds of each polygon, (p,), not counting the draw itself
 
-    The result has the `triangulator`, a criterion's optimum unless the regret of each exceeds
-    `MAX_REGRET`; by triangulator, the `regret`, the extra cost over `CALIBRATED_OPTIMUM`, mean over
-    the scenes; and by scene, the `saved` share of ear clipping's time, with its 95 % interval over
-    polygons.
+    The `triangulator` is a criterion's optimum unless the `regret` of each, the mean extra cost
+    over `CALIBRATED_OPTIMUM`, exceeds `MAX_REGRET`; `saved` is the share of ear clipping's time by
+    scene, with its 95 % interval over polygons.
     """
     regret = {
         name: float(
@@ -99,10 +96,9 @@ def sum_scene_features(
     seed: int = 0,
     coefficients: Mapping[str, float] | None = None,
 ) -> dict[str, NDArray[np.float64]] | None:
-    """Return, for each polygon, sums over its triangles of the features in a device's cost model.
+    """Return triangulator -> (p, 8) features of polygons, `COSTS[1:]`, as sums over triangles.
 
-    The result: triangulator -> (p, 8), with the columns `COSTS[1:]`, of polygons that all
-    triangulators solve; None without such a polygon.
+    Polygons that some triangulator does not solve are omitted; None without a polygon.
 
     coefficients : weights that optimal:calibrated minimises
     """
@@ -128,7 +124,6 @@ def compare_aspects(
 ) -> list[dict[str, Any]]:
     """Return the relative cost of thin triangles, a dictionary for each triangle area in `AREAS`.
 
-    area : px^2; aspects : base / height
     ratios, low, high : time less that of an empty draw, relative to aspect 1, mean over the angles
     lanes : shaded lanes relative to aspect 1
     doubled_at : aspect at which the ratio is 2, with its interval, or None if it stays below
@@ -162,10 +157,7 @@ def compare_aspects(
 
 
 def _interpolate_doubling(ratios: NDArray[np.float64]) -> list[float] | None:
-    """Return the aspect at which the ratio reaches 2, with its interval over the epochs, or None.
-
-    ratios : (e, a) for each epoch and aspect; those of all epochs must reach 2
-    """
+    """Return the aspect at which the ratios (e, a) of all epochs reach 2, with an interval."""
     aspects = []
     steps = np.log2(ASPECTS)
     for logs in np.log2(ratios):

@@ -77,7 +77,6 @@ def count_draw(draw: Draw) -> dict[str, int]:
 def count_cost_terms(frame: Frame, triangles: NDArray[np.int32], work: int = 0) -> dict[str, int]:
     """Return exact counters of triangles (m, 3); `half_perimeter` and `near` in 1/256 px.
 
-    triangles, vertices : number of triangles, and of distinct vertices
     set_up : triangles whose bounding box contains a pixel centre
     covering : triangles that cover a pixel centre
     fragments, quads, helper_lanes, blocks, bbox_tests : see `reference.count_per_triangle`
@@ -86,8 +85,6 @@ def count_cost_terms(frame: Frame, triangles: NDArray[np.int32], work: int = 0) 
     rows : rows of pixels whose centres lie between a triangle's lowest and highest corner
     further_tiles : tiles of 64 px that triangles overlap, except one per triangle
     tile_pairs : pairs of a covering triangle and a tile of 16 px that it overlaps, as on an H200
-    vertex_batches, transformed_vertices : see `harness.rasterisers.vertex_batches`
-    work : rounds of arithmetic in all lanes
     """
     points = frame.points
     counts = reference.count_per_triangle(points, triangles)

@@ -1,16 +1,12 @@
 """Predicted times of a scene's draws on a device: the slowest stage, savings, and a remedy.
 
-`inspect --sizes --profile` predicts from counted triangulations, the report from those stored with
-a run; both use the same functions and sentences.
-
-`optimal:calibrated` for a device of several stages: the optimum of the stage that binds.
-
-A draw takes as long as its slowest stage, which depends on the scene and its size, so a polygon
-alone does not determine what to minimise. First the slowest stage of ear clipping's triangles is
-minimised. If another stage is the slowest for the result, that one is minimised as well, and so on;
-the result with the lowest predicted time is used. No triangulation shortens the stage of vertices:
-where it is the slowest, the triangles are put into the order of a walk, and the slowest of the
-other stages is minimised.
+`minimise_slowest_stage` is `optimal:calibrated` for a device of several stages. A draw takes as
+long as its slowest stage, which depends on the scene and its size, so a polygon alone does not
+determine what to minimise. First the slowest stage of ear clipping's triangles is minimised. If
+another stage is the slowest for the result, that one is minimised as well, and so on; the result
+with the lowest predicted time is used. No triangulation shortens the stage of vertices: where it is
+the slowest, the triangles are put into the order of a walk, and the slowest of the other stages is
+minimised.
 
 The cost of a stage is a sum of counters; its expectation over all positions on the pixel grid is a
 sum of features of each triangle. With S the area, H the half-perimeter, Q and P the expected quads
@@ -72,7 +68,6 @@ class DeviceCosts:
     """A device's costs, fitted to measured draw times, from a profile.
 
     costs : seconds for each of `counted.TERMS`, (t,)
-    form : one of `law.FORMS`
     law : the fitted costs with their covariance, or None if the profile stores no times
     origin : the device and processor on which the profile was measured
     is_here : True if this machine has the device and processor
@@ -92,10 +87,7 @@ class DeviceCosts:
 
 
 def find_profile(name: str, *folders: Path) -> Path:
-    """Return the file of a profile, a path or a name in `folders` or `CONTRIBUTED`.
-
-    Raises UsageError if there is no such file.
-    """
+    """Return the file of a profile, from a path or a name in `folders` or `CONTRIBUTED`."""
     profiles = {
         file.stem: file
         for folder in (CONTRIBUTED, *folders)
@@ -124,19 +116,14 @@ def _make_costs(profile: Any) -> DeviceCosts:
 
 
 def count_native_and_walk(frame: Frame, triangles: NDArray[np.int32]) -> dict[str, int]:
-    """Return `count_cost_terms` of triangles (m, 3), and vertex counters in walk order.
-
-    Names in walk order, in which triangles go from neighbour to neighbour, end in _walk.
-    """
+    """Return `count_cost_terms`, and vertex counters in walk order, whose names end in _walk."""
     walked = sum_batches_of_draws(frame, order_submission(frame, triangles, WALK))
     counts = count_cost_terms(frame, triangles)
     return counts | {f"{name}_walk": value for name, value in walked.items()}
 
 
 def predict_draw_costs(counters: Sequence[Mapping[str, int]], device: DeviceCosts) -> list[Cost]:
-    """Return the predicted cost of each triangulator, the base first.
-
-    counters : of each triangulator's triangles, from `count_native_and_walk`
+    """Return each triangulator's predicted cost, the base first, from `count_native_and_walk`.
 
     A cost has the seconds of a `draw`, and of a `draw_walk` in walk order; the slowest `stage`; and
     `saved_95`, the 95 % interval of the saved share of the base's draw time, or None.
@@ -213,7 +200,7 @@ EXPECTED: Mapping[str, Mapping[str, float]] = {
 def compute_stage_weights(device: DeviceCosts, stage: str) -> dict[str, float]:
     """Return the expected seconds of a triangle in a stage, as coefficients of features.
 
-    {} for the stage of vertices, and for a stage without costs that a triangulation changes.
+    {} for a stage without costs that a triangulation changes, such as that of vertices.
     """
     weights: dict[str, float] = {}
     for term, cost in zip(TERMS, device.costs.tolist(), strict=True):
@@ -232,7 +219,6 @@ def minimise_slowest_stage(
     """Return the optimum of the stage that takes longest, with the recipe that computes it.
 
     recipe : `optimal:calibrated`; its calibration is replaced by the costs of a stage
-    triangulate : returns the triangulation of the frame by a recipe
     """
     weights = {stage: compute_stage_weights(device, stage) for stage in device.stages}
     shapes = [stage for stage in device.stages if weights[stage]]
@@ -265,8 +251,7 @@ def order_for_slowest_stage(
 ) -> tuple[FrameTriangulation, dict[str, float]]:
     """Return a triangulation in the order for its slowest stage, with the seconds of each stage.
 
-    The order is unchanged unless the stage of vertices is the slowest, for which triangles are
-    sorted from neighbour to neighbour (a walk).
+    Triangles are put into the order of a walk if the stage of vertices is the slowest.
     """
     times = _predict_stage_times(device, frame, result)
     slowest = max(times, key=lambda name: times[name])

@@ -26,14 +26,13 @@ def fit_coefficients(design: Design, seconds: Seconds, groups: Labels) -> Second
 
     groups : (k,) labels; draws of one label have the same polygons in different triangulations
 
-    The draws of one set of polygons share a misfit that depends on the polygons' size and kind. It
-    varies more than the differences within a set, which decide between triangulations, so the
-    shared part has the weight `BETWEEN_WEIGHT`, as in a model with a random effect for each set.
-
-    The weights of the soft L1 loss and the coefficients are computed alternately (P. Holland and R.
-    Welsch, "Robust regression using iteratively reweighted least-squares", Communications in
-    Statistics 6(9), 1977). Errors are relative to the fitted times: relative to the measured times,
-    which contain the errors, noise would bias all coefficients downwards.
+    The misfit that the draws of one set of polygons share varies more than the differences within a
+    set, which decide between triangulations, so it has the weight `BETWEEN_WEIGHT`, as in a model
+    with a random effect for each set. The weights of the soft L1 loss and the coefficients are
+    computed alternately (P. Holland and R. Welsch, "Robust regression using iteratively reweighted
+    least-squares", Communications in Statistics 6(9), 1977). Errors are relative to the fitted
+    times: relative to the measured times, which contain the errors, noise would bias all
+    coefficients downwards.
     """
     from scipy.optimize import nnls  # slow to import, and reading a profile fits nothing
 
@@ -47,9 +46,7 @@ def fit_iteratively(
     """Return the coefficients of `fit_coefficients`, and the linear system of the last iteration.
 
     The system: the fitted times, (k,); the weighted rows, each column divided by its scale; the
-    scales; the weights of the rows.
-
-    least_squares : solver, `nnls` or `lstsq`
+    scales; the weights of the rows. `least_squares` is the solver, `nnls` or `lstsq`.
     """
     fitted, before = seconds, np.zeros(len(seconds))
     coefficients = np.zeros(design.shape[1])
@@ -82,9 +79,7 @@ def compute_loss(seconds: Seconds, predicted: Seconds, labels: NDArray[np.int64]
 
 
 def stack_deviations(shares: Design, labels: NDArray[np.int64]) -> Design:
-    """Return (k, c) rows minus their group's mean, and below these the scaled means of g groups.
-
-    shares : (k, c) values of k draws; labels : (k,) group of each draw, 0 to g - 1
+    """Return rows (k, c) of `shares` minus their group's mean, and below, the scaled means (g, c).
 
     A mean is multiplied by `BETWEEN_WEIGHT` and the square root of the group's size, so that its
     square counts as much as the squares of that many rows.

@@ -34,7 +34,6 @@ class DrawTimes:
     drift : mean time of the slowest epoch relative to the fastest
     empty : median time of an empty draw
     control : ratio of one draw to its copy
-    rounds : rounds of each epoch
     disturbed : state of the machine if it was not quiet, or ""
     """
 
@@ -92,8 +91,7 @@ def measure_draws(
 ) -> DrawTimes:
     """Time all draws in interleaved rounds, with an empty draw and a second copy of one draw.
 
-    Raises HarnessError if the device cannot be opened, NothingMeasuredError if it fails on a draw,
-    and InconclusiveError if it is too slow for enough epochs.
+    Raises NothingMeasuredError if the device fails, InconclusiveError if it is too slow.
     """
     names = [str(number) for number in range(len(draws))]
     candidates = {
@@ -120,8 +118,7 @@ def measure_draws(
 def normalise_times(times: Mapping[str, Times], names: Sequence[str]) -> DrawTimes:
     """Return the normalised times of the draws `names`, which were timed together.
 
-    The level of a round is the geometric mean of its draws' times. All rounds draw the same design,
-    so levels differ by the machine's speed only.
+    A round's level, the geometric mean of its draws' times, differs by the machine's speed only.
     """
     first: Any = times[names[0]]
     samples = np.array([times[name].samples_s for name in names])

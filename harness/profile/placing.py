@@ -33,7 +33,6 @@ class Draw:
 
     kind : see the tables of `design` and `stage_draws`; name : description of the draw
     group : name of the draws that differ only in the terms that their kind isolates
-    frame, triangles : the geometry, (m, 3) indices of the frame's points
     work : rounds of arithmetic of a fragment
     aspect, area : base / height, and area in px^2, of draws of the kind aspect; else 0
     """
@@ -63,12 +62,10 @@ def make_unshared_triangles(corners: NDArray[np.int32]) -> tuple[Frame, NDArray[
 def make_jittered_mesh(
     across: int, along: int, side: int, numbers: NDArray[np.int64]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return vertices (n, 2) and triangles (2 * across * along, 3) of a mesh of squares.
+    """Return vertices (n, 2) and triangles (m, 3) of a mesh of squares from (4, 4) px.
 
-    The mesh starts at (4, 4) px. Each square of `side`/256 px is two triangles; triangles of a row
-    follow each other in a strip.
-
-    numbers : (across + 1) * (along + 1) hashes, which move each vertex by less than half a side
+    Each square of `side`/256 px is two triangles; triangles of a row follow each other in a strip.
+    `numbers`, (across + 1) * (along + 1) hashes, move each vertex by less than half a side.
     """
     line = across + 1
     row, column = np.divmod(np.arange(line * (along + 1)), line)
@@ -131,8 +128,8 @@ def rotate(points: Points, direction: Direction) -> Points:
 def fit_boxes(width: int, height: int, direction: Direction, count: int) -> Points:
     """Return corners (k, 2) of at most `count` boxes, spread evenly over those that fit.
 
-    The boxes, `width` times `height`, are in rotated rows around the viewport's centre. Corners are
-    relative to the centre and not rotated; `place_shapes` rotates the content.
+    The boxes are in rotated rows around the viewport's centre. Corners are relative to the centre
+    and not rotated; `place_shapes` rotates the content.
     """
     wide, high = width + GAP, height + GAP
     half = SIDE * SUBPIXEL // 2 - MARGIN
@@ -163,7 +160,7 @@ def place_shapes(
     """Return points (k, n, 2) of k rotated copies of a shape, each in one box of the grid.
 
     shape : k 32-bit numbers -> (k, n, 2) points in a box from (0, 0) to `size`
-    numbers : (count,) as `hash_numbers` returns them; there may be room for fewer copies
+    numbers : (count,) from `hash_numbers`; there may be room for fewer copies
     """
     corners = fit_boxes(*size, direction, len(numbers))
     numbers = numbers[: len(corners)]
@@ -174,10 +171,7 @@ def place_shapes(
 
 
 def make_triangle_shape(base: int, height: int) -> Callable[[NDArray[np.int64]], Points]:
-    """Return a shape for `place_shapes`: triangles of one base and height with varying apexes.
-
-    Half of them hang from the top of their box. All have the area base * height / 2.
-    """
+    """Return a shape for `place_shapes`: triangles with varying apexes, half of them hanging."""
 
     def shape(numbers: NDArray[np.int64]) -> Points:
         apex = (numbers >> 16 & 255) * base // 255
@@ -191,10 +185,10 @@ def make_triangle_shape(base: int, height: int) -> Callable[[NDArray[np.int64]],
 
 
 def make_ellipse_ring(corners: int, width: int, height: int) -> Points:
-    """Return (corners, 2) points on an ellipse in a box from (0, 0) to (width, height).
+    """Return (corners, 2) points on an ellipse in a box, counter-clockwise from the right.
 
-    The order is counter-clockwise from the right. Each quarter of the circle has the rational
-    points ((m^2 - i^2) / (m^2 + i^2), 2 m i / (m^2 + i^2)); `corners` is a multiple of 4.
+    Each quarter of the circle has the rational points ((m^2 - i^2) / (m^2 + i^2), 2 m i / (m^2 +
+    i^2)); `corners` is a multiple of 4.
     """
     m = corners // 4
     i = np.arange(m)

@@ -1,7 +1,7 @@
 """A profile: measurements of a device and the law derived from them, as one JSON file.
 
-Its `coefficients` are the costs in seconds of each of `law.COSTS`, which `optimal:calibrated`
-minimises. All values follow from the stored times of each epoch, so a reader can recompute them.
+Its `coefficients` are the costs in seconds that `optimal:calibrated` minimises. All values follow
+from the stored times of each epoch, so a reader can recompute them.
 """
 
 import json
@@ -47,10 +47,7 @@ def make_profile(
     device: Mapping[str, Any],
     seed: int,
 ) -> dict[str, Any]:
-    """Return a profile's content, JSON-ready.
-
-    counted : `count_draw` of each draw; device : name and details of the device
-    """
+    """Return a profile's content, JSON-ready; counted : `count_draw` of each draw."""
     design = make_design_rows(counted)
     fitted, without_work = select_draws_to_fit(draws)
     groups = [draw.group for draw in draws]
@@ -127,10 +124,7 @@ def write_profile(content: Mapping[str, Any], file: Path) -> Path:
 
 
 def read_profile(file: Path, parse: Callable[[Any], Content]) -> Content:
-    """Return the result of `parse` for the content of a profile's file.
-
-    Raises InputError if the file is missing, invalid, or was refused by `make_profile`.
-    """
+    """Return `parse` of a profile's content; raise InputError if it is invalid or refused."""
     try:
         content = json.loads(atomic.read(file))
         if isinstance(content, dict) and content.get("refused"):
@@ -150,10 +144,7 @@ def read_profile(file: Path, parse: Callable[[Any], Content]) -> Content:
 
 
 def check_profile(content: Any) -> None:
-    """Raise ValueError for invalid costs or names of a profile.
-
-    Content of another structure raises KeyError, TypeError or AttributeError.
-    """
+    """Raise ValueError, KeyError, TypeError or AttributeError for invalid content of a profile."""
     if not isinstance(content, dict):
         raise ValueError("the content is not a JSON object")
     for name, supported in (("unit", "s"), ("format", FORMAT), ("version", VERSION)):

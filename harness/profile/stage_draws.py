@@ -131,8 +131,8 @@ def _make_small_triangles(
 def _make_patches(cells: placing.Points, numbers: NDArray[np.int64], quarters: int) -> Population:
     """Return a patch (`PATCH`) in each cell; in `quarters` of four, each triangle covers a sample.
 
-    In these patches, squares are stretched to 1 by 2 px, so that each half contains a sample; in
-    others, squares are shrunk to 1/8 px and lie between samples.
+    There, squares are stretched to 1 by 2 px, so that each half contains a sample; in other
+    patches, squares are shrunk to 1/8 px and lie between samples.
     """
     covers = (np.arange(len(cells)) % 4 < quarters)[:, None]
     squares = np.where(covers, (SUBPIXEL, 2 * SUBPIXEL), SMALL_SIDE // PATCH)
@@ -203,10 +203,7 @@ def _yield_mixed(seed: int) -> Iterator[Draw]:
 def _compute_interleaving_keys(
     population: tuple[Population, int], other: tuple[Population, int]
 ) -> NDArray[np.int64]:
-    """Return sort keys (m,) that spread blocks of a population evenly among those of another.
-
-    Block i of k has the key (2 i + 1) / k, times both numbers of blocks.
-    """
+    """Return sort keys (m,) that spread a population's blocks evenly among those of another."""
     ((_, triangles), block), ((_, others), other_block) = population, other
     other_blocks = -(-len(others) // other_block)
     return (2 * (np.arange(len(triangles)) // block) + 1) * other_blocks

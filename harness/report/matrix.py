@@ -48,10 +48,7 @@ Cell = tuple[tuple[str, str, str], str, list[float | None]]
 
 
 def read_study_matrices(folder: Path) -> list[Matrix]:
-    """Return the matrices of the study in `folder`, one per statistic; [] without a study.
-
-    Raises InputError if `correlations.csv` lacks a column or has an invalid number.
-    """
+    """Return the matrices of the study in `folder`, one per statistic; [] without a study."""
     file = folder / FILE
     if not file.is_file():
         return []
@@ -77,10 +74,7 @@ def read_study_matrices(folder: Path) -> list[Matrix]:
 
 
 def make_run_matrices(groups: Sequence[Mapping[str, Any]]) -> list[Matrix]:
-    """Return a list with the matrix of a run's first view, [] without correlations.
-
-    groups : groups of a report's content, with `correlations` of each
-    """
+    """Return a list with the matrix of a run's first view, [] without correlations."""
     cells = [
         ((group["rasteriser"], group["device"], measure), criterion, [value, None, None])
         for group in groups
@@ -158,8 +152,7 @@ def format_best_criterion(
 def format_best_criterion_of_study(matrices: Sequence[Mapping[str, Any]]) -> str | None:
     """Return a sentence about the criterion that predicts a measure best, or None if unknown.
 
-    The first matrix is used, and of its columns helper lanes, otherwise bounding-box tests,
-    otherwise the first.
+    The first matrix is used, and of its columns helper lanes, else box tests, else the first.
     """
     if not matrices:
         return None
@@ -192,9 +185,9 @@ SPREAD = "spread.csv"  # file with criteria and counters of many triangulations 
 
 
 def write_spread(run: Run) -> Path | None:
-    """Write criteria and counters of many triangulations of some polygons of a run to `SPREAD`.
+    """Write criteria and counters of many triangulations of some polygons to `SPREAD`; return it.
 
-    The first view with stored drawings is used. Returns the path, or None if nothing was written.
+    The first view with stored drawings is used; None if there is none.
     """
     for record in run.records:
         view = record.id.view

@@ -60,9 +60,9 @@ def plot_run(run: Run) -> list[Path]:
 def draw_predictions(run: Run, group: RecordGroup) -> Figure | None:
     """Draw each polygon's criteria and cost relative to the base, or return None without data.
 
-    Up to two panels show estimates in the unit of the cost, then the paper's criterion and the
-    criterion with the best rank correlation. The division by the base's value on the same polygon
-    removes the polygon's size, which would otherwise make every criterion look good.
+    Up to two panels show estimates in the unit of the cost, then the paper's criterion and the one
+    with the best rank correlation. Division by the base's value on the same polygon removes the
+    polygon's size, which would make every criterion look good.
     """
     columns = {
         record.name: arrays
