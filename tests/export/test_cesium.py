@@ -21,8 +21,7 @@ from triangulators import triangulate, vertices
 
 PACKAGES = ROOT / "examples" / "node_modules"
 CITY = "city:buildings=200"
-SIDE = 384
-"""Width and height of the picture, in pixels."""
+SIDE = 384  # of the picture, in pixels
 
 ROUNDING = 1 / 16
 """SwiftShader rounds vertices to 1/16 px, our rasteriser to 1/256 px: pixels whose centres are this
@@ -36,7 +35,6 @@ validateBytes(new Uint8Array(require("fs").readFileSync(process.argv[1])))
 
 
 def run_node(*command):
-    """Run Node.js with the packages of examples/; return the output."""
     node = find_node()
     if node is None or not (PACKAGES / "@cesium" / "engine").exists():
         pytest.skip("CesiumJS is not installed; run with a network: make setup-test")

@@ -111,7 +111,6 @@ def make_result(run: Run) -> dict[str, Any]:
 
 
 def write_saved(result: Any, file: Path, format_name: str = FORMAT) -> Path:
-    """Write a result in the format of the page, with its digest."""
     text = json.dumps(result)
     envelope = {
         "format": format_name,

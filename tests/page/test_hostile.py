@@ -24,7 +24,6 @@ HOVER = """(() => {
 
 
 def add_markup(value: Any, field: str = "") -> Any:
-    """Append markup to all strings, except in the fields `PLAIN`."""
     if isinstance(value, dict):
         return {name: add_markup(item, name) for name, item in value.items()}
     if isinstance(value, list):

@@ -63,8 +63,6 @@ class CoarseCharger(Charger):
 
 
 class DriftingCharger(Charger):
-    """A device that becomes twice as slow during the measurement."""
-
     drawings = 0
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
@@ -75,8 +73,6 @@ class DriftingCharger(Charger):
 
 
 class FailingCharger(Charger):
-    """A device that fails at a draw of the design."""
-
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         if options.work:
             raise RuntimeError("the device is gone")
@@ -84,8 +80,6 @@ class FailingCharger(Charger):
 
 
 class MissingCharger(Charger):
-    """A rasteriser without devices."""
-
     @classmethod
     def devices(cls) -> list[Device]:
         return []

@@ -35,7 +35,6 @@ def make_device(form=THREE, **costs):
 
 
 def minimise(frame, device):
-    """Return the recipe, the result, and the recipes of all triangulations."""
     recipes = []
 
     def triangulate(recipe):

@@ -66,7 +66,6 @@ def page(browser: Chromium, folder: Path) -> Chromium:
 
 @pytest.fixture
 def copy(folder: Path, tmp_path: Path) -> Path:
-    """Return a copy of that run, which a test may damage."""
     path = tmp_path / "copy"
     shutil.copytree(folder, path)
     return path
@@ -74,7 +73,6 @@ def copy(folder: Path, tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def large_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a run of 1,000 cases; a chart shows 800, without those of the baseline."""
     return write_many(tmp_path_factory.mktemp("report") / "many", devices=1)
 
 
