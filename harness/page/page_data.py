@@ -131,7 +131,7 @@ def _encode_triangulation(record: Record, geometry: Geometry) -> Content:
 
 SEED = 0
 
-# Properties that the page receives.
+# Fields of a draw that the page receives.
 DRAW_FIELDS = ("kind", "name", "group", "work", "aspect", "area")
 
 GRID_STEPS = (1, 2, 4, 8, 16)  # steps of devices' vertex grids, in 1/256 px; see `grid.js`

@@ -33,7 +33,7 @@ class SavedModel(BaseModel):
 
 
 class SavedDevice(SavedModel):
-    """GPU as reported by a browser; step : of the vertex grid, in 1/256 px, None if none fits."""
+    """GPU as reported by a browser; `step` of its vertex grid in 1/256 px, None if none fits."""
 
     vendor: Text
     architecture: Text
@@ -97,7 +97,7 @@ Result = TypeVar("Result", bound=Measured)
 
 
 def read_saved(file: Path, kinds: Mapping[str, type[Result]]) -> Result:
-    """Return the result in a file that a page saved, or raise InputError; kinds : by format."""
+    """Return the result that a page saved in a file; raise InputError for other files."""
     try:
         if file.exists() and not file.is_file():
             raise InputError(f"{file}: not a regular file; give the file that the page saved")
