@@ -216,7 +216,7 @@ def triangulate_ring_as_zigzag(corners: int) -> Triangles:
 
 
 def triangulate_ring_by_halving(corners: int) -> Triangles:
-    """Return (corners - 2, 3) triangles of a convex ring: of middle and ends of halved chains."""
+    """Return (corners - 2, 3) triangles: ends and middle of a chain, then of both halves."""
 
     def cut(first: int, last: int) -> list[tuple[int, int, int]]:
         if last - first < 2:
