@@ -31,12 +31,19 @@ def page(
     counts, times and saves a file for `raster-harness import`.
     """
     from harness.measuring.pool import MeasuringPool
-    from harness.page.page_data import make_page_content, make_profile_content, write_page
+    from harness.page.page_data import (
+        PageContent,
+        ProfileContent,
+        make_page_content,
+        make_profile_content,
+        write_page,
+    )
     from harness.results.run_folder import read_latest
     from harness.workers.worker import Worker
 
     if profile == (run is not None):
         raise UsageError("give either RUN, the folder of a run, or --profile")
+    content: PageContent | ProfileContent
     if run is None:
         with closing(MeasuringPool(Worker, timeout_s=TIMEOUT_S)) as pool:
             content = make_profile_content(pool)

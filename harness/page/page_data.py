@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -42,11 +42,98 @@ PROFILING = (*SHARED, *FITTING, "profile.js")
 FORMAT, PROFILE_FORMAT = "raster-harness page", "raster-harness profile page"
 VERSION = 1
 
-Content = dict[str, Any]
-"""JSON-ready data of a page, or of a part of it, as the scripts in `static` read it."""
+
+class CaseContent(TypedDict):
+    """A triangulation: base64 of uint32 triangles (`rows`) and of exact counters per polygon."""
+
+    rows: str
+    fragments: str
+    quads: str
+    partial_quads: str
+    covering_triangles: str
+    record: dict[str, Any]
 
 
-def write_page(content: Content, file: Path) -> None:
+class ViewContent(TypedDict):
+    """A view; points : base64 of int32 x, y in 1/256 px; sizes : vertices of each polygon."""
+
+    resolution: int
+    rotation: float
+    fit: str
+    scene: str
+    points: str
+    sizes: list[int]
+    cases: dict[str, CaseContent]
+
+
+class PageContent(TypedDict):
+    """Data of the page that measures a run's triangulations, read by `static/main.js`."""
+
+    format: str
+    version: int
+    harness: str
+    created: str
+    scene: str
+    base: str
+    looks: dict[str, dict[str, Any]]
+    criteria: dict[str, str]
+    views: list[ViewContent]
+
+
+class GridContent(TypedDict):
+    """Draws on a vertex grid: checksum, exact counters and `law.COSTS` (predicted) of each draw."""
+
+    checksums: list[int]
+    counters: dict[str, list[int]]
+    predicted: list[list[float]]
+
+
+class GroupsContent(TypedDict):
+    """The draws of a fit.
+
+    places : indices of the draws
+    labels, folds : number of each draw's group, and of its cross-validation fold
+    reach : half-widths of intervals in standard errors: of a single interval, and of one of a
+        family of intervals that hold together
+    standard_errors : `law.STANDARD_ERRORS`
+    """
+
+    places: list[int]
+    labels: list[int]
+    folds: list[int]
+    reach: list[float]
+    standard_errors: dict[str, float]
+
+
+class ProfileContent(TypedDict):
+    """Data of the page that fits a device's cost model (law), read by `static/profile.js`.
+
+    grids : exact results by the step of the device's vertex grid, in 1/256 px
+    fitted, plain : draws of the law, and of the coefficients for criteria, see `select_fitted`
+    forms, vertices, in_px, costs : `law.FORMS`, `law.VERTICES`, `PX_TERMS` and `law.COSTS`
+    scenes : scene -> triangulator -> terms per polygon, for the recommendation
+    """
+
+    format: str
+    version: int
+    harness: str
+    design: Any
+    seed: int
+    draws: list[dict[str, Any]]
+    grids: dict[int, GridContent]
+    fitted: GroupsContent
+    plain: GroupsContent
+    terms: dict[str, dict[str, Any]]
+    forms: dict[str, dict[str, tuple[str, ...]]]
+    vertices: tuple[str, ...]
+    in_px: Any
+    costs: Any
+    base: str
+    criteria: dict[str, str]
+    scenes: dict[str, dict[str, list[list[float]]]]
+
+
+def write_page(content: PageContent | ProfileContent, file: Path) -> None:
     """Write the page for the content of a run, with charts, or of a profile, without charts."""
     profiling = content["format"] == PROFILE_FORMAT
     shaders = {name: read_shader(f"{name}.wgsl") for name in ("draw", "count")}
@@ -66,7 +153,7 @@ def write_page(content: Content, file: Path) -> None:
     write_atomically(file, text)
 
 
-def make_page_content(run: Run) -> Content:
+def make_page_content(run: Run) -> PageContent:
     """Return the content of the page of `run`, or raise InputError without a drawable frame."""
     for fit, name in FIXED_VIEWS.items():
         if any(record.id.view.fit == fit for record in run.records):
@@ -90,7 +177,7 @@ def make_page_content(run: Run) -> Content:
     }
 
 
-def _make_views(run: Run) -> Iterator[Content]:
+def _make_views(run: Run) -> Iterator[ViewContent]:
     """Yield views with two or more drawable triangulations, with one sample and native order."""
     by_view: dict[View, dict[str, Record]] = {}
     for record in run.records:
@@ -112,7 +199,7 @@ def _make_views(run: Run) -> Iterator[Content]:
         }
 
 
-def _encode_triangulation(record: Record, geometry: Geometry) -> Content:
+def _encode_triangulation(record: Record, geometry: Geometry) -> CaseContent:
     """Return triangles and exact counters per polygon, as base64 of uint32, and the record."""
     rows = geometry.triangles[record.name]
     fields = record_to_json(record) | {"triangulator": record.name}
@@ -137,7 +224,7 @@ DRAW_FIELDS = ("kind", "name", "group", "work", "aspect", "area")
 GRID_STEPS = (1, 2, 4, 8, 16)  # steps of devices' vertex grids, in 1/256 px; see `grid.js`
 
 
-def make_profile_content(pool: MeasuringPool) -> Content:
+def make_profile_content(pool: MeasuringPool) -> ProfileContent:
     """Return the content of the profiling page, which generates the draws."""
     draws = make_draws(SEED)
     fitted, plain = select_draws_to_fit(draws)
@@ -172,7 +259,7 @@ def make_profile_content(pool: MeasuringPool) -> Content:
     }
 
 
-def _make_grid_content(draws: Sequence[Draw]) -> Content:
+def _make_grid_content(draws: Sequence[Draw]) -> GridContent:
     """Return checksums, exact counters and `law.COSTS` of draws whose points are on one grid."""
     counted = [count_draw(draw) for draw in draws]
     predicted = make_cost_rows([(draw.frame, draw.triangles) for draw in draws])
@@ -183,7 +270,7 @@ def _make_grid_content(draws: Sequence[Draw]) -> Content:
     }
 
 
-def _make_groups(draws: Sequence[Draw], positions: list[int]) -> Content:
+def _make_groups(draws: Sequence[Draw], positions: list[int]) -> GroupsContent:
     """Return each draw's group and fold, and the half-widths of intervals in standard errors."""
     groups = [draws[position].group for position in positions]
     labels = np.unique(groups, return_inverse=True)[1]

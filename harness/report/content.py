@@ -4,7 +4,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,8 +53,89 @@ MAX_TRIANGLES = 1_500_000  # in a report's heatmaps, over all triangulators and 
 
 METRIC_FIELDS = ("title", "label", "unit", "kind", "better", "description")  # in a report
 
+
 # JSON-ready data of a report, or of a part of it, as `static/main.js` reads it.
-Content = dict[str, Any]
+class PackedTriangles(TypedDict):
+    """Triangles of the sampled polygons.
+
+    counts : number of triangles of each polygon
+    rows : base64 of uint32 vertex indices, which start at 0 in each polygon
+    """
+
+    counts: list[int]
+    rows: str
+
+
+class Drawing(TypedDict):
+    """Polygons and their triangulations, see `pack_drawing`."""
+
+    points: str
+    sizes: list[int]
+    source: list[int]
+    triangles: dict[str, PackedTriangles]
+
+
+class ViewContent(TypedDict):
+    """A view: indices of sampled polygons, and each triangulator's predictions for the sample."""
+
+    polygons: int
+    sampled: list[int]
+    predicted: dict[str, dict[str, list[float]]]
+    drawing: Drawing | None
+
+
+class GroupContent(TypedDict):
+    """A group of comparable cases, which differ in the triangulator alone.
+
+    correlations : measure -> criterion -> rank correlation
+    estimated : estimate -> rank correlation (`rank`) and RMS error (`error`) of ratios to the base
+    answer, judged : sentences about the recommended triangulator, and about the best criterion
+    """
+
+    scene: str
+    rasteriser: str
+    device: str
+    view: str
+    condition: str
+    base: str | None
+    measures: list[str]
+    main: str | None
+    correlations: dict[str, dict[str, float | None]]
+    estimated: dict[str, dict[str, float | None]]
+    answer: str
+    judged: str
+    views: list[str]
+
+
+class CaseContent(TypedDict):
+    """A case: index of its group, its row of summary.csv, and counters of the sampled polygons."""
+
+    group: int
+    row: dict[str, Any]
+    rank: int | None
+    complete: bool
+    warnings: list[str]
+    counted: dict[str, list[int]] | None
+
+
+class Content(TypedDict):
+    """Data of the report, read by `static/main.js`."""
+
+    name: str
+    figures: dict[str, dict[str, Any]]
+    criteria: list[str]
+    estimates: dict[str, str]
+    measures: list[str]
+    triangulators: list[str]
+    looks: dict[str, dict[str, Any]]
+    groups: list[GroupContent]
+    cases: list[CaseContent]
+    views: dict[str, ViewContent]
+    matrices: list[dict[str, Any]]
+    study: str | None
+    environment: list[tuple[str, str, str]]
+    key_facts: list[tuple[str, str]]
+    warnings: list[str]
 
 
 def make_content(run: Run, decided: Sequence[Decided] | None = None) -> Content:
@@ -72,8 +153,8 @@ def make_content(run: Run, decided: Sequence[Decided] | None = None) -> Content:
     names = _list_triangulators(run)
     metrics = find_metrics(run.records)
     scenes = [run.facts.get("scene", {}).get("name"), *(r.id.scene for r in run.records[:1])]
-    groups: list[Content] = []
-    cases: list[Content] = []
+    groups: list[GroupContent] = []
+    cases: list[CaseContent] = []
     for number, (group, decision) in enumerate(decided):
         groups.append(_make_group(group, decision, polygons))
         cases += [_make_case(number, record, decision, polygons) for record in group.records]
@@ -106,7 +187,7 @@ class _Polygons:
 
     def __init__(self, run: Run, groups: Sequence[RecordGroup]) -> None:
         self.run = run
-        self.views: dict[str, Content] = {}
+        self.views: dict[str, ViewContent] = {}
         cases = sum(len(group.measured) for group in groups)
         share = MAX_VALUES // max(1, 8 * cases)  # a case has about eight columns
         widest = max((len(group.records) for group in groups), default=1)
@@ -133,7 +214,7 @@ class _Polygons:
 
     def _add_view(self, name: str, record: Record, polygons: int) -> None:
         sample = self._samples[name] = choose_sample(polygons, self._max)
-        view: Content = {
+        view: ViewContent = {
             "polygons": polygons,
             "sampled": sample.tolist(),
             "predicted": {},
@@ -153,7 +234,7 @@ class _Polygons:
         return {name: columns[name][sample].astype(int).tolist() for name in list_costs(columns)}
 
 
-def _make_group(group: RecordGroup, decision: Decision | None, polygons: _Polygons) -> Content:
+def _make_group(group: RecordGroup, decision: Decision | None, polygons: _Polygons) -> GroupContent:
     """Return the content of cases that differ in the triangulator alone; add their view."""
     columns = {
         record.name: values
@@ -204,7 +285,7 @@ def _make_group(group: RecordGroup, decision: Decision | None, polygons: _Polygo
 
 def _make_case(
     number: int, record: Record, decision: Decision | None, polygons: _Polygons
-) -> Content:
+) -> CaseContent:
     row = make_row(record, decision) | {"polygons": record.polygons}
     predicted: dict[str, Any] = {PREDICTED + name: v for name, v in record.predicted.items()}
     predicted |= compute_estimates(predicted, PREDICTED)
@@ -249,7 +330,7 @@ def choose_sample(polygons: int, limit: int) -> NDArray[np.int64]:
     return np.sort(sample).astype(np.int64)
 
 
-def pack_drawing(geometry: Geometry, numbers: NDArray[np.int64]) -> Content:
+def pack_drawing(geometry: Geometry, numbers: NDArray[np.int64]) -> Drawing:
     """Return points and triangles of the polygons `numbers`, JSON-ready.
 
     `points` is base64 of int32 x, y in 1/256 px, y up, polygon by polygon; `rows` of uint32
@@ -258,7 +339,7 @@ def pack_drawing(geometry: Geometry, numbers: NDArray[np.int64]) -> Content:
     offsets = geometry.grid.vertex_offsets
     starts, sizes = offsets[numbers], geometry.grid.vertex_counts[numbers]
     vertices = concatenate_ranges(starts, sizes)
-    packed: Content = {
+    packed: Drawing = {
         "points": encode_array(geometry.points[vertices].astype("<i4")),
         "sizes": sizes.tolist(),
         "source": geometry.source[numbers].tolist(),
