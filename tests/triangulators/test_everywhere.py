@@ -4,10 +4,11 @@ from functools import cache
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import HealthCheck, given, settings
 
 from scenes import load
-from tests.triangulators.cases import glyphs, hard_polygons, read_shared
+from tests.triangulators.cases import glyphs, hard_polygons, read_shared, star
 from triangulators import InvalidPolygonError, SkippedError, criteria, names, triangulate, vertices
 from triangulators.polygon import boundary
 from triangulators.registry import BUILTIN, Entry, find
@@ -40,7 +41,7 @@ def list_usable(_registered: tuple[str, ...]) -> list[str]:
 
 
 def names_for(polygon) -> list[str]:
-    """Return the triangulators to try, with two criteria for each that accepts a criterion."""
+    """Return the triangulators to try, with three criteria for each that accepts a criterion."""
     count = len(vertices(polygon))
     candidates = [
         n for n in list_usable(tuple(BUILTIN)) if count <= MAX_LISTED_VERTICES.get(n, count)
@@ -49,7 +50,7 @@ def names_for(polygon) -> list[str]:
     return [n for n in candidates if not find(n).criteria] + steered
 
 
-CRITERIA = ("overdraw", "half-perimeter")
+CRITERIA = ("overdraw", "half-perimeter", "expected-quads")
 
 
 def check(polygon, label):
@@ -144,6 +145,16 @@ def test_letters():
     done = [check(polygon, label) for label, polygon in glyphs(LETTERS[::4])]
     assert len(done) > 100
     assert all(done)
+
+
+@pytest.mark.parametrize("count", [8, 20, 45])
+@pytest.mark.parametrize("turned", [False, True])
+def test_hole_that_shares_a_vertex_with_the_exterior(count, turned):
+    shell = vertices(star(count, seed=count, spread=0.1))
+    vertex, centre = shell[0], np.array((512.0, 512.0))
+    hole = [vertex, (vertex + centre) / 2 + (0.0, 3.0), centre, (vertex + centre) / 2 - (0.0, 3.0)]
+    polygon = shapely.Polygon(shell, [hole])
+    assert check(polygon.reverse() if turned else polygon, count) > 10
 
 
 @settings(max_examples=1000, deadline=None, suppress_health_check=list(HealthCheck))
