@@ -24,7 +24,11 @@ _MAX_OVERLAP = 15  # triangles of a window that are in earlier windows
 
 @njit(nogil=True)
 def _optimise_ring(points: np.ndarray, triangles: np.ndarray, twin: np.ndarray, cost: Cost) -> bool:
-    """Replace a ring's triangles by the optimum; False if there are holes or it touches itself."""
+    """Replace the triangles of a single ring, of either orientation, by its optimum, in place.
+
+    Returns False, without a change, if the polygon has holes or its ring touches itself. The
+    vertices are the cycle of the dynamic program, so nothing needs to be unfolded.
+    """
     n = len(points)
     if len(triangles) != n - 2:
         return False
@@ -59,7 +63,12 @@ def _reverse_vertices(corner: np.ndarray, count: int) -> None:
 def optimise_windows(
     points: np.ndarray, triangles: np.ndarray, twin: np.ndarray, cost: Cost
 ) -> bool:
-    """Replace windows by their optima, in place; True if one is the full polygon, without cuts."""
+    """Replace windows by their optima, in place; no replacement increases the cost.
+
+    Returns True if the result is the optimum: one window is the full polygon, without cuts.
+    triangles, twin: (m, 3), see `half_edges`. Windows grow breadth first from the triangles that
+    are in no window yet, in ascending order.
+    """
     count = len(triangles)
     if count <= MAX_RING_TRIANGLES and _optimise_ring(points, triangles, twin, cost):
         return True
