@@ -15,11 +15,11 @@ compared, relative_rms : draws by other triangulators than ear clipping; root me
     predicted times relative to ear clipping's
 large, signs : draws whose time differs from ear clipping's by more than 3 %, and the number of
     these that the law predicts to differ in the same direction
-draws, absolute_rms : all draws, and the root mean square error of predicted times. Software devices
-    were measured again on another day, so the time of an empty draw is measured and the other
-    predicted times are multiplied by a common factor
-additive_... : the same for the additive law (additive-laws.csv) that commit 94a2d01c fitted to the
-    same stored times
+draws, absolute_rms : all draws, and the root mean square error of predicted times. On software devices
+    the time of an empty draw is measured, and the other predicted times are multiplied by a common
+    factor for the speed of the machine
+additive_... : for the H200, the same for the additive law (additive-law-h200.csv) that commit
+    94a2d01c fitted to the same stored times
 
 `compare` also writes law-arithmetic.csv: for each form of law, a fit to the designed draws of the
 H200 and to the city with arithmetic at one size (`ARITHMETIC_FITTED`). Columns: held_out, the error
@@ -70,7 +70,7 @@ LARGE = 0.03
 """Relative difference from ear clipping whose sign a law should predict."""
 
 COMPARED = ("relative_rms", "signs", "absolute_rms")
-"""Errors that are also given for additive laws."""
+"""Errors that are also given for the additive law."""
 
 VIEW = ["scene", "resolution", "order", "rounds"]
 """Columns that the draws have in common which are compared with each other."""
@@ -193,19 +193,20 @@ def root_mean_square(values: NDArray[np.float64]) -> float:
 
 def compare_laws() -> Iterator[dict[str, object]]:
     """Yield a row for each profile and set of draws."""
-    additive = pd.read_csv(PROFILES / "additive-laws.csv", index_col="profile")
-    for profile, old_costs in additive.to_dict("index").items():
-        is_gpu = profile == "opengl-h200"
-        sets = read_gpu_draws() if is_gpu else read_software_draws(profile)
+    (additive,) = pd.read_csv(PROFILES / "additive-law-h200.csv").to_dict("records")
+    form, costs = read_law("opengl-h200")
+    for name, table in read_gpu_draws().items():
+        errors = measure_errors(table, predict_by_form(form, costs, table))
+        of_sum = measure_errors(table, predict_by_sum(additive, table))
+        additive_errors = {f"additive_{key}": of_sum[key] for key in COMPARED}
+        yield {"profile": "opengl-h200", "form": form, "set": name} | errors | additive_errors
+    for file in sorted(PROFILES.glob("*-draws.csv.xz")):
+        profile = file.name.removesuffix("-draws.csv.xz")
         form, costs = read_law(profile)
-        for name, table in sets.items():
-            by_form, by_sum = predict_by_form(form, costs, table), predict_by_sum(old_costs, table)
-            if not is_gpu:
-                by_form = scale_to_session(table, by_form - costs["draw"])
-                by_sum = scale_to_session(table, by_sum - old_costs["draw"])
-            errors, of_sum = measure_errors(table, by_form), measure_errors(table, by_sum)
-            additive_errors = {f"additive_{key}": of_sum[key] for key in COMPARED}
-            yield {"profile": profile, "form": form, "set": name} | errors | additive_errors
+        for name, table in read_software_draws(profile).items():
+            predicted = predict_by_form(form, costs, table) - costs["draw"]
+            errors = measure_errors(table, scale_to_session(table, predicted))
+            yield {"profile": profile, "form": form, "set": name} | errors
 
 
 def scale_to_session(table: pd.DataFrame, predicted: NDArray[np.float64]) -> NDArray[np.float64]:
