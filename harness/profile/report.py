@@ -118,8 +118,10 @@ def make_table(profile: Mapping[str, Any]) -> Table:
     for stage in ({"name": "", "terms": ["draw"]}, *profile["stages"]):
         for name in stage["terms"]:
             term = terms[name]
-            ends = f"{format_seconds(term['low'])} to {format_seconds(term['high'])}"
-            cost = format_seconds(term["cost"]) if term["shown"] else "n.s."
+            cost, ends = "unknown", "-"
+            if term["known"]:
+                ends = f"{format_seconds(term['low'])} to {format_seconds(term['high'])}"
+                cost = format_seconds(term["cost"]) if term["shown"] else "n.s."
             table.add_row(TERMS[name].noun, stage["name"], cost, ends)
     return table
 

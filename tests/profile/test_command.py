@@ -231,3 +231,13 @@ def test_profile_with_impossible_values_is_refused(harness, change, problem):
         harness("inspect", "paper", "--sizes", "64", "--profile", "p.json"), problem, "p.json"
     )
     assert_refused(harness(*run, "--profile", "p.json"), problem, "p.json")
+
+
+def test_cost_that_no_draws_determine_is_unknown():
+    """The scan of bounding boxes does no arithmetic, so its draws do not determine that cost."""
+    file = ROOT / "results/reference/profiles/bounding-box-llvmpipe.json"
+    table = report.make_table(json.loads(file.read_text()))
+    rows = list(zip(*(column.cells for column in table.columns), strict=True))
+    assert [row for row in rows if "unknown" in row] == [
+        ("rounds of arithmetic", "all", "unknown", "-")
+    ]
