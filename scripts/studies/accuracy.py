@@ -257,7 +257,7 @@ def main() -> None:
     elif command == "compare":
         for name, rows in (("accuracy", compare_laws()), ("arithmetic", compare_forms())):
             file = REFERENCE / f"law-{name}.csv"
-            pd.DataFrame(rows).to_csv(file, index=False, float_format="%.5f")
+            pd.DataFrame(rows).convert_dtypes().to_csv(file, index=False, float_format="%.5f")
             print(file)
     else:
         sys.exit(__doc__)
