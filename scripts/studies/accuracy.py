@@ -15,9 +15,9 @@ compared, relative_rms : draws by other triangulators than ear clipping; root me
     predicted times relative to ear clipping's
 large, signs : draws whose time differs from ear clipping's by more than 3 %, and the number of
     these that the law predicts to differ in the same direction
-draws, absolute_rms : all draws, and the root mean square error of predicted times. On software devices
-    the time of an empty draw is measured, and the other predicted times are multiplied by a common
-    factor for the speed of the machine
+draws, absolute_rms : all draws, and the root mean square error of predicted times. On software
+    devices the time of an empty draw is measured, and the other predicted times are multiplied by a
+    common factor for the speed of the machine
 additive_... : for the H200, the same for the additive law (additive-law-h200.csv) that commit
     94a2d01c fitted to the same stored times
 
