@@ -54,17 +54,6 @@ def test_features_equal_plain_definitions(triangle):
 
 @settings(deadline=None)
 @given(corners)
-def test_beauty_is_half_the_radius_of_the_inscribed_circle(triangle):
-    assume(abs(twice_area(*triangle)) > 0.5)
-    a, b, c = np.array(triangle)
-    sides = np.array([np.hypot(*(b - c)), np.hypot(*(c - a)), np.hypot(*(a - b))])
-    centre = sides @ np.array(triangle) / sides.sum()
-    radius = abs(twice_area(a, b, centre)) / sides[2]
-    assert predict(np.array(triangle), ONE)["beauty"] == pytest.approx(-radius / 2, rel=1e-6)
-
-
-@settings(deadline=None)
-@given(corners)
 def test_expected_blocks_are_exact_except_slivers_with_gaps(triangle):
     area = abs(twice_area(*triangle)) / 2
     assume(area > 0.25)
@@ -76,15 +65,6 @@ def test_expected_blocks_are_exact_except_slivers_with_gaps(triangle):
     longest = max(np.hypot(*side) for side in sides)
     if 2 * area / longest > max(4, longest / 3):  # no sharp corner, where gaps begin
         assert blocks == pytest.approx(exact, rel=0.05)
-
-
-def test_large_triangles_have_the_textbook_number_of_quads():
-    """(S + (b-1)(w+h) + (b-1)^2) / b^2 blocks of b x b, except those without a covered centre."""
-    points = np.array([[0.0, 0.0], [900.0, 100.0], [300.0, 700.0]])
-    sums = predict(points, ONE)
-    textbook = (sums["area"] + sums["half_perimeter"] + 1) / 4
-    assert sums["expected_quads"] == pytest.approx(textbook, rel=1e-5)
-    assert sums["expected_quads"] < textbook
 
 
 def test_sums_of_the_papers_polygon():
@@ -116,13 +96,6 @@ def test_calibrated_takes_coefficients_by_name():
     assert criterion.total(points, triangles) == pytest.approx(expected, rel=1e-12)
     with pytest.raises(ValueError, match="helper"):
         criteria.find("calibrated", coefficients={"helper": 1.0})
-
-
-def test_names():
-    with pytest.raises(UnknownNameError, match="half-perimeter"):
-        criteria.find("half-perimetre")
-    with pytest.raises(ArgumentError, match="no parameters"):
-        criteria.find("overdraw", alpha=1.0)
 
 
 @numba.njit
@@ -173,12 +146,6 @@ def test_degenerate_triangles_may_be_nan():
         assert len(triangulate(square, name, criterion=_no_number_for_large_ones)) == 6
 
 
-def test_rejects_weights_whose_sums_overflow():
-    with pytest.raises(ArgumentError, match=r"alpha is beyond 1e\+200"):
-        triangulate(shapely.box(0, 0, 2, 1), "optimal:mixed=1e300/0/0")
-    assert len(triangulate(shapely.box(0, 0, 2, 1), "optimal:mixed=1e199/0/0")) == 2
-
-
 UNITS = 256
 
 
@@ -219,32 +186,12 @@ def test_optimum_of_exact_quads_is_minimum_over_all_triangulations():
     assert better > 30, "what is expected is not always what is counted"
 
 
-@pytest.mark.parametrize("resolution", [256, 1024])
-def test_no_triangulator_has_fewer_exact_quads(resolution):
-    """City polygons, with and without holes, against all triangulators and random ones."""
-    frame = make_frame(load("city:buildings=60").polygons, View(resolution))
-    peers = [name for name in names(available_only=True) if name not in ("exhaustive", "listed")]
-    assert sum(bool(polygon.interiors) for polygon in frame.polygons) >= 3
-    for polygon in frame.polygons:
-        optimal_quads = count_quads(polygon, triangulate(polygon, "optimal:exact-quads"))
-        for name in [*peers, "optimal:half-perimeter", "optimal:expected-quads"]:
-            try:
-                triangles = triangulate(polygon, name)
-            except SkippedError:
-                continue
-            if len(triangles) == len(vertices(polygon)) + 2 * len(polygon.interiors) - 2:
-                assert count_quads(polygon, triangles) >= optimal_quads, name
-        if not polygon.interiors:
-            for seed in range(10):
-                triangles = triangulate(polygon, "random", seed=seed)
-                assert count_quads(polygon, triangles) >= optimal_quads
-
-
-def test_exact_quads_with_holes_are_proven():
+def test_exact_quads_are_proven():
     frame = make_frame(load("city:buildings=300").polygons, View(512))
     holed = [polygon for polygon in frame.polygons if polygon.interiors][:12]
+    simple = [polygon for polygon in frame.polygons if not polygon.interiors][:60]
     assert len(holed) == 12
-    for polygon in holed:
+    for polygon in holed + simple:
         triangles = triangulate(polygon, "optimal:exact-quads")
         certificate = certify(polygon, triangles, "exact-quads")
         assert certificate.proven

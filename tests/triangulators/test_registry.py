@@ -148,6 +148,7 @@ _WEIGHTS = "; give mixed=alpha/beta/gamma, 3 finite numbers, not negative and no
         ("1/-2/0", "beta is negative"),
         ("1/nan/0", "beta is nan"),
         ("1e999/1/0", "alpha is inf"),
+        ("1e300/0/0", "alpha is beyond 1e+200, where sums overflow"),
         ("0/0/-0", "all weights are 0"),
     ],
 )
