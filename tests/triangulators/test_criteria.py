@@ -20,17 +20,7 @@ from tests.triangulators.cases import (
     twice_area,
 )
 from tests.triangulators.test_optimal import PLAIN
-from triangulators import (
-    ArgumentError,
-    SkippedError,
-    TriangulationError,
-    UnknownNameError,
-    certify,
-    criteria,
-    names,
-    triangulate,
-    vertices,
-)
+from triangulators import SkippedError, TriangulationError, certify, criteria, triangulate, vertices
 from triangulators.criteria import predict, predict_many
 from triangulators.criteria.criterion import CALIBRATED_FEATURES
 from triangulators.criteria.features import exact_quads
