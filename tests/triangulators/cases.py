@@ -8,12 +8,16 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import pytest
 import shapely
 import shapely.affinity
 from hypothesis import assume
 from hypothesis import strategies as st
 
 from tests.paths import find_shared_data
+from triangulators import criteria
+from triangulators.criteria.cost import make_cost
+from triangulators.polygon import boundary, boundary_area
 
 PAPER = [(3, 7), (0, 8), (1, 11), (7, 11), (7, 6), (6, 3), (3, 0), (1, 3), (3, 2)]
 
@@ -240,6 +244,25 @@ def _subdivided(draw: st.DrawFn, ring: np.ndarray) -> np.ndarray:
     following = ring[(start + 1) % len(ring)]
     extra = ring[start] if draw(st.booleans()) else (ring[start] + following) / 2
     return np.insert(ring, start + 1, extra, axis=0)
+
+
+def pose(polygon: shapely.Polygon, name: Any = "half-perimeter", sign: float = 1.0) -> tuple:
+    """Return the boundary of a polygon, and the cost by a criterion or function."""
+    outline = boundary(polygon)
+    cost = make_cost(criteria.find(name), boundary_area(outline), outline.expected_triangles, sign)
+    return outline, cost
+
+
+def record_calls(monkeypatch: pytest.MonkeyPatch, module: Any, name: str) -> list[tuple]:
+    """Return a list that records (arguments, result) of each call of a function."""
+    real, calls = getattr(module, name), []
+
+    def call(*arguments: Any) -> Any:
+        calls.append((arguments, real(*arguments)))
+        return calls[-1][1]
+
+    monkeypatch.setattr(module, name, call)
+    return calls
 
 
 def hard_polygons(max_vertices: int = 24) -> st.SearchStrategy[shapely.Polygon]:

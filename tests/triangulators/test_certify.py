@@ -14,6 +14,7 @@ from harness.export import check_evidence
 from tests.endurance.brute_force import SmallPolygon
 from tests.triangulators.cases import (
     glyphs,
+    pose,
     random_simple,
     read_shared,
     star,
@@ -47,7 +48,7 @@ from triangulators.criteria.cost import (
     replace_fields,
 )
 from triangulators.initial import find_best_initial
-from triangulators.polygon import boundary, boundary_area
+from triangulators.polygon import boundary
 from triangulators.verify import verify
 
 SQUARE = shapely.Polygon([(0, 0), (9, 0), (9, 9), (0, 9)], [[(2, 2), (2, 4), (5, 3)]])
@@ -124,8 +125,7 @@ def test_dynamic_and_linear_programs_agree_without_holes():
     for number in range(40):
         polygon = random_simple(rng, int(rng.integers(5, 40)), 60)
         name = (*INTEGER_CRITERIA, *REAL_CRITERIA)[number % 5]
-        outline = boundary(polygon)
-        cost = make_cost(criteria.find(name), boundary_area(outline), outline.expected_triangles)
+        outline, cost = pose(polygon, name)
         proof = prove(outline, find_best_initial(outline, cost), cost)
         best = triangulate(polygon, "optimal", criterion=name)
         total = criteria.find(name).total
@@ -171,45 +171,49 @@ def test_triangulations_that_cannot_be_certified():
         certify(dropped, np.array([[0, 2, 3], [0, 3, 4]]))
 
 
-class TestChecker:
-    def claim(self, name="half-perimeter"):
-        polygon = shapely.Polygon(star(30).exterior, [[(480, 500), (530, 520), (510, 560)]])
-        best, certificate = solve(polygon, name)
-        outline = boundary(polygon)
-        cost = make_cost(criteria.find(name), boundary_area(outline), outline.expected_triangles)
-        about = (outline, best, cost)
-        assert make_certificate(*about, certificate.evidence) == certificate
-        return about, certificate.evidence
+def claim():
+    """Return the arguments of `make_certificate` about an optimum, and its evidence."""
+    polygon = shapely.Polygon(star(30).exterior, [[(480, 500), (530, 520), (510, 560)]])
+    best, certificate = solve(polygon)
+    outline, cost = pose(polygon)
+    assert make_certificate(outline, best, cost, certificate.evidence) == certificate
+    return (outline, best, cost), certificate.evidence
 
-    def refused(self, about, evidence, match):
-        with pytest.raises(CertificateError, match=match):
-            make_certificate(*about, evidence)
 
-    def test_rejects_corrupted_dual(self):
-        about, evidence = self.claim()
-        refusals = 0
-        for edge in range(len(evidence.edges)):
-            for change in (1 << 40, -(1 << 40)):
-                potentials = evidence.potentials.copy()
-                potentials[edge] += change
-                changed = replace(evidence, potentials=potentials)
-                try:
-                    refusals += not make_certificate(*about, changed).proven
-                except CertificateError:
-                    refusals += 1
-        assert refusals >= 2 * len(evidence.edges) - 6
-        lifted = replace(evidence, lift=evidence.lift + (1 << 40))
-        self.refused(about, lifted, "potentials exceed")
+def test_rejects_corrupted_dual():
+    about, evidence = claim()
+    refusals = 0
+    for edge in range(len(evidence.edges)):
+        for change in (1 << 40, -(1 << 40)):
+            potentials = evidence.potentials.copy()
+            potentials[edge] += change
+            changed = replace(evidence, potentials=potentials)
+            try:
+                refusals += not make_certificate(*about, changed).proven
+            except CertificateError:
+                refusals += 1
+    assert refusals >= 2 * len(evidence.edges) - 6
 
-    def test_rejects_repeated_edge(self):
-        about, evidence = self.claim()
-        edges = np.vstack([evidence.edges, evidence.edges[:1]])
-        twice = replace(evidence, edges=edges, potentials=np.r_[evidence.potentials, 0])
-        self.refused(about, twice, "an edge is repeated")
 
-    def test_rejects_units_of_another_claim(self):
-        about, evidence = self.claim()
-        self.refused(about, replace(evidence, factor=4), "scale, factor and bits are")
+@pytest.mark.parametrize(
+    ("field", "change", "message"),
+    [
+        ("scale", lambda _: 1e-300, "scale, factor and bits are"),
+        ("factor", lambda _: 4, "scale, factor and bits are"),
+        ("lift", lambda _: 2**60, "too large"),
+        ("lift", lambda _: -(2**60), "too large"),
+        ("lift", lambda _: 2**70, "too large"),
+        ("lift", lambda _: np.int64(2**60), "too large"),
+        ("lift", lambda lift: lift + (1 << 40), "potentials exceed"),
+        ("edges", lambda edges: np.where(edges == 0, edges.max() + 1, edges), "out of range"),
+        ("edges", lambda edges: np.vstack([edges[1], edges[1:]]), "an edge is repeated"),
+    ],
+)
+def test_rejects_changed_evidence(field, change, message):
+    about, evidence = claim()
+    changed = replace(evidence, **{field: change(getattr(evidence, field))})
+    with pytest.raises(CertificateError, match=message):
+        make_certificate(*about, changed)
 
 
 @pytest.mark.parametrize("bits", range(11))

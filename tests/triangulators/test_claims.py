@@ -23,15 +23,13 @@ from tests.endurance.forgeries import (
     is_accepted_by_package,
 )
 from tests.endurance.test_claims import compare, count_accepted, random_polygon
-from tests.triangulators.cases import random_simple, touching_polygons
-from triangulators import certify, criteria, triangulate
+from tests.triangulators.cases import pose, random_simple, touching_polygons
+from triangulators import certify, triangulate
 from triangulators.certificate.certify import make_certificate
 from triangulators.checking import checker
 from triangulators.checking.edges import _do_segments_meet, find_edges
-from triangulators.checking.evidence import CertificateError, Evidence, make_claim
+from triangulators.checking.evidence import CertificateError, make_claim
 from triangulators.checking.units import compute_exact_total, find_units
-from triangulators.criteria.cost import make_cost
-from triangulators.polygon import boundary, boundary_area
 
 SQUARE = shapely.Polygon([(0, 0), (9, 0), (9, 9), (0, 9)], [[(2, 2), (2, 4), (4, 3)]])
 RING = shapely.from_wkt(
@@ -41,27 +39,8 @@ RING = shapely.from_wkt(
 
 
 def about(polygon, triangles, name="half-perimeter"):
-    outline = boundary(polygon)
-    cost = make_cost(criteria.find(name), boundary_area(outline), outline.expected_triangles)
+    outline, cost = pose(polygon, name)
     return outline, np.ascontiguousarray(outline.site[triangles], np.int32), cost
-
-
-def test_rejects_coarse_units():
-    worst = triangulate(SQUARE, "worst:half-perimeter")
-    true = certify(SQUARE, worst).evidence
-    zeros = np.zeros(len(true.edges), np.int64)
-    forged = Evidence(1e-300, true.factor, true.bits, true.edges, zeros, 0)
-    with pytest.raises(CertificateError, match="scale, factor and bits are"):
-        make_certificate(*about(SQUARE, worst), forged)
-
-
-@pytest.mark.parametrize("lift", [2**60, -(2**60), 2**70, np.int64(2**60)])
-def test_rejects_large_lift(lift):
-    best = triangulate(SQUARE, "optimal:half-perimeter")
-    true = certify(SQUARE, best).evidence
-    forged = replace(true, lift=lift)
-    with pytest.raises(CertificateError, match="too large"):
-        make_certificate(*about(SQUARE, best), forged)
 
 
 @pytest.mark.parametrize("power", [-440, -460, -508, -512, -537, 480, 500])
@@ -289,9 +268,6 @@ def test_rejects_side_that_is_not_an_edge():
     outline, sites, cost = about(SQUARE, best)
     true = certify(SQUARE, best).evidence
     checker.compute_lower_bound(outline, sites, cost, true)
-    beyond = replace(true, edges=np.where(true.edges == 0, len(outline.points), true.edges))
-    with pytest.raises(CertificateError, match="out of range"):
-        checker.compute_lower_bound(outline, sites, cost, beyond)
     seen = {tuple(sorted(edge)) for edge in find_edges(outline).ends.tolist()}
     across = next(p for p in itertools.combinations(range(len(outline.points)), 2) if p not in seen)
     third = next(k for k in range(len(outline.points)) if k not in across)

@@ -6,9 +6,8 @@ import pytest
 import shapely
 from shapely import affinity
 
-from tests.triangulators.cases import with_holes
-from tests.triangulators.test_skeleton import annulus, pose
-from triangulators import criteria
+from tests.triangulators.cases import pose, record_calls, with_holes
+from tests.triangulators.test_skeleton import annulus
 from triangulators.certificate import proof
 from triangulators.certificate.candidates import _list_triangles, _sample_holes, find_candidates
 from triangulators.certificate.linear_program import LinearProgram
@@ -19,23 +18,9 @@ from triangulators.checking.units import (
     compute_weights,
     find_units,
 )
-from triangulators.criteria.cost import make_cost
 from triangulators.initial import find_best_initial
-from triangulators.polygon import boundary
 
 SQUARE = shapely.Polygon([(0, 0), (9, 0), (9, 9), (0, 9)], [[(2, 2), (2, 4), (5, 3)]])
-
-
-def record_calls(monkeypatch, place, name: str) -> list:
-    """Return a list that records (arguments, result) of each call of a function."""
-    real, calls = getattr(place, name), []
-
-    def call(*given):
-        calls.append((given, real(*given)))
-        return calls[-1][1]
-
-    monkeypatch.setattr(place, name, call)
-    return calls
 
 
 def ring(monkeypatch, seed: int):
@@ -86,17 +71,18 @@ def test_too_many_triples_return_none(monkeypatch, seconds, name):
         assert (prove(*problem, seconds) is not None) == is_there
 
 
-@pytest.mark.parametrize("basic", [False, True])
-def test_program_bound_equals_solution(basic):
-    polygon = with_holes(np.random.default_rng(3), 16, 2)
-    outline = boundary(polygon)
-    cost = make_cost(criteria.find("half-perimeter"), 1.0, outline.expected_triangles)
+def make_program(polygon, name):
+    """Return candidates, their costs, and the indices of an initial solution."""
+    outline, cost = pose(polygon, name)
     start = find_best_initial(outline, cost)
     c = find_candidates(outline, start, 10**6)
-    weights = compute_costs(outline.points, c.triangles, cost)
-    program = LinearProgram(
-        c, weights, np.ones(len(weights), np.bool_), _find_candidate_indices(c, start)
-    )
+    return c, compute_costs(outline.points, c.triangles, cost), _find_candidate_indices(c, start)
+
+
+@pytest.mark.parametrize("basic", [False, True])
+def test_program_bound_equals_solution(basic):
+    c, weights, start = make_program(with_holes(np.random.default_rng(3), 16, 2), "half-perimeter")
+    program = LinearProgram(c, weights, np.ones(len(weights), np.bool_), start)
     potentials, share = program.solve(60.0, basic=basic)
     around = (program.signs * potentials[c.sides]).sum(axis=1)
     assert (around <= weights + 1e-9 * weights.max()).all()
@@ -108,10 +94,8 @@ def test_program_bound_equals_solution(basic):
 @pytest.mark.parametrize("name", ["half-perimeter", "edge-length"])
 def test_gap_within_rounding_is_zero(monkeypatch, name):
     """Costs that are not multiples of units lose less than one unit per triangle, of seven."""
-    outline = boundary(SQUARE)
-    cost = make_cost(criteria.find(name), 1.0, outline.expected_triangles)
-    start = find_best_initial(outline, cost)
-    result = prove(outline, start, cost)
+    outline, cost = pose(SQUARE, name)
+    result = prove(outline, find_best_initial(outline, cost), cost)
     units = find_units(outline, result.triangles, cost)
     weights = compute_weights(outline.points, result.triangles, cost, units)
     total = sum(weights.tolist())
@@ -131,16 +115,14 @@ def test_coarse_units_prove_nothing(exponent, proven):
     """Areas near 2^-900 cost less than a unit each, so any bound would be tight."""
     size = 2.0**exponent
     small = affinity.scale(affinity.rotate(SQUARE, 10), size, size, origin=(0, 0))
-    outline = boundary(small)
-    cost = make_cost(criteria.find("overdraw"), small.area, outline.expected_triangles)
+    outline, cost = pose(small, "overdraw")
     result = prove(outline, find_best_initial(outline, cost), cost)
     assert (result.gap == 0.0) == proven
 
 
 def test_local_search_updates_incumbent_of_candidates_only(monkeypatch):
     """Includes the candidate with index 0."""
-    outline = boundary(shapely.box(0, 0, 9, 9))
-    cost = make_cost(criteria.find("half-perimeter"), 1.0, 2)
+    outline, cost = pose(shapely.box(0, 0, 9, 9))
     start = find_best_initial(outline, cost)
     units = find_units(outline, start, cost)
     candidates = find_candidates(outline, start, 10)
@@ -166,14 +148,8 @@ def test_local_search_updates_incumbent_of_candidates_only(monkeypatch):
 @pytest.mark.parametrize("size", [0.0, 1.0, 3e-9, 1e12])
 def test_program_weights_are_scaled_for_solver(size):
     """The initial solution weighs 2^16 to 2^17; the penalty is twice its weight."""
-    outline = boundary(SQUARE)
-    cost = make_cost(criteria.find("edge-length"), 1.0, outline.expected_triangles)
-    start = find_best_initial(outline, cost)
-    c = find_candidates(outline, start, 10**6)
-    weights, numbers = (
-        size * compute_costs(outline.points, c.triangles, cost),
-        _find_candidate_indices(c, start),
-    )
+    c, costs, numbers = make_program(SQUARE, "edge-length")
+    weights = size * costs
     allowed = np.arange(len(weights)) % 3 > 0
     program = LinearProgram(c, weights, allowed, numbers)
     total = weights[numbers].sum()

@@ -9,33 +9,29 @@ from shapely import affinity
 
 from tests.triangulators.cases import (
     glyphs,
+    pose,
     read_shared,
+    record_calls,
     smooth,
     star,
     touching_polygons,
     with_holes,
 )
-from triangulators import criteria
 from triangulators.certificate import linear_program, proof
 from triangulators.certificate.candidates import find_candidates
 from triangulators.certificate.certify import make_certificate
 from triangulators.certificate.local_minimality import exclude_edges, extend_potentials
 from triangulators.certificate.proof import prove
+from triangulators.certificate.skeleton import solve_skeleton
 from triangulators.checking import checker
 from triangulators.checking.edges import find_diagonals
 from triangulators.checking.evidence import CertificateError
 from triangulators.checking.units import compute_weights, find_units
-from triangulators.criteria.cost import make_cost, replace_fields
+from triangulators.criteria.cost import replace_fields
 from triangulators.geometry.half_edges import find_twins
 from triangulators.geometry.visibility import find_visible_sites
 from triangulators.initial import find_best_initial
-from triangulators.polygon import boundary, boundary_area
-
-
-def pose(polygon, name="half-perimeter"):
-    outline = boundary(polygon)
-    criterion = criteria.find(name)
-    return outline, make_cost(criterion, boundary_area(outline), outline.expected_triangles)
+from triangulators.polygon import boundary
 
 
 def solve(polygon, name="half-perimeter"):
@@ -71,55 +67,31 @@ def test_dynamic_and_linear_programs_have_equal_optimum(monkeypatch, name):
         assert solve(polygon, name)[0] == pytest.approx(cost, rel=1e-12), polygon.wkt
 
 
-def test_connected_skeleton_is_solved_by_dynamic_program(monkeypatch):
-    results, real = [], proof.solve_skeleton
-    monkeypatch.setattr(
-        proof, "solve_skeleton", lambda *of: results.append(real(*of)) or results[-1]
-    )
-    for polygon in holed():
-        solve(polygon)
-    assert len(results) >= len(holed())
-    assert all(result is not None for result in results)
-
-
 @pytest.mark.parametrize("sign", [1, -1])
 def test_no_triangulation_gives_none(monkeypatch, sign):
     """Also with negative weights."""
-    calls = []
-    real = proof.solve_skeleton
-
-    def noted(*arguments):
-        calls.append(arguments)
-        return real(*arguments)
-
-    monkeypatch.setattr(proof, "solve_skeleton", noted)
+    calls = record_calls(monkeypatch, proof, "solve_skeleton")
     for polygon in holed()[:8]:
         solve(polygon, "half-perimeter")
     assert len(calls) >= 8
-    for candidates, alive, cost, units in calls:
-        assert real(candidates, alive, cost, units) is not None
+    for (candidates, alive, cost, units), result in calls:
+        assert result is not None
         bare = candidates.sides[
             (candidates.sides == np.flatnonzero(candidates.side)[-1]).any(axis=1)
         ]
         # Without triangles of the diagonals that make one at a side of the boundary.
         gone = np.isin(candidates.sides, bare[candidates.side[bare] == 0]).any(axis=1)
         signed = replace_fields(cost, weights=sign * cost["weights"])
-        assert real(candidates, alive & ~gone, signed, units) is None
+        assert solve_skeleton(candidates, alive & ~gone, signed, units) is None
 
 
 def test_potentials_are_feasible_for_remaining_triangles(monkeypatch):
     """Including triangles that no triangulation contains."""
-    calls, real = [], proof.solve_skeleton
-
-    def noted(*arguments):
-        calls.append((*arguments, real(*arguments)))
-        return calls[-1][-1]
-
-    monkeypatch.setattr(proof, "solve_skeleton", noted)
+    calls = record_calls(monkeypatch, proof, "solve_skeleton")
     for polygon in [*holed(), *touching_polygons(5, 40)]:
         solve(polygon)
-    proved = 0
-    for c, remaining, cost, units, (triangles, potentials) in calls:
+    assert len(calls) > 60
+    for (c, remaining, cost, units), (triangles, potentials) in calls:
         left = c.side != 0
         left[c.sides[remaining]] = True
         alive = left[c.sides].all(axis=1)
@@ -129,8 +101,6 @@ def test_potentials_are_feasible_for_remaining_triangles(monkeypatch):
         assert (around[alive] <= weights[alive]).all()
         total = compute_weights(c.points, triangles, cost, units).sum()
         assert (potentials * c.side).sum() == total
-        proved += 1
-    assert proved > 60
 
 
 @pytest.mark.parametrize("name", ["half-perimeter", "overdraw", "expected-quads", "shape"])
@@ -149,36 +119,34 @@ def test_extended_potentials_are_feasible_for_all_triangles(name):
 
 def test_overflowing_potentials_give_trivial_bound(monkeypatch):
     polygon = holed()[0]
-    outline, _ = pose(polygon)
-    cost, solution = solve(polygon)
+    outline, cost = pose(polygon)
+    total, solution = solve(polygon)
     monkeypatch.setattr(proof, "extend_potentials", lambda *_: None)
-    weak = make_certificate(outline, solution.triangles, pose(polygon)[1], solution.make_evidence())
-    assert (weak.cost, weak.lower_bound, weak.proven) == (cost, 0.0, False)
+    weak = make_certificate(outline, solution.triangles, cost, solution.make_evidence())
+    assert (weak.cost, weak.lower_bound, weak.proven) == (total, 0.0, False)
+
+
+def exclude(polygon, name="half-perimeter"):
+    """Return the candidates, their weights, the excluded edges and whether triangles remain."""
+    outline, cost = pose(polygon, name)
+    start = find_best_initial(outline, cost)
+    units = find_units(outline, start, cost)
+    c = find_candidates(outline, start, proof.MAX_TRIPLES)
+    weights = compute_weights(c.points, c.triangles, cost, units)
+    return c, weights, *exclude_edges(c, weights, cost, units)
 
 
 def test_exclusion_is_scale_invariant():
     """At a scale of 2^-20 orientations are far below 1."""
-    exclusions = []
-    for size in (1.0, 2.0**-20):
-        polygon = affinity.scale(holed()[0], size, size, origin=(0, 0))
-        outline, cost = pose(polygon)
-        start = find_best_initial(outline, cost)
-        units = find_units(outline, start, cost)
-        c = find_candidates(outline, start, proof.MAX_TRIPLES)
-        exclusions.append(
-            exclude_edges(c, compute_weights(c.points, c.triangles, cost, units), cost, units)[0]
-        )
+    polygon = holed()[0]
+    small = affinity.scale(polygon, 2.0**-20, 2.0**-20, origin=(0, 0))
+    exclusions = [exclude(shape)[2] for shape in (polygon, small)]
     assert len(exclusions[0])
     assert np.array_equal(*exclusions)
 
 
 def test_extension_preserves_lift():
-    outline, cost = pose(annulus(14, 3), "overdraw")
-    start = find_best_initial(outline, cost)
-    units = find_units(outline, start, cost)
-    c = find_candidates(outline, start, proof.MAX_TRIPLES)
-    weights = compute_weights(c.points, c.triangles, cost, units)
-    order, alive = exclude_edges(c, weights, cost, units)
+    c, weights, order, alive = exclude(annulus(14, 3), "overdraw")
     ahead = np.where(c.triangles < np.roll(c.triangles, -1, axis=1), 1, -1)
     rng = np.random.default_rng(0)
     for size in (0, 1, 10**6, 10**12):
