@@ -143,8 +143,7 @@ def test_a_non_convex_face_is_unchanged(out):
 
 
 @pytest.mark.parametrize(
-    ("mode", "indices"),
-    [(5, [1, 0, 2, 3]), (6, [0, 1, 2, 3]), (6, None), (5, [1, 1, 0, 2, 3, 3])],
+    ("mode", "indices"), [(5, [1, 0, 2, 3]), (6, [0, 1, 2, 3]), (6, None), (5, [1, 1, 0, 2, 3, 3])]
 )
 def test_strips_and_fans_become_lists_of_as_many_triangles(tmp_path, out, mode, indices):
     points = KITE[[0, 1, 2, 3]]

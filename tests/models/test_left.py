@@ -231,8 +231,5 @@ def test_models_of_other_formats_are_refused(tmp_path, suffix):
     source = tmp_path / f"kite{suffix}"
     source.write_bytes(b"ply")
     for out in (None, tmp_path / f"out{suffix}", tmp_path / "out.obj"):
-        with pytest.raises(
-            UsageError,
-            match=r"kite\.\w+: unsupported model format; export",
-        ):
+        with pytest.raises(UsageError, match=r"kite\.\w+: unsupported model format; export"):
             retriangulate(source, out)

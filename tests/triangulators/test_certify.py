@@ -12,14 +12,7 @@ import shapely
 
 from harness.export import check_evidence
 from tests.endurance.brute_force import SmallPolygon
-from tests.triangulators.cases import (
-    glyphs,
-    pose,
-    random_simple,
-    read_shared,
-    star,
-    with_holes,
-)
+from tests.triangulators.cases import glyphs, pose, random_simple, read_shared, star, with_holes
 from triangulators import TriangulationError, certify, criteria, triangulate, vertices
 from triangulators.certificate.certify import _round_down, make_certificate
 from triangulators.certificate.proof import prove

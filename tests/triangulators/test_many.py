@@ -144,8 +144,7 @@ def polygons(scale: float, count: int, seed: int = 17) -> list[shapely.Polygon]:
 
 @pytest.mark.parametrize("scale", [1.0, 0.1, 1 / 3], ids=["grid", "tenths", "thirds"])
 @pytest.mark.parametrize(
-    "name",
-    ["optimal:half-perimeter", "optimal:overdraw", "worst:overdraw", "optimal:edge-length"],
+    "name", ["optimal:half-perimeter", "optimal:overdraw", "worst:overdraw", "optimal:edge-length"]
 )
 def test_single_batch_and_dropin_costs_are_equal(scale, name):
     selected = [*polygons(scale, 72), OFF_GRID, *mixture(20)]
