@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from tests.endurance.brute_force import SmallPolygon
-from tests.triangulators.cases import glyphs, read_shared, with_hole, with_holes
+from tests.triangulators.cases import glyphs, pose, read_shared, with_hole, with_holes
 from tests.triangulators.test_skeleton import annulus
 from triangulators import certify, criteria, triangulate, vertices
 from triangulators.calling import triangulate_with_gap
@@ -17,55 +17,58 @@ from triangulators.checking.units import compute_costs
 from triangulators.criteria.cost import compute_total_cost, make_cost
 from triangulators.initial import find_any_triangulation
 from triangulators.optimum.any_cost import INFEASIBLE_COST
-from triangulators.polygon import boundary, boundary_area
+from triangulators.polygon import boundary
 from triangulators.verify import verify
 
 CRITERIA = ("expected-quads", "exact-quads", "half-perimeter", "shape")
 
 
-def solve(polygon, name, sign=1.0):
-    outline, criterion = boundary(polygon), criteria.find(name)
-    cost = make_cost(criterion, boundary_area(outline), outline.expected_triangles, sign)
+def list_candidates(polygon, name, sign=1.0):
+    """Return the boundary, the cost, which candidates remain, and arguments of the program."""
+    outline, cost = pose(polygon, name, sign)
     candidates = find_candidates(outline, find_any_triangulation(outline), 10**6)
     weights = weigh_candidates(outline.points, candidates.triangles, cost)
     alive = np.ones(len(weights), dtype=np.bool_)
-    selection = solve_by_bridges(candidates, outline.ring_offsets, alive, weights, INFEASIBLE_COST)
-    return outline, cost, candidates.triangles[selection]
+    return outline, cost, alive, (candidates, outline.ring_offsets, alive, weights)
+
+
+def solve(polygon, name, sign=1.0):
+    outline, cost, _, program = list_candidates(polygon, name, sign)
+    selection = solve_by_bridges(*program, INFEASIBLE_COST)
+    return outline, cost, program[0].triangles[selection]
 
 
 def check_against_brute_force(polygon: shapely.Polygon, name: str) -> None:
     """Compare both extremes; rings that touch are left to other programs, but must be right."""
     rings = [list(ring.coords)[:-1] for ring in (polygon.exterior, *polygon.interiors)]
     total, small = criteria.find(name).total, SmallPolygon(rings)
-    points = vertices(polygon)
-    for sign, triangulator in ((1.0, "optimal"), (-1.0, "worst")):
+    points, outline = vertices(polygon), boundary(polygon)
+    for sign in (1.0, -1.0):
 
         def cost(corners: list[tuple[float, float]], sign: float = sign) -> float:
             return sign * total(np.array(corners), np.array([[0, 1, 2]]))
 
         expected = sign * float(small.optimum(cost)[0])
-        outline = boundary(polygon)
         if outline.holes and outline.has_plain_rings:
-            outline, record, triangles = solve(polygon, name, sign)
+            _, record, triangles = solve(polygon, name, sign)
             found = sign * compute_total_cost(outline.points, triangles, record)
             assert verify(polygon, triangles).conforming, polygon.wkt
             assert found == pytest.approx(expected, rel=1e-9, abs=1e-9), polygon.wkt
         if sign > 0.0:
-            best = triangulate(polygon, triangulator, criterion=name)
+            best = triangulate(polygon, "optimal", criterion=name)
             assert total(points, best) == pytest.approx(expected, rel=1e-9, abs=1e-9), polygon.wkt
 
 
-@pytest.mark.parametrize("number", range(len(CRITERIA)))
-def test_optimum_equals_brute_force(number):
+@pytest.mark.parametrize(("number", "name"), enumerate(CRITERIA))
+def test_optimum_equals_brute_force(number, name):
     rng = np.random.default_rng(number)
     for attempt in range(8):
         polygon = with_holes(rng, int(rng.integers(4, 8)), int(rng.integers(1, 3)))
         if attempt % 2 == 0:
             polygon = with_hole(rng, 5, 6)  # a concave hole has pockets
         scale, shift = float(rng.choice([0.25, 1.0, 3.0])), float(rng.choice([0.0, 0.5]))
-        check_against_brute_force(
-            shapely.transform(polygon, lambda p, by=scale, to=shift: p * by + to), CRITERIA[number]
-        )
+        moved = shapely.transform(polygon, lambda points, by=scale, to=shift: points * by + to)
+        check_against_brute_force(moved, name)
 
 
 def test_larger_optima_are_certified():
@@ -97,19 +100,12 @@ def test_exclusion_leaves_few_ways_to_cut(monkeypatch):
 
 def test_too_many_ways_to_cut_leave_the_program(monkeypatch):
     polygon = with_holes(np.random.default_rng(2), 9, 2)
-    exact = solve(polygon, "expected-quads")
+    outline, _, alive, program = list_candidates(polygon, "expected-quads")
+    assert len(solve_by_bridges(*program, INFEASIBLE_COST)) == outline.expected_triangles
     monkeypatch.setattr(bridges, "MAX_CUTS", 0)
-    solver = bridges.solve_by_bridges.py_func
-    outline, cost, triangles = exact
-    candidates = find_candidates(outline, triangles, 10**6)
-    weights = weigh_candidates(outline.points, candidates.triangles, cost)
-    alive = np.ones(len(weights), dtype=np.bool_)
-    assert len(solver(candidates, outline.ring_offsets, alive, weights, INFEASIBLE_COST)) == 0
+    assert len(solve_by_bridges.py_func(*program, INFEASIBLE_COST)) == 0
     alive[:] = False
-    assert (
-        len(solve_by_bridges(candidates, outline.ring_offsets, alive, weights, INFEASIBLE_COST))
-        == 0
-    )
+    assert len(solve_by_bridges(*program, INFEASIBLE_COST)) == 0
 
 
 @pytest.mark.parametrize("name", ["expected-quads", "expected-blocks", "shape", "exact-quads"])
@@ -120,11 +116,7 @@ def test_blocks_of_triangles_have_the_costs_of_single_ones(name):
     triangles = rng.integers(0, 60, (700, 3)).astype(np.int32)
     triangles[:30] = rng.integers(0, 9, (30, 3))
     cost = make_cost(criteria.find(name), 1.0, 1)
-    costs = weigh_candidates(points, triangles, cost)
-    lowest_first = np.array(
-        [np.roll(triangle, -int(np.argmin(triangle))) for triangle in triangles], dtype=np.int32
-    )
-    assert (
-        weigh_candidates(points, lowest_first, cost) == compute_costs(points, triangles, cost)
-    ).all()
-    assert np.isfinite(costs).all()
+    lowest_first = np.array([np.roll(row, -np.argmin(row)) for row in triangles], dtype=np.int32)
+    costs = compute_costs(points, triangles, cost)
+    assert (weigh_candidates(points, lowest_first, cost) == costs).all()
+    assert np.isfinite(weigh_candidates(points, triangles, cost)).all()

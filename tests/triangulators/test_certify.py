@@ -131,8 +131,8 @@ def test_dynamic_and_linear_programs_agree_without_holes():
 
 def test_real_polygons_with_holes_are_proven():
     polygons = [p for _, p in glyphs("ABDg8%") if p.interiors]
-    polygons += [p for _, p in read_shared("helsinki.json") if p.is_valid and p.interiors][:12]
-    assert len(polygons) > 12
+    polygons += [p for _, p in read_shared("helsinki.json") if p.is_valid and p.interiors][:24]
+    assert len(polygons) > 24
     for polygon in polygons:
         for name in ("half-perimeter", "overdraw"):
             best = triangulate(polygon, "optimal", criterion=name)
