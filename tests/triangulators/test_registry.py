@@ -103,6 +103,7 @@ figures = st.floats(0, 1e12, allow_nan=False)
         ("optimal:mixed=1/1.0/1e0", "optimal:mixed"),
         ("optimal:mixed", "optimal:mixed"),
         *(("optimal", "optimal:overdraw"), ("worst", "worst:overdraw"), ("fan", "fan")),
+        ("refined", "refined:half-perimeter"),
         ("exhaustive:mixed=0/1/0", "exhaustive:mixed=0/1/0"),
     ],
 )

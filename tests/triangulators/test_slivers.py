@@ -27,19 +27,14 @@ def measure(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.n
     return quality, sum(map(np.sqrt, squares))
 
 
-def row(name: str, triangles: list[tuple[np.ndarray, np.ndarray]], usual: float) -> str:
-    quality, lengths = (np.concatenate(part) for part in zip(*triangles, strict=True))
-    figures = f"{(quality < 0.1).sum():,} | {quality.mean():.3f} | {lengths.sum() / usual:.3f}"
-    return f"`{name}` | {figures} |"
-
-
 def rows_of(title: str, many: dict[str, list[tuple[np.ndarray, np.ndarray]]]) -> list[str]:
-    usual = perimeter(many["ear-clipping"])
-    return [f"| {title} | {row(name, triangles, usual)}" for name, triangles in many.items()]
-
-
-def perimeter(triangles: list[tuple[np.ndarray, np.ndarray]]) -> float:
-    return sum(lengths.sum() for _, lengths in triangles)
+    rows, usual = [], None
+    for name, triangles in many.items():
+        quality, lengths = (np.concatenate(part) for part in zip(*triangles, strict=True))
+        usual = usual or lengths.sum()  # of ear clipping, the first
+        figures = f"{(quality < 0.1).sum():,} | {quality.mean():.3f} | {lengths.sum() / usual:.3f}"
+        rows.append(f"| {title} | `{name}` | {figures} |")
+    return rows
 
 
 def in_flips(lines: list[str]) -> None:
