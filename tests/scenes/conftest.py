@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 import shapely
 
+from scenes import SceneError, load
+
 SQUARE = [[0, 0], [10, 0], [10, 10], [0, 10], [0, 0]]
 BOW_TIE = [[0, 0], [6, 8], [6, 0], [0, 8], [0, 0]]
 
@@ -28,6 +30,14 @@ def geojson(tmp_path: Path) -> Callable[..., str]:
         return str(path)
 
     return write
+
+
+def require_error(message: str | None, *arguments: Any, **parameters: Any) -> str:
+    """Require that `load` fails with a message of one line that matches; return the message."""
+    with pytest.raises(SceneError, match=message) as caught:
+        load(*arguments, **parameters)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
 
 
 def assert_valid_polygons(polygons: list[shapely.Polygon]) -> None:

@@ -4,9 +4,9 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scenes import SceneError, load
+from scenes import load
 from scenes.stress import FAMILIES
-from tests.scenes.conftest import assert_valid_polygons
+from tests.scenes.conftest import assert_valid_polygons, require_error
 from tests.triangulators.cases import read_shared
 
 BUILT_IN = ("city", "glyphs", "cad", "paper", "stress", "meshes")
@@ -78,15 +78,13 @@ class TestGlyphs:
             (tmp_path / "bad.ttf", "not a font"),
             ("none.ttf", "not found: check the path"),
         ):
-            with pytest.raises(SceneError, match=message):
-                load("glyphs", font=str(path))
+            require_error(message, "glyphs", font=str(path))
 
     def test_characters_without_a_glyph_are_named(self):
         scene = load("glyphs", text="A\U000f0000")
         assert len(scene.polygons) == 1
         assert "has no glyph" in scene.dropped[0][1]
-        with pytest.raises(SceneError, match="no outline"):
-            load("glyphs", text=" ")
+        require_error("no outline", "glyphs", text=" ")
 
 
 class TestStress:
@@ -146,8 +144,7 @@ class TestCad:
     ],
 )
 def test_parameters_out_of_range_are_refused(scene, message):
-    with pytest.raises(SceneError, match=message):
-        load(scene)
+    require_error(message, scene)
 
 
 def test_meshes_have_upright_walls():

@@ -14,7 +14,7 @@ import shapely
 from scenes import SceneError, load
 from scenes.files import read_chunks
 from scenes.readers import gdal
-from tests.scenes.conftest import SQUARE, feature
+from tests.scenes.conftest import SQUARE, feature, require_error
 from tests.scenes.samples import BOXES, KINDS, NAMED, make_files, outcome
 from tests.scenes.test_files import write as write_vector
 
@@ -41,8 +41,7 @@ class TestSequences:
         monkeypatch.setattr("scenes.readers.vector.find_spec", lambda name: None)
         path = tmp_path / "town.geojsonl"
         path.write_text("\n".join([line(0), "{broken", line(40), ""]))
-        with pytest.raises(SceneError, match="JSON parsing error"):
-            load(path)
+        require_error("JSON parsing error", path)
 
     def test_invalid_line_is_noted_despite_a_condition(self, tmp_path):
         path = tmp_path / "town.geojsonl"
@@ -58,15 +57,13 @@ class TestSequences:
         path.write_text(whole)
         assert len(load(path, project=False).polygons) == 4
         path.write_text(whole[:-9])
-        with pytest.raises(SceneError, match=r"is truncated \(the last line is incomplete\)"):
-            load(path)
+        require_error(r"is truncated \(the last line is incomplete\)", path)
 
     def test_text_truncated_within_a_word_is_refused(self, tmp_path):
         path = tmp_path / "a.wkt"
         for start in ("P", "POLYG", "POLYGON", "POLYGON ("):
             path.write_text(f"{BOXES[0].wkt}\n{start}")
-            with pytest.raises(SceneError, match="is truncated"):
-                load(path)
+            require_error("is truncated", path)
 
 
 @pytest.mark.parametrize("where", [None, "height >= 0"])
@@ -75,8 +72,7 @@ def test_file_with_missing_features_is_refused(tmp_path, where):
     path = tmp_path / "a.fgb"
     write_vector(path, BOXES)
     path.write_bytes(path.read_bytes()[: int(0.6 * path.stat().st_size)])
-    with pytest.raises(SceneError, match=r"\d+ of 24 features"):
-        load(path, where=where)
+    require_error(r"\d+ of 24 features", path, where=where)
 
 
 def test_slice_with_missing_features_is_refused(tmp_path):
@@ -102,8 +98,7 @@ def test_features_that_gdal_cannot_read_are_noted(tmp_path):
 def test_sequence_of_which_gdal_reads_one_line_is_refused(tmp_path):
     path = tmp_path / "town.json"
     path.write_text("\ufeff" + line(0) + "\n" + line(20) + "\n")
-    with pytest.raises(SceneError, match="GDAL reads only some of them"):
-        load(path)
+    require_error("GDAL reads only some of them", path)
 
 
 def test_gdal_library_is_found():
@@ -122,8 +117,7 @@ class TestModels:
         assert sum(p.area for p in load(path).polygons) == pytest.approx(6)
         for cut in (-12, -3):
             path.write_text(text[:cut])
-            with pytest.raises(SceneError, match="5 of 6 faces"):
-                load(path)
+            require_error("5 of 6 faces", path)
 
 
 class TestText:
@@ -162,15 +156,13 @@ class TestText:
     def test_names_of_files(self, geojson, name):
         path = geojson(feature([SQUARE]), name=name)
         assert len(load(path).polygons) == 1
-        with pytest.raises(SceneError) as caught:
-            load(path, layer="none")
-        assert str(caught.value).isprintable()
+        assert require_error("", path, layer="none").isprintable()
 
     def test_a_name_with_an_end_of_line(self, tmp_path, geojson):
         (tmp_path / "a\nb.wkt").write_text(BOXES[0].wkt)
         assert len(load(tmp_path / "a\nb.wkt").polygons) == 1
-        with pytest.raises(SceneError, match=r"a\\nb.geojson has a tab or line end"):
-            load(geojson(feature([SQUARE]), name="a\nb.geojson"))
+        path = geojson(feature([SQUARE]), name="a\nb.geojson")
+        require_error(r"a\\nb.geojson has a tab or line end", path)
 
 
 class TestNesting:
@@ -186,8 +178,7 @@ class TestNesting:
         assert len(scene.polygons) == 1
         assert [name for name, _ in scene.dropped] == ["line 2", "line 3"]
         path.write_text(text.replace("(", "(\n"))
-        with pytest.raises(SceneError, match="holds no usable polygon"):
-            load(path)
+        require_error("holds no usable polygon", path)
 
     @pytest.mark.parametrize("order", "<>")
     @pytest.mark.parametrize("kind", [4, 5, 6, 7, 7 | 0x80000000, 1006, 3007])
@@ -196,8 +187,7 @@ class TestNesting:
         deep = level * self.DEEP + BOXES[0].wkb
         path = tmp_path / "a.wkb"
         path.write_bytes(deep)
-        with pytest.raises(SceneError, match="nested more than 100 levels deep"):
-            load(path)
+        require_error("nested more than 100 levels deep", path)
         path = tmp_path / "a.wkt"
         path.write_text(f"{deep.hex()}\n{BOXES[0].wkt}\n")
         assert [name for name, _ in load(path).dropped] == ["line 1"]
@@ -208,8 +198,7 @@ class TestNesting:
         head = struct.pack("<BIII", 1, 0x20000007, 3067, len(valid_parts) + 1)
         deep = struct.pack("<BII", 1, 7, 1) * self.DEEP + BOXES[0].wkb
         (tmp_path / "a.wkb").write_bytes(head + b"".join(valid_parts) + deep)
-        with pytest.raises(SceneError, match="levels deep"):
-            load(tmp_path / "a.wkb")
+        require_error("levels deep", tmp_path / "a.wkb")
         (tmp_path / "b.wkb").write_bytes(head + b"".join([*valid_parts, valid_parts[2]]))
         assert len(load(tmp_path / "b.wkb").polygons) == 27
 
@@ -227,8 +216,7 @@ class TestPipes:
     """A pipe is refused at once, because reading may block for ever."""
 
     def refused(self, path, **parameters):
-        with pytest.raises(SceneError, match="is a pipe, socket or device, not a file"):
-            load(path, **parameters)
+        require_error("is a pipe, socket or device, not a file", path, **parameters)
 
     @pytest.mark.parametrize("suffix", [".geojson", ".wkt", ".svg", ".obj", ".parquet", ".gpkg"])
     def test_as_a_file(self, tmp_path, suffix):

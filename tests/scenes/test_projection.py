@@ -9,11 +9,11 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scenes import SceneError, load
+from scenes import load
 from scenes.files import read_chunks
 from scenes.projection import Projection, is_geographic
 from tests.conftest import make_geojson
-from tests.scenes.conftest import assert_valid_polygons
+from tests.scenes.conftest import assert_valid_polygons, require_error
 
 LATITUDES = st.floats(-80, 80).filter(lambda lat: lat == 0 or abs(lat) > 1e-8)
 """Closer to the equator, PROJ moves the centre to the equator, by up to 0.6 mm."""
@@ -186,11 +186,10 @@ def test_project_overrides_the_file(tmp_path):
     assert forced.units == "m"
     assert forced.polygons[0].area == pytest.approx(area_on_globe(FINLAND), rel=1e-6)
     assert "taken as WGS 84" in forced.notes[0]
-    with pytest.raises(SceneError, match="is in ETRS89 / TM35FIN"):
-        load(write_geojson(tmp_path, FINLAND, crs=name_crs("EPSG:3067")), project=True)
+    path_in_metres = write_geojson(tmp_path, FINLAND, crs=name_crs("EPSG:3067"))
+    require_error("is in ETRS89 / TM35FIN", path_in_metres, project=True)
     path.write_text(shapely.box(0, 0, 1000, 1000).wkt)
-    with pytest.raises(SceneError, match="not longitude and latitude"):
-        load(path, project=True)
+    require_error("not longitude and latitude", path, project=True)
 
 
 def parallel(lat: float, step: int = 10) -> list[list[float]]:

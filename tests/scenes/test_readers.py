@@ -17,7 +17,7 @@ from scenes import SceneError, load
 from scenes.files import read_chunks
 from scenes.readers.gltf import COMPRESSED
 from tests.models.build import Builder
-from tests.scenes.conftest import assert_valid_polygons
+from tests.scenes.conftest import assert_valid_polygons, require_error
 
 SQUARE = shapely.box(0, 0, 10, 10)
 HOLED = shapely.Polygon(SQUARE.exterior, [shapely.box(2, 2, 4, 4).exterior])
@@ -58,8 +58,7 @@ class TestWkt:
         assert load(write(tmp_path / "b.wkb", wkb)).units == "m"
 
     def test_where_needs_attributes(self, tmp_path):
-        with pytest.raises(SceneError, match="no attributes"):
-            load(write(tmp_path / "a.wkt", SQUARE.wkt), where="a > 1")
+        require_error("no attributes", write(tmp_path / "a.wkt", SQUARE.wkt), where="a > 1")
 
 
 PLANAR = {"crs": {"type": "ProjectedCRS", "id": {"authority": "EPSG", "code": 3067}}}
@@ -86,8 +85,7 @@ class TestGeoParquet:
         assert list(scene.attributes["h"]) == [3.5, 9]
         assert scene.dropped == [("row 1", "empty geometry")]
         assert [p.area for p in load(path, where="h > 5 AND s LIKE 'it%'").polygons] == [96]
-        with pytest.raises(SceneError, match="invalid condition 'zz > 1'"):
-            load(path, where="zz > 1")
+        require_error("invalid condition 'zz > 1'", path, where="zz > 1")
 
     def test_default_reference_system_is_longitude_and_latitude(self, tmp_path):
         square = shapely.box(25, 60, 25.01, 60.01)
@@ -103,8 +101,7 @@ class TestGeoParquet:
             (native, "has the unsupported encoding polygon"),
             (write(tmp_path / "bad.parquet", b"PAR1 rubbish PAR1"), "cannot be read as GeoParquet"),
         ):
-            with pytest.raises(SceneError, match=message):
-                load(path)
+            require_error(message, path)
 
 
 def cityjson(semantics: bool = True, **changes) -> str:
@@ -166,12 +163,10 @@ class TestCityJsonSequence:
     def test_errors(self, tmp_path):
         lines = cityjson_sequence(1)
         path = write(tmp_path / "a.city.jsonl", lines[0][:-1] + "\n" + lines[1])
-        with pytest.raises(SceneError, match="line 1 cannot be read as JSON"):
-            load(path)
-        with pytest.raises(SceneError, match="give RoofSurface or GroundSurface"):
-            load(write(tmp_path / "b.city.jsonl", "\n".join(lines)), layer="Roof")
-        with pytest.raises(SceneError, match="holds no polygon"):
-            load(write(tmp_path / "c.city.jsonl", lines[0]))
+        require_error("line 1 cannot be read as JSON", path)
+        path = write(tmp_path / "b.city.jsonl", "\n".join(lines))
+        require_error("give RoofSurface or GroundSurface", path, layer="Roof")
+        require_error("holds no polygon", write(tmp_path / "c.city.jsonl", lines[0]))
 
 
 class TestCityJson:
@@ -213,10 +208,9 @@ class TestCityJson:
             (cityjson(CityObjects=broken), "house is an invalid city object"),
             (cityjson(CityObjects={}), "holds no polygon"),
         ):
-            with pytest.raises(SceneError, match=message):
-                load(write(tmp_path / "a.city.json", text))
-        with pytest.raises(SceneError, match="give RoofSurface or GroundSurface"):
-            load(write(tmp_path / "b.city.json", cityjson()), layer="Roof")
+            require_error(message, write(tmp_path / "a.city.json", text))
+        path = write(tmp_path / "b.city.json", cityjson())
+        require_error("give RoofSurface or GroundSurface", path, layer="Roof")
 
 
 # A house with a gable: floor, two walls, two pentagons, two roof planes.
@@ -325,8 +319,7 @@ class TestModels:
         ],
     )
     def test_errors(self, tmp_path, name, content, message):
-        with pytest.raises(SceneError, match=message):
-            load(write(tmp_path / name, content))
+        require_error(message, write(tmp_path / name, content))
 
 
 class TestGltf:
@@ -407,8 +400,8 @@ class TestGltf:
     def test_compressed_triangles_are_refused(self, tmp_path, extension):
         builder = Builder(self.CORNERS, self.PAIR)
         builder.json["extensionsUsed"] = [extension]
-        with pytest.raises(SceneError, match=f"a.glb: {extension} is unsupported; unpack"):
-            load(builder.write(tmp_path / "a.glb"))
+        path = builder.write(tmp_path / "a.glb")
+        require_error(f"a.glb: {extension} is unsupported; unpack", path)
 
     @pytest.mark.parametrize(
         ("changes", "reason"),

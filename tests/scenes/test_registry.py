@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scenes import Scene, SceneError, UnknownSceneError, load, names, registry, spec
-from tests.scenes.conftest import SQUARE, assert_valid_polygons, feature
+from tests.scenes.conftest import SQUARE, assert_valid_polygons, feature, require_error
 
 
 @pytest.mark.parametrize("name", list(registry.ENTRIES))
@@ -49,8 +49,7 @@ def test_unknown_scene_suggests_the_nearest():
     ],
 )
 def test_wrong_parameters_are_refused(spec, message):
-    with pytest.raises(SceneError, match=message):
-        load(spec)
+    require_error(message, spec)
 
 
 def test_a_folder_named_like_a_scene_does_not_hide_it(monkeypatch, tmp_path):
@@ -92,9 +91,7 @@ class TestEntryPoints:
         assert scene.polygons[0].area == 6
 
     def test_failed_import_is_reported_in_one_line(self):
-        with pytest.raises(SceneError, match="cannot be imported") as caught:
-            load("broken")
-        assert "\n" not in str(caught.value)
+        require_error("cannot be imported", "broken")
 
 
 MODULE = """
@@ -167,9 +164,7 @@ class TestFunctions:
         ],
     )
     def test_failures_are_reported_in_one_line(self, module, name, message):
-        with pytest.raises(SceneError, match=message) as caught:
-            load(name)
-        assert "\n" not in str(caught.value)
+        require_error(message, name)
 
 
 class TestSpec:

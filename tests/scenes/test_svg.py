@@ -10,8 +10,8 @@ import resvg_py
 import shapely
 from matplotlib import image
 
-from scenes import SceneError, load
-from tests.scenes.conftest import assert_valid_polygons
+from scenes import load
+from tests.scenes.conftest import assert_valid_polygons, require_error
 
 NAMESPACE = 'xmlns="http://www.w3.org/2000/svg"'
 SQUARE = '<rect id="square" width="20" height="20"/>'
@@ -190,5 +190,4 @@ def test_unfilled_and_unsupported_elements_are_named(tmp_path):
 )
 def test_errors(tmp_path, text, message):
     (tmp_path / "a.svg").write_text(text)
-    with pytest.raises(SceneError, match=message):
-        load(tmp_path / "a.svg")
+    require_error(message, tmp_path / "a.svg")

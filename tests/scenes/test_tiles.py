@@ -39,6 +39,7 @@ from scenes.tiles.archives import PMTiles, TilePosition, compute_first_number, d
 from scenes.tiles.read import FILE, locate_tile
 from scenes.tiles.vector_tile import Layer, build_layer, decode_layers
 from tests.paths import ROOT
+from tests.scenes.conftest import require_error
 
 HERE = ROOT / "tests" / "scenes"
 STREETS = sorted((HERE / "tiles").glob("*.mvt*"))
@@ -310,8 +311,7 @@ def test_directory_that_contains_itself_is_refused(tmp_path):
     leaf = serialize_directory([Entry(0, 0, 30, 0)])
     leaf = serialize_directory([Entry(0, 0, len(leaf), 0)])
     path = pmtiles(tmp_path / "a.pmtiles", leaf, max_zoom=3, leaf_directory_offset=127)
-    with pytest.raises(SceneError, match="a directory contains itself"):
-        load(f"{path}:zoom=3")
+    require_error("a directory contains itself", f"{path}:zoom=3")
 
 
 @contextmanager
@@ -366,8 +366,7 @@ def test_archives_have_the_same_content(compression, tmp_path):
         assert [polygon.area for polygon in scene.polygons] == [COURT.area / 64] * 2
         one = load(f"{path}:zoom=3,tiles=1,50,40,60")
         assert one.tiling.names == ("3/4/2",)
-        with pytest.raises(SceneError, match=r"has no zoom 9; it has 3 to 3"):
-            load(f"{path}:zoom=9")
+        require_error(r"has no zoom 9; it has 3 to 3", f"{path}:zoom=9")
 
 
 def test_tile_of_several_gzip_members_is_read_completely():
@@ -392,14 +391,11 @@ def test_decompression_has_a_limit(monkeypatch):
 @pytest.mark.parametrize("kind", [Compression.BROTLI, Compression.ZSTD])
 def test_unsupported_compression_is_refused(kind, tmp_path):
     path = two_tiles(tmp_path, bytes, kind)["pmtiles"]
-    with pytest.raises(
-        SceneError, match=f"a.pmtiles is compressed by {kind.name}, which is unsupported"
-    ):
-        load(f"{path}:zoom=3")
+    message = f"a.pmtiles is compressed by {kind.name}, which is unsupported"
+    require_error(message, f"{path}:zoom=3")
     zstd = tmp_path / "a.mvt"
     zstd.write_bytes(b"\x28\xb5\x2f\xfd" + bytes(9))
-    with pytest.raises(SceneError, match="compressed by zstd, which is unsupported"):
-        load(f"{zstd}:pixels=512")
+    require_error("compressed by zstd, which is unsupported", f"{zstd}:pixels=512")
 
 
 @pytest.mark.parametrize("kind", ["NONE", "GZIP"])
@@ -502,9 +498,7 @@ def test_unreadable_archives_are_reported_in_one_line(text, message, tmp_path):
     if text == "FOLDER:pixels=512":
         tmp_path = tmp_path / "empty"
         tmp_path.mkdir()
-    with pytest.raises(SceneError, match=message.replace("(", r"\(")) as error:
-        load(text.replace("FOLDER", str(tmp_path)))
-    assert "\n" not in str(error.value)
+    require_error(message.replace("(", r"\("), text.replace("FOLDER", str(tmp_path)))
 
 
 @pytest.mark.parametrize("names", [("x/1/0/0.mvt", "y/1/0/0.mvt"), ("1/0/0.mvt", "1/0/0.pbf")])
@@ -512,9 +506,8 @@ def test_two_files_for_a_tile_are_refused(names, tmp_path):
     for name in names:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_bytes(encoded([COURT]))
-    with pytest.raises(SceneError, match="are both tile 1/0/0: remove one") as error:
-        load(f"{tmp_path}:zoom=1")
-    assert all(name in str(error.value) for name in names)
+    message = require_error("are both tile 1/0/0: remove one", f"{tmp_path}:zoom=1")
+    assert all(name in message for name in names)
 
 
 @pytest.mark.parametrize(
@@ -643,8 +636,7 @@ def test_endless_view_is_refused(tmp_path, monkeypatch):
             "CREATE VIEW tiles AS WITH RECURSIVE n(k) AS (SELECT 0 UNION ALL SELECT k + 1 FROM n) "
             "SELECT 3 zoom_level, k tile_column, k tile_row, k tile_data FROM n"
         )
-    with pytest.raises(SceneError, match=r"no row within 0\.2 s; check that tiles is a table"):
-        load(f"{path}:zoom=3")
+    require_error(r"no row within 0\.2 s; check that tiles is a table", f"{path}:zoom=3")
 
 
 def test_endless_view_can_be_interrupted(tmp_path, monkeypatch):
@@ -671,16 +663,14 @@ def test_uncompressed_tiles_have_a_limit(tmp_path, monkeypatch):
     monkeypatch.setattr(archives, "MAX_TILE_BYTES", 2**20)
     for name, size in (("large", 2**20), ("zeros", 2**19)):
         (tmp_path / f"{name}.mvt").write_bytes(bytes(size))
-    with pytest.raises(SceneError, match=r"tile large\.mvt cannot be read: 1 MiB or more"):
-        load(f"{tmp_path}/large.mvt:pixels=512")
-    with pytest.raises(SceneError, match=r"tile zeros\.mvt cannot be read: not a vector tile"):
-        load(f"{tmp_path}/zeros.mvt:pixels=512")
+    for name, reason in (("large", "1 MiB or more"), ("zeros", "not a vector tile")):
+        message = rf"tile {name}\.mvt cannot be read: {reason}"
+        require_error(message, f"{tmp_path}/{name}.mvt:pixels=512")
 
 
 def test_large_directory_is_refused(tmp_path):
     path = pmtiles(tmp_path / "a.pmtiles", gzip.compress(bytes(60 * 2**20)))
-    with pytest.raises(SceneError, match="4 MiB or more, uncompressed"):
-        load(f"{path}:zoom=0")
+    require_error("4 MiB or more, uncompressed", f"{path}:zoom=0")
 
 
 def test_deeply_nested_metadata_are_ignored(tmp_path):
