@@ -182,13 +182,6 @@ def test_footprints_share_walls_but_not_area(city):
     assert (a < b).sum() > 300  # party walls
 
 
-def test_vertex_counts_and_courtyards_follow_the_quantiles(city):
-    n = vertex_counts(city.polygons)
-    assert 9 <= np.median(n) <= 11
-    assert 31 <= np.percentile(n, 95) <= 39
-    assert 0.065 <= share_with_holes(city.polygons) <= 0.1
-
-
 def test_distribution_of_vertices_agrees_with_helsinki(city):
     real = [polygon for _, polygon in read_shared("helsinki.json")]
     n, expected = vertex_counts(city.polygons), vertex_counts(real)

@@ -191,4 +191,4 @@ def test_compressed_files_are_refused_by_their_compression(tmp_path, name):
 def test_unknown_content_is_not_reported_as_damaged(tmp_path):
     for name in ("a.xyz", "a.mbtiles", "a.glb", "a.parquet", "a.gpkg"):
         (tmp_path / name).write_text("anything else")
-        assert "damaged" not in require_error("", tmp_path / name)
+        assert "damaged" not in require_error(None, tmp_path / name)

@@ -121,6 +121,7 @@ def test_coordinates_are_planar_if_most_features_are_off_the_globe(tmp_path):
     town = [box(x, 6_672_000, x + 10, 6_672_010) for x in (386_000, 386_020)]
     scene = load(write_geojson(tmp_path, *town, FINLAND))
     assert scene.units == "units"
+    assert scene.polygons[0].bounds == (386_000, 6_672_000, 386_010, 6_672_010)
     assert "are not degrees as in WGS 84; used unchanged" in scene.notes[0]
     assert scene.dropped == []
 

@@ -18,6 +18,9 @@ SQUARE = '<rect id="square" width="20" height="20"/>'
 CLIP = '<clipPath id="k"%s><rect width="30" height="30"/>%s</clipPath>'
 CLIPPED = '<rect width="50" height="40" clip-path="url(#k)"/>'
 NESTED = '<svg x="10" y="20" width="50" height="30" viewBox="0 0 10 10"%s>%s</svg>'
+RADII = ('rx="15"', 'ry="15"', 'rx="15" ry="0"', 'rx="50" ry="10"', 'rx="-5" ry="9"')
+TRANSPARENT = ("none", "transparent", "rgba(1,2,3,0)", "#1230", "#12345600")
+TRANSPARENT += ("url(#no) none", "url(#no)")
 
 
 def read(folder: Path, body: str, size: str = 'width="100" height="100"'):
@@ -30,16 +33,7 @@ def read(folder: Path, body: str, size: str = 'width="100" height="100"'):
     "body",
     [
         '<rect x="1" y="2" width="4" height="3"/>',
-        *(
-            f'<rect width="60" height="40" {radii}/>'
-            for radii in (
-                'rx="15"',
-                'ry="15"',
-                'rx="15" ry="0"',
-                'rx="50" ry="10"',
-                'rx="-5" ry="9"',
-            )
-        ),
+        *(f'<rect width="60" height="40" {radii}/>' for radii in RADII),
         '<rect x="10%" width="50%" height="25%"/><circle cx="80" cy="80" r="10%"/>',
         '<ellipse cx="50" cy="50" rx="20"/><ellipse cx="20" cy="20" rx="9" ry="15"/>',
         '<polygon points="50,5 20,90 95,35 5,35 80,90"/>',
@@ -74,18 +68,7 @@ def read(folder: Path, body: str, size: str = 'width="100" height="100"'):
         '<blob><rect width="90" height="90"/></blob><symbol><rect width="90"/></symbol>' + SQUARE,
         '<g opacity="0"><rect width="50" height="50"/></g>' + SQUARE,
         '<g fill-opacity="0"><rect width="50" height="50"/><rect fill-opacity="1" width="9" height="9"/></g>',
-        *(
-            f'<rect width="50" height="50" fill="{colour}"/>{SQUARE}'
-            for colour in (
-                "none",
-                "transparent",
-                "rgba(1,2,3,0)",
-                "#1230",
-                "#12345600",
-                "url(#no) none",
-                "url(#no)",
-            )
-        ),
+        *(f'<rect width="50" height="50" fill="{colour}"/>{SQUARE}' for colour in TRANSPARENT),
         '<g visibility="hidden"><rect width="50" height="50"/><rect visibility="visible" width="9" height="9"/></g>',
         '<a href="#"><rect width="9" height="9"/></a>',
         '<switch><title>x</title><rect requiredExtensions="x" width="9" height="9"/>'
