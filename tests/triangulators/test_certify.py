@@ -121,10 +121,8 @@ def test_dynamic_and_linear_programs_agree_without_holes():
         outline, cost = pose(polygon, name)
         proof = prove(outline, find_best_initial(outline, cost), cost)
         best = triangulate(polygon, "optimal", criterion=name)
-        total = criteria.find(name).total
-        assert total(outline.points, proof.triangles) == pytest.approx(
-            total(outline.points, best), rel=1e-12
-        )
+        totals = [criteria.find(name).total(outline.points, t) for t in (proof.triangles, best)]
+        assert totals[0] == pytest.approx(totals[1], rel=1e-12)
         assert certify(polygon, best, name).proven
         assert certify(polygon, proof.triangles, name).proven
 
@@ -284,10 +282,8 @@ def test_weight_nan_proves_nothing():
     _check_potentials(edges, none, 0, weighing(1.0), units)
 
 
-def outlined(points, count=1, holes=0, corners=4):
-    return SimpleNamespace(
-        points=points, expected_triangles=count, holes=holes, edges=range(corners)
-    )
+def outlined(points, count=1, holes=0):
+    return SimpleNamespace(points=points, expected_triangles=count, holes=holes, edges=range(4))
 
 
 TRIANGLE = np.array([[0, 1, 2]], np.int32)
@@ -394,11 +390,8 @@ def test_integer_costs_may_combine_all_integer_features():
     weights = np.zeros_like(boxes()["weights"])
     weights[:4] = 1, -1, 2, 3
     points = np.array([(0.0, 0.0), (7.0, 0.0), (0.0, 7.0)])
-    assert find_exact_scale(points, replace_fields(boxes(), weights=weights)) == (
-        2.0,
-        True,
-        7 * 2 * 49.0,
-    )
+    scale = find_exact_scale(points, replace_fields(boxes(), weights=weights))
+    assert scale == (2.0, True, 7 * 2 * 49.0)
 
 
 def test_has_exact_sums_up_to_2_52():

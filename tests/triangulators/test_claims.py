@@ -84,9 +84,8 @@ def test_overflow_of_64_bits_gives_valid_bound_without_proof():
         for triangles in (best, triangulate(polygon, "greedy")):
             certificate = certify(polygon, triangles, "overdraw")
             assert not certificate.proven
-            assert is_accepted_by_file(
-                json.dumps(make_claim(polygon, triangles, "overdraw", certificate))
-            )
+            claim = make_claim(polygon, triangles, "overdraw", certificate)
+            assert is_accepted_by_file(json.dumps(claim))
             optimal_cost = certify(polygon, best, "overdraw").cost
             assert certificate.lower_bound <= optimal_cost
             assert certificate.lower_bound == pytest.approx(optimal_cost, rel=1e-8)
@@ -251,12 +250,10 @@ def test_dynamic_program_potentials_are_tight(size):
         for edge in range(len(true.edges)):
             refused = []
             for change in (1, -1):
-                more = true.potentials.copy()
-                more[edge] += change
+                more = replace(true, potentials=true.potentials.copy())
+                more.potentials[edge] += change
                 try:
-                    checker.compute_lower_bound(
-                        outline, sites, cost, replace(true, potentials=more)
-                    )
+                    checker.compute_lower_bound(outline, sites, cost, more)
                 except CertificateError as why:
                     refused.append(str(why))
             assert refused, edge

@@ -36,9 +36,8 @@ def test_rings_with_few_ears_equal_earcut():
         points = np.array(ring, dtype=np.float64)
         triangles = clip_ears_of_ring(points)
         assert len(triangles) == len(ring) - 2
-        assert np.array_equal(
-            triangles.ravel(), run_earcut(points, np.array([len(ring)], dtype=np.uint32))
-        )
+        ends = np.array([len(ring)], dtype=np.uint32)
+        assert np.array_equal(triangles.ravel(), run_earcut(points, ends))
 
 
 def test_rings_that_earcut_repairs_are_left_to_earcut():

@@ -27,10 +27,8 @@ E = np.array([0.0, 0.0, 1.0])
 
 def solve_all(ring, criterion, sign=1.0):
     """The recurrence with a cost for each triangle, in float64."""
-    cost = make_cost(criteria.find(criterion), 1.0, 1, sign)
-    best = solve_visible_pairs(
-        ring.points, ring.start, ring.target, replace_fields(cost, is_box=False)
-    )
+    cost = replace_fields(make_cost(criteria.find(criterion), 1.0, 1, sign), is_box=False)
+    best = solve_visible_pairs(ring.points, ring.start, ring.target, cost)
     return criteria.find(criterion).total(ring.points, best)
 
 
@@ -85,10 +83,8 @@ def test_sums_are_exact_around_int32_limit(monkeypatch, above, sign):
     target = np.concatenate([np.arange(i + 1, n) for i in range(n)]).astype(np.int32)
     weight = weigh_pairs(ring, start, target, sign * H)
     assert weight.dtype == (np.int64 if above else np.int32)
-    cost, total = (
-        make_cost(criteria.find("half-perimeter"), 1.0, 1, sign),
-        criteria.find("half-perimeter").total,
-    )
+    criterion = criteria.find("half-perimeter")
+    cost, total = make_cost(criterion, 1.0, 1, sign), criterion.total
     costs = [total(ring, solve_visible_pairs(ring, start, target, cost))]
     monkeypatch.setattr(visible_lists, "INT32_LIMIT", 0)
     assert weigh_pairs(ring, start, target, sign * H).dtype == np.int64
@@ -127,9 +123,8 @@ def test_dense_program_is_exact_for_box_and_edge_mixtures():
         ring = (outline := boundary(polygon)).points[outline.edges[:, 0]]
         dense_cost = mixture.total(ring, solve_dense(ring, np.array([0.0, 1.0, 30.0])))
         for name in ("exhaustive", "optimal"):
-            optimal_cost = mixture.total(
-                vertices(polygon), triangulate(polygon, name, criterion=mixture)
-            )
+            best = triangulate(polygon, name, criterion=mixture)
+            optimal_cost = mixture.total(vertices(polygon), best)
             assert dense_cost == pytest.approx(optimal_cost, rel=1e-12), (name, polygon.wkt)
         single = mixture.total(ring, solve_dense(ring, np.array([0.0, 1.0, 15.0])))
         differ += dense_cost < single * (1 - 1e-9)

@@ -57,18 +57,17 @@ def test_lists_are_complete_and_without_duplicates():
     rng = np.random.default_rng(11)
     for _ in range(60):
         polygon = random_simple(rng, int(rng.integers(3, 10)))
-        expected = {
-            frozenset(map(frozenset, triangles)) for triangles in all_triangulations(polygon)
-        }
+        expected = as_sets(all_triangulations(polygon))
         listed = enumerate_triangulations(polygon)
-        as_sets = {frozenset(map(frozenset, triangles.tolist())) for triangles in listed}
-        assert as_sets == expected
+        assert as_sets(triangles.tolist() for triangles in listed) == expected
         assert len(listed) == len(expected) == count_triangulations(polygon)
         outline = boundary(polygon)
-        solve_by_cuts = Recursion(outline.points, drop_straight=False).list_triangulations(
-            outline.edges[:, 0].tolist()
-        )
-        assert {frozenset(map(frozenset, triangles)) for triangles in solve_by_cuts} == expected
+        recursion = Recursion(outline.points, drop_straight=False)
+        assert as_sets(recursion.list_triangulations(outline.edges[:, 0].tolist())) == expected
+
+
+def as_sets(triangulations):
+    return {frozenset(map(frozenset, triangles)) for triangles in triangulations}
 
 
 def test_convex_polygons_have_catalans_number():

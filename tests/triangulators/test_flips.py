@@ -184,9 +184,8 @@ def test_invalid_arrays_raise_errors(points, triangles, by, message):
 
 
 def test_unknown_flip_test_lists_choices():
-    with pytest.raises(
-        UnknownNameError, match=r"unknown criterion 'l2'; .*l1, euclidean, delaunay"
-    ):
+    choices = r"unknown criterion 'l2'; .*l1, euclidean, delaunay"
+    with pytest.raises(UnknownNameError, match=choices):
         flip(np.zeros((3, 2)), np.array([(0, 1, 2)]), "l2")
 
 

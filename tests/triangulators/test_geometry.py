@@ -107,13 +107,11 @@ def test_replacing_a_tree_by_its_triangles_changes_nothing(depth_first):
     for root in range(0, 58, 7):
         tree, rows = np.zeros((58, 3), dtype=bool), np.empty(20, dtype=np.int32)
         visited, position_of = np.zeros(58, dtype=bool), np.full(174, -1, dtype=np.int32)
-        assert (
-            grow_tree(twin, root, 20, depth_first, root % 3, tree, rows, visited, visited, 0) == 20
-        )
+        marks = visited, visited
+        assert grow_tree(twin, root, 20, depth_first, root % 3, tree, rows, *marks, 0) == 20
         cycle, local, around = unfold_tree(triangles, twin, tree, root, 20)
-        assert sorted(map(sorted, cycle[local].tolist())) == sorted(
-            map(sorted, triangles[rows].tolist())
-        )
+        unfolded, before = cycle[local].tolist(), triangles[rows].tolist()
+        assert sorted(map(sorted, unfolded)) == sorted(map(sorted, before))
         replace_tree_triangles(triangles, twin, rows, cycle, around, local, position_of)
         assert not visited.any()
         assert (position_of == -1).all()
@@ -161,21 +159,15 @@ def test_simple_ring_boundary_equals_general_boundary(polygon, backwards):
 
 
 def test_ring_orientation_accepts_buildings_and_rejects_holes():
-    passed = [find_ring_orientation(shapely.get_coordinates(p)) for p in load("city").polygons]
-    simple = [
-        not p.interiors and len(p.exterior.coords) <= MAX_SIMPLE_VERTICES + 1
-        for p in load("city").polygons
-    ]
-    assert [turning != UNSURE for turning in passed] == simple
-    assert find_ring_orientation(shapely.get_coordinates(shapely.reverse(star(20)))) in (
-        COUNTERCLOCKWISE,
-        CLOCKWISE,
-    )
-    assert (
-        find_ring_orientation(shapely.get_coordinates(with_hole(np.random.default_rng(0), 8, 4)))
-        == UNSURE
-    )
-    assert find_ring_orientation(shapely.get_coordinates(star(MAX_SIMPLE_VERTICES + 1))) == UNSURE
+    def find(polygon):
+        return find_ring_orientation(shapely.get_coordinates(polygon))
+
+    for polygon in load("city").polygons:
+        is_small = len(polygon.exterior.coords) <= MAX_SIMPLE_VERTICES + 1
+        assert (find(polygon) != UNSURE) == (is_small and not polygon.interiors)
+    assert find(shapely.reverse(star(20))) in (COUNTERCLOCKWISE, CLOCKWISE)
+    assert find(with_hole(np.random.default_rng(0), 8, 4)) == UNSURE
+    assert find(star(MAX_SIMPLE_VERTICES + 1)) == UNSURE
     assert find_ring_orientation(np.empty((0, 2))) == UNSURE
 
 

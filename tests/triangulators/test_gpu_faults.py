@@ -242,8 +242,6 @@ def test_command_reports_unusable_devices(harness, tmp_path, caplog):
     out, _ = require_ok(harness("triangulate", str(source), "-o", "x.npz", "--device", "gpu31"))
     assert "4 polygons" in out
     assert caplog.text.count("gpu31: no EGL device of this name supports compute shaders") == 1
-    assert_refused(
-        harness("triangulate", str(source), "-o", "y.npz", "--device", "cuda"),
-        "unknown device 'cuda'",
-    )
+    result = harness("triangulate", str(source), "-o", "y.npz", "--device", "cuda")
+    assert_refused(result, "unknown device 'cuda'")
     assert not (tmp_path / "y.npz").exists()

@@ -28,9 +28,8 @@ def test_local_search_is_close_to_optimum():
         start = find_best_initial(outline, cost)
         improved = optimise_along_random_trees(outline.points, start, cost)
         assert verify(polygon, improved).conforming
-        exact = compute_total_cost(
-            outline.points, triangulate(polygon, "optimal:half-perimeter"), cost
-        )
+        best = triangulate(polygon, "optimal:half-perimeter")
+        exact = compute_total_cost(outline.points, best, cost)
         total = compute_total_cost(outline.points, improved, cost)
         assert exact <= total * (1 + 1e-12)
         assert total <= compute_total_cost(outline.points, start, cost) * (1 + 1e-12)

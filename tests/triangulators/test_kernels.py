@@ -68,12 +68,9 @@ kernel(1)
 
 
 def test_two_processes_compile_kernel_once(sources, tmp_path):
-    environment = {
-        **os.environ,
-        "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
-        "PYTHONPATH": str(sources.parent),
-    }
-    start = partial(subprocess.Popen, env=environment, cwd=sources.parent, stdout=subprocess.PIPE)
+    environment = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(sources.parent)}
+    options = {"cwd": sources.parent, "stdout": subprocess.PIPE}
+    start = partial(subprocess.Popen, env=os.environ | environment, **options)
     both = [start([sys.executable, "-c", TRACED]) for _ in range(2)]
     printed = [line for process in both for line in process.communicate()[0].decode().split()]
     assert [process.returncode for process in both] == [0, 0]

@@ -42,10 +42,8 @@ def test_polygon_arrays_are_sequences_of_polygons():
     joined = PolygonArray.concatenate([odd, arrays[:0], taken])
     assert [polygon.wkb for polygon in joined] == [polygon.wkb for polygon in [*odd, *taken]]
     points, ring_offsets = arrays.rings_of(22)
-    assert ring_offsets.tolist() == [
-        0,
-        *np.cumsum(shapely.get_num_points(shapely.get_rings(polygons[22])) - 1),
-    ]
+    counts = shapely.get_num_points(shapely.get_rings(polygons[22])) - 1
+    assert ring_offsets.tolist() == [0, *np.cumsum(counts)]
     assert np.array_equal(points, vertices(polygons[22]))
     low, high = odd.bounds()
     assert np.array_equal(np.hstack([low, high]), shapely.bounds(odd.geometries))
@@ -157,10 +155,7 @@ def test_single_batch_and_dropin_costs_are_equal(scale, name):
         assert verify(polygon, many[number]).conforming
         assert total(points, many[number]) == pytest.approx(single_cost, rel=1e-12), polygon.wkt
         if name == "optimal:half-perimeter":
-            dropped = (
-                triangulate_float64(*earcut_rings(polygon), "optimal:half-perimeter")
-                .reshape(-1, 3)
-                .astype(np.int32)
-            )
+            indices = triangulate_float64(*earcut_rings(polygon), "optimal:half-perimeter")
+            dropped = indices.reshape(-1, 3).astype(np.int32)
             assert verify(polygon, dropped).conforming
             assert total(points, dropped) == pytest.approx(single_cost, rel=1e-12), polygon.wkt

@@ -65,15 +65,12 @@ def test_optimum_equals_exhaustive_for_all_criteria():
         everything = enumerate_triangulations(polygon)
         for criterion in tested:
             totals = [criterion.total(points, triangles) for triangles in everything]
-            best = triangulate(polygon, "optimal", criterion=criterion)
-            assert verify(polygon, best).conforming
-            assert criterion.total(points, best) == pytest.approx(min(totals), rel=1e-9), (
-                case,
-                criterion.name,
-                polygon.wkt,
-            )
-            worst = triangulate(polygon, "worst", criterion=criterion)
-            assert criterion.total(points, worst) == pytest.approx(max(totals), rel=1e-9)
+            label = case, criterion.name, polygon.wkt
+            for end, expected in (("optimal", min(totals)), ("worst", max(totals))):
+                extreme = triangulate(polygon, end, criterion=criterion)
+                assert verify(polygon, extreme).conforming
+                total = criterion.total(points, extreme)
+                assert total == pytest.approx(expected, rel=1e-9), label
 
 
 @pytest.mark.parametrize("criterion", [name for name in PLAIN if name != "complexity"])

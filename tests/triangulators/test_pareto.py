@@ -27,12 +27,11 @@ def test_front_ends_are_the_optima():
 def brute_front(polygon):
     """Return the front (f, 2), ascending in A, by comparing all pairs of triangulations."""
     points = vertices(polygon)
-    costs = np.array(
-        [
-            [sum(brute_cost(name, *points[list(t)]) for t in triangles) for name in PAIR]
-            for triangles in all_triangulations(polygon)
-        ]
-    )
+    totals = [
+        [sum(brute_cost(name, *points[list(t)]) for t in triangles) for name in PAIR]
+        for triangles in all_triangulations(polygon)
+    ]
+    costs = np.array(totals)
     slack = 1e-9 * np.abs(costs).max(axis=0)
     as_good = (costs[None] <= costs[:, None] + slack).all(axis=2)
     better = (costs[None] < costs[:, None] - slack).any(axis=2)
@@ -53,9 +52,8 @@ def test_front_points_are_triangulators_by_index():
             assert verify(polygon, triangles).conforming
             sums = predict(vertices(polygon), triangles)
             assert [sums[name] for name in PAIR] == pytest.approx(costs, rel=1e-7)
-        with pytest.raises(
-            SkippedError, match=f"out of range; give k from 0 to {len(expected) - 1}"
-        ):
+        message = f"out of range; give k from 0 to {len(expected) - 1}"
+        with pytest.raises(SkippedError, match=message):
             triangulate(polygon, "pareto", k=len(expected))
 
 

@@ -138,9 +138,8 @@ def test_local_search_updates_incumbent_of_candidates_only(monkeypatch):
     search.solve(np.ones(4, np.bool_), cost, 0.0)
     assert search.incumbent.tolist() == first
     search.min_weight = np.inf
-    monkeypatch.setattr(
-        proof, "optimise_along_random_trees", lambda *_: np.array([[0, 1, 5], [0, 2, 3]])
-    )
+    unknown = np.array([[0, 1, 5], [0, 2, 3]])
+    monkeypatch.setattr(proof, "optimise_along_random_trees", lambda *_: unknown)
     search.solve(np.ones(4, np.bool_), cost, 0.0)
     assert search.min_weight == np.inf
 
@@ -166,8 +165,7 @@ def test_candidate_indices_are_independent_of_rotation(monkeypatch):
     c = find_candidates(outline, start, 10**6)
     numbers = np.arange(len(c.triangles))
     for turned in range(3):
-        assert np.array_equal(
-            _find_candidate_indices(c, np.roll(c.triangles, turned, axis=1)), numbers
-        )
+        triangles = np.roll(c.triangles, turned, axis=1)
+        assert np.array_equal(_find_candidate_indices(c, triangles), numbers)
     n = len(c.points)
     assert _find_candidate_indices(c, np.array([[n - 3, n - 2, n], [0, 0, 1]])).tolist() == [-1, -1]

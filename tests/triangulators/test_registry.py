@@ -82,9 +82,8 @@ def test_invalid_polygons_raise_reason(polygon, message):
 
 def test_entry_point_registers_third_party_triangulator(monkeypatch):
     point = EntryPoint("theirs", f"{__name__}:clockwise_square", "raster_harness.triangulators")
-    monkeypatch.setattr(
-        triangulators.registry, "_find_third_party_entry_points", lambda: {"theirs": point}
-    )
+    find_points = "triangulators.registry._find_third_party_entry_points"
+    monkeypatch.setattr(find_points, lambda: {"theirs": point})
     assert "theirs" in triangulators.names(available_only=True)
     assert triangulators.full_name("theirs") == "theirs"
     assert triangulate(SQUARE, "theirs").tolist() == [[0, 1, 2], [0, 2, 3]]

@@ -76,9 +76,8 @@ def test_no_triangulation_gives_none(monkeypatch, sign):
     assert len(calls) >= 8
     for (candidates, alive, cost, units), result in calls:
         assert result is not None
-        bare = candidates.sides[
-            (candidates.sides == np.flatnonzero(candidates.side)[-1]).any(axis=1)
-        ]
+        last = np.flatnonzero(candidates.side)[-1]
+        bare = candidates.sides[(candidates.sides == last).any(axis=1)]
         # Without triangles of the diagonals that make one at a side of the boundary.
         gone = np.isin(candidates.sides, bare[candidates.side[bare] == 0]).any(axis=1)
         signed = replace_fields(cost, weights=sign * cost["weights"])
