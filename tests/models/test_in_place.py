@@ -58,10 +58,8 @@ def test_check_writes_nothing(tmp_path, harness):
     lines = [line for line in output.splitlines() if line.startswith("from 24 directions")]
     assert [line.split(" px")[0].split()[-1] for line in lines] == ["256", "1024"]
     assert all("helper lanes -" in line and "quads -" in line for line in lines)
-    assert_refused(
-        harness("triangulate", "plate.glb", "--check", "-o", "new.glb"),
-        "--check and -o are mutually exclusive",
-    )
+    result = harness("triangulate", "plate.glb", "--check", "-o", "new.glb")
+    assert_refused(result, "--check and -o are mutually exclusive")
     assert [path.name for path in tmp_path.iterdir()] == ["plate.glb"]
 
 
@@ -266,10 +264,8 @@ def test_new_triangles_are_not_thin():
     """One vertex is on a straight edge except for rounding; cutting it off would be shortest."""
     points = np.array([(0, 0, 0), (4, 1e-6, 0), (8, 0, 0), (8, 6, 0), (0, 6, 0)], dtype=float)
     triangles = np.array([(0, 1, 4), (1, 3, 4), (1, 2, 3)])
-    none = np.empty((5, 0))
-    faces, _ = find_flat_faces(
-        ModelMesh(points, triangles, none, none, get_single_precision_tolerance(points))
-    )
+    none, tolerance = np.empty((5, 0)), get_single_precision_tolerance(points)
+    faces, _ = find_flat_faces(ModelMesh(points, triangles, none, none, tolerance))
     result = choose_diagonals(faces, "edge-length").triangles
     assert not any({0, 1, 2} == set(row) for row in faces.vertices[result].tolist())
 

@@ -29,6 +29,10 @@ def framed(scene: Scene) -> Frame:
     return make_scene_frame(scene, get_scene_view(scene))
 
 
+def join_original(frame: Frame) -> np.ndarray:
+    return frame.join_triangles(make_original_triangulation(frame).parts)
+
+
 @pytest.fixture(scope="module")
 def plate_file(tmp_path_factory) -> str:
     path = tmp_path_factory.mktemp("models") / "plate.glb"
@@ -49,8 +53,7 @@ def test_loose_triangles_have_the_counters_that_check_reports(tmp_path):
     drawn = [views.DrawnPart(part.mesh, part.mesh.triangles, part.placements) for part in parts]
     (counts,) = views.count_views(drawn, (256,))
     frame = framed(read(str(path), pixels=256))
-    rows = frame.join_triangles(make_original_triangulation(frame).parts)
-    counted = count_per_triangle(frame.points, rows)
+    counted = count_per_triangle(frame.points, join_original(frame))
     assert counted["helper_lanes"].sum() == counts.before[0] > 0
     assert counted["quads"].sum() == counts.before[1]
 
@@ -83,9 +86,8 @@ def test_a_run_draws_the_triangles_that_triangulate_writes(tmp_path, pieces):
     assert counts.after[0] < 0.95 * counts.before[0]
     unproven = np.isinf(done.gaps)
     assert (unproven == (scene.viewing.source > len(scene.polygons))).all()
-    carried = carry_to_views(
-        frame, triangulate_polygons(parse("fan"), frame.flat.polygons), parse("fan")
-    )
+    fans = triangulate_polygons(parse("fan"), frame.flat.polygons)
+    carried = carry_to_views(frame, fans, parse("fan"))
     for piece, rows in scene.viewing.other_triangles.items():
         assert np.array_equal(carried.parts[piece], rows)
 
@@ -114,16 +116,15 @@ def test_faces_lie_in_their_planes_and_their_triangles_are_the_models(plate_file
         count = sum(len(ring.coords) - 1 for ring in (polygon.exterior, *polygon.interiors))
         assert len(triangles) == count + 2 * len(polygon.interiors) - 2
     assert sum(len(polygon.interiors) for polygon in scene.polygons) == 4
-    largest = max(scene.polygons, key=lambda polygon: polygon.area)
-    assert largest.area / scale**2 == pytest.approx(
-        max(model.area_faces[polygon].sum() for polygon in model.facets), rel=1e-6
-    )
+    largest = max(polygon.area for polygon in scene.polygons)
+    expected = max(model.area_faces[facet].sum() for facet in model.facets)
+    assert largest / scale**2 == pytest.approx(expected, rel=1e-6)
 
 
 def test_pieces_are_the_faces_whose_front_points_to_the_camera(plate_file):
     scene = read(plate_file, views=4, pixels=512)
     frame, viewing = framed(scene), scene.viewing
-    rows = frame.join_triangles(make_original_triangulation(frame).parts)
+    rows = join_original(frame)
     a, b, c = np.moveaxis(frame.points[rows].astype(np.int64), 1, 0)
     turned = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     assert (turned >= 0).all()
@@ -187,9 +188,7 @@ def test_triangles_are_drawn_in_the_models_order_or_front_to_back(tmp_path, dept
     builder = Builder(points, order)
     scene = read(built(builder, tmp_path), views=24, depth=depth)
     frame = framed(scene)
-    rows = order_submission(
-        frame, frame.join_triangles(make_original_triangulation(frame).parts), Options()
-    )
+    rows = order_submission(frame, join_original(frame), Options())
     for span in frame.split_by_draw(rows):
         view_rows = rows[span]
         if len(view_rows) == 0:
@@ -210,13 +209,10 @@ def test_parts_are_drawn_one_after_the_other(tmp_path):
     for height in (0, 5, 2):
         builder.primitive(KITE + np.array([0, 0, height], "<f4"), LONG)
     frame = framed(read(built(builder, tmp_path)))
-    rows = order_submission(
-        frame, frame.join_triangles(make_original_triangulation(frame).parts), Options()
-    )
-    seen = [
-        frame.source[frame.find_owners(rows[span])].tolist() for span in frame.split_by_draw(rows)
-    ]
-    assert sorted(map(tuple, seen)) == 12 * [()] + 12 * [(0, 0, 1, 1, 2, 2)]
+    rows = order_submission(frame, join_original(frame), Options())
+    drawn = [frame.find_owners(rows[span]) for span in frame.split_by_draw(rows)]
+    seen = [tuple(frame.source[pieces].tolist()) for pieces in drawn]
+    assert sorted(seen) == 12 * [()] + 12 * [(0, 0, 1, 1, 2, 2)]
 
 
 def test_gaps_belong_to_faces_with_triangles(tmp_path):
@@ -234,8 +230,7 @@ def test_gaps_belong_to_faces_with_triangles(tmp_path):
 
 
 def test_another_distance_is_another_scene(tmp_path):
-    builder = Builder(KITE, LONG)
-    path = built(builder, tmp_path)
+    path = built(Builder(KITE, LONG), tmp_path)
     hashes = {read(path, distance=distance).content_hash for distance in (3.0, 3.0, 3.001)}
     assert len(hashes) == 2
 
@@ -302,7 +297,6 @@ def test_nan_positions_are_not_drawn(tmp_path):
 )
 def test_too_many_pieces_are_refused(plate_file, monkeypatch, name, limit, noun):
     monkeypatch.setattr(f"harness.models.seen.{name}", limit)
-    with pytest.raises(
-        SceneError, match=f"more than .*{limit:,} {noun}.* in all views; reduce views="
-    ):
+    message = f"more than .*{limit:,} {noun}.* in all views; reduce views="
+    with pytest.raises(SceneError, match=message):
         read(plate_file)

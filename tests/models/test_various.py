@@ -34,16 +34,16 @@ def test_nothing_but_index_data_changes(tmp_path, name):
         assert after.area == pytest.approx(before.area, rel=1e-5)
 
 
+def first_primitive(json):
+    return json["meshes"][0]["primitives"][0]
+
+
 @pytest.mark.parametrize(
     ("name", "spoil", "message"),
     [
         ("textured.glb", lambda json, data: data.__setitem__(3, data[3] ^ 1), "bytes of buffer 0"),
         ("variants.glb", lambda json, _: json["extras"].update(by=["them"]), "JSON"),
-        (
-            "several.glb",
-            lambda json, _: json["meshes"][0]["primitives"][0].update(material=1),
-            "JSON",
-        ),
+        ("several.glb", lambda json, _: first_primitive(json).update(material=1), "JSON"),
         ("coloured.glb", lambda json, _: json["nodes"][0].update(mesh=0, name="x"), "JSON"),
     ],
 )

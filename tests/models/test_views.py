@@ -29,9 +29,8 @@ def test_directions_are_evenly_distributed():
     assert np.allclose(np.linalg.norm(directions, axis=1), 1)
     assert np.allclose(directions.sum(axis=0), 0)
     assert len({tuple(np.round(row, 9)) for row in directions}) == views.VIEWS
-    assert np.allclose(
-        directions.T @ directions, np.eye(3) * views.VIEWS / 3
-    )  # as even as on a sphere
+    # as even as on a sphere
+    assert np.allclose(directions.T @ directions, np.eye(3) * views.VIEWS / 3)
 
 
 def test_placements_are_counted_together(monkeypatch):
@@ -132,10 +131,9 @@ def compute_savings(plates, pixels: int) -> tuple[float, float, float]:
         frame = make_scene_frame(scene, get_scene_view(scene))
         original = make_original_triangulation(frame)
         totals = {name: values.sum() for name, values in original.predicted.items()}
-        counted = count_per_triangle(frame.points, frame.join_triangles(original.parts))[
-            "helper_lanes"
-        ].sum()
-        lanes.append((4 * totals["expected_quads"] - totals["area"], int(counted)))
+        counts = count_per_triangle(frame.points, frame.join_triangles(original.parts))
+        counted = int(counts["helper_lanes"].sum())
+        lanes.append((4 * totals["expected_quads"] - totals["area"], counted))
     (part,) = [part for group in open_model(before)[1] for part in group]
     ball = find_bounding_sphere([part.mesh.positions])
     scale = pixels * np.sqrt(DISTANCE**2 - 1) / (2 * ball.radius * DISTANCE)

@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple, Self
 
@@ -62,13 +63,6 @@ class Cases(NamedTuple):
         return self.points[first:last], self.corners[begin:end]
 
 
-LENGTH_FLIPS = {
-    "l1": flips.flip_by_l1,
-    "euclidean": flips.flip_by_length,
-    "delaunay": flips.flip_by_delaunay,
-}
-
-
 def flip_in_python(cases: Cases, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Return all corners after flips, and the number of flips of each polygon.
 
@@ -78,11 +72,15 @@ def flip_in_python(cases: Cases, name: str) -> tuple[np.ndarray, np.ndarray]:
     result, counts = cases.corners.copy(), []
     by, _, native = name.partition("-")
     by, _, scale = by.partition("@")
-    special = {"earcut": flips.flip_as_earcut, "reorder": lambda *_: 0, "quads": _by_quads(scale)}
-    flip = special.get(by) or LENGTH_FLIPS[by]
-    for index, (begin, end) in enumerate(
-        zip(cases.bounds[:-1, 1], cases.bounds[1:, 1], strict=True)
-    ):
+    flip = {
+        "l1": flips.flip_by_l1,
+        "euclidean": flips.flip_by_length,
+        "delaunay": flips.flip_by_delaunay,
+        "earcut": flips.flip_as_earcut,
+        "reorder": lambda *_: 0,
+        "quads": _by_quads(scale),
+    }[by]
+    for index, (begin, end) in enumerate(pairwise(cases.bounds[:, 1].tolist())):
         points, before = cases.polygon(index)
         after = before.copy()
         twin = link_half_edges(after)

@@ -111,12 +111,8 @@ def _global_triangles(cases: Cases, corners: np.ndarray) -> np.ndarray:
 
 def _find_border(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return keys of edges, and the excess of one direction over the other where it is not 0."""
-    tails, heads = (
-        triangles.astype(np.int64).ravel(),
-        triangles[:, [1, 2, 0]].astype(np.int64).ravel(),
-    )
-    keys, index = np.unique(
-        np.minimum(tails, heads) * count + np.maximum(tails, heads), return_inverse=True
-    )
+    tails, heads = (triangles[:, c].astype(np.int64).ravel() for c in ([0, 1, 2], [1, 2, 0]))
+    edges = np.minimum(tails, heads) * count + np.maximum(tails, heads)
+    keys, index = np.unique(edges, return_inverse=True)
     excess = np.bincount(index.ravel(), weights=np.where(tails < heads, 1.0, -1.0))
     return keys[excess != 0.0], excess[excess != 0.0]

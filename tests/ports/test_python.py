@@ -93,14 +93,11 @@ def test_invalid_inputs_are_refused(package, points, triangles, options, problem
 
 
 def test_port_is_small_and_needs_only_numpy(package):
-    files = [
-        *(ROOT / "ports/python/flip_triangles").glob("*.*"),
-        ROOT / "ports/python/pyproject.toml",
-    ]
+    port = ROOT / "ports" / "python"
+    files = [*(port / "flip_triangles").glob("*.*"), port / "pyproject.toml"]
     assert sum(file.read_text().count("\n") for file in files) <= MAX_LINES
-    code = (
-        "import sys, flip_triangles; print(sorted({*sys.modules} & {'numba', 'shapely', 'scipy'}))"
-    )
+    heavy = "{*sys.modules} & {'numba', 'shapely', 'scipy'}"
+    code = f"import sys, flip_triangles; print(sorted({heavy}))"
     folder = str(ROOT.joinpath(package.__file__).parents[1])
     environment = {**os.environ, "PYTHONPATH": folder}
     assert subprocess.check_output([sys.executable, "-c", code], env=environment) == b"[]\n"

@@ -67,18 +67,16 @@ def test_openstreetmap(tmp_path):
 
 
 def test_dropped_and_repaired_geometries_are_noted(geojson):
-    scene = load(
-        geojson(
-            feature([SQUARE], name="good"),
-            feature([BOW_TIE], name="bow tie"),
-            feature(None, name="nothing"),
-            feature([1, 2], "Point"),
-            feature([[[0, 0], [5, 5], [9, 9], [0, 0]]], name="flat"),
-            feature(
-                [[SQUARE], [[[40, 0], [50, 0], [50, 10], [40, 0]]]], "MultiPolygon", name="two"
-            ),
-        )
+    two = [[SQUARE], [[[40, 0], [50, 0], [50, 10], [40, 0]]]]
+    path = geojson(
+        feature([SQUARE], name="good"),
+        feature([BOW_TIE], name="bow tie"),
+        feature(None, name="nothing"),
+        feature([1, 2], "Point"),
+        feature([[[0, 0], [5, 5], [9, 9], [0, 0]]], name="flat"),
+        feature(two, "MultiPolygon", name="two"),
     )
+    scene = load(path)
     assert_valid_polygons(scene.polygons)
     assert len(scene.polygons) == 1 + 2 + 2
     assert list(scene.attributes["name"]) == ["good", "bow tie", "bow tie", "two", "two"]
@@ -87,9 +85,8 @@ def test_dropped_and_repaired_geometries_are_noted(geojson):
     assert dropped["feature 3"] == "is a Point, not a polygon"
     assert "feature 4" in dropped
     assert len(scene.dropped) == 3
-    assert scene.repaired == [
-        ("feature 1", "self-intersects at 3.0 4.0; repaired into 2 polygon(s)")
-    ]
+    reason = "self-intersects at 3.0 4.0; repaired into 2 polygon(s)"
+    assert scene.repaired == [("feature 1", reason)]
 
 
 def test_nan_is_dropped_and_a_file_of_nan_only_refused(tmp_path):
@@ -219,9 +216,8 @@ class TestCurves:
         scene = load(path)
         assert_valid_polygons(scene.polygons)
         assert sum(p.area for p in scene.polygons) == pytest.approx(sum(self.AREAS), rel=2e-3)
-        assert [why for _, why in scene.repaired] == [
-            "has curves; replaced by chords of 4 degrees"
-        ] * 2
+        reasons = [why for _, why in scene.repaired]
+        assert reasons == ["has curves; replaced by chords of 4 degrees"] * 2
         assert scene.dropped == []
 
     def test_curves_are_dropped_without_gdal(self, tmp_path, monkeypatch):
@@ -399,9 +395,8 @@ def test_chunks_contain_the_complete_file(tmp_path, streaming, monkeypatch):
     assert all(c.units == "m" for c in chunks)
     polygons = [p for c in chunks for p in c.cleaned.polygons]
     # All chunks have the same projection, so neighbours of different chunks keep the distance.
-    assert polygons[9].distance(polygons[10]) == pytest.approx(
-        polygons[10].distance(polygons[11]), rel=0.02
-    )
+    within = polygons[10].distance(polygons[11])
+    assert polygons[9].distance(polygons[10]) == pytest.approx(within, rel=0.02)
 
 
 def test_errors_are_one_line_and_name_the_file(tmp_path, geojson):
@@ -425,11 +420,8 @@ def test_errors_are_one_line_and_name_the_file(tmp_path, geojson):
 def test_csv_with_text_after_a_closing_quote_is_refused(tmp_path, separator):
     """GDAL joins the rows up to the next quote, so that polygons are lost in silence."""
     rows = ['"POLYGON ((0 0,1 0,0 1,0 0))"', '"POLYGON ((0 0,2 0,0 2,0 0))"']
-    whole, torn = (
-        "\n".join([f"WKT{separator}name", *(f'{row}{separator}"a ""b"""' for row in r)])
-        for r in (rows, [rows[0] + '"', *rows[1:]])
-    )
-    for name, text in (("whole", whole), ("torn", torn)):
-        (tmp_path / f"{name}.csv").write_text(text)
+    for name, wkt in (("whole", rows), ("torn", [rows[0] + '"', rows[1]])):
+        lines = [f"WKT{separator}name", *(f'{row}{separator}"a ""b"""' for row in wkt)]
+        (tmp_path / f"{name}.csv").write_text("\n".join(lines))
     assert len(load(tmp_path / "whole.csv").polygons) == 2
     require_error(r"torn.csv line 2: text after a closing quote", tmp_path / "torn.csv")

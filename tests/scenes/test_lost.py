@@ -105,9 +105,8 @@ class TestModels:
     def test_counts_in_headers(self, tmp_path):
         corners = "".join(f"{x} {y} 0\n" for y in range(3) for x in range(4))
         faces = [(a, a + 1, a + 5, a + 4) for a in (0, 1, 2, 4, 5, 6)]
-        text = f"OFF # a plate\n12 6 0\n{corners}" + "".join(
-            f"4 {a} {b} {c} {d}\n" for a, b, c, d in faces
-        )
+        rows = "".join(f"4 {a} {b} {c} {d}\n" for a, b, c, d in faces)
+        text = f"OFF # a plate\n12 6 0\n{corners}{rows}"
         path = tmp_path / "a.off"
         path.write_text(text)
         assert sum(p.area for p in load(path).polygons) == pytest.approx(6)

@@ -79,9 +79,8 @@ def bokeh_sampledata(stand_in):
             for order, (state, lon) in enumerate((("TX", -99), ("AK", -150), ("NM", -106))):
                 square = shapely.box(lon, 31, lon + 0.1, 31.1)
                 record = json.dumps({"name": f"{state} of {table}", "state": state})
-                database.execute(
-                    f"INSERT INTO {table} VALUES (?, ?, ?, ?)", (state, record, square.wkb, order)
-                )
+                row = (state, record, square.wkb, order)
+                database.execute(f"INSERT INTO {table} VALUES (?, ?, ?, ?)", row)
 
 
 @pytest.mark.usefixtures("bokeh_sampledata")
@@ -148,7 +147,5 @@ def test_install_command_of_a_checkout(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(metadata, "distributions", lambda name: [])
     checkout = Path(spec.__file__).parents[1]
-    assert (
-        spec.format_install_command("ply")
-        == f'{sys.executable} -m pip install -e "{checkout}[ply]"'
-    )
+    expected = f'{sys.executable} -m pip install -e "{checkout}[ply]"'
+    assert spec.format_install_command("ply") == expected

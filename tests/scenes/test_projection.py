@@ -108,10 +108,8 @@ def test_geographic_systems(crs, expected):
 
 def test_coordinates_in_grads_are_not_projected(tmp_path):
     path = tmp_path / "paris.gpkg"
-    square = shapely.box(0, 54, 0.01, 54.01)
-    pyogrio.raw.write(
-        path, shapely.to_wkb(np.array([square])), [], [], geometry_type="Polygon", crs="EPSG:4807"
-    )
+    square = shapely.to_wkb([shapely.box(0, 54, 0.01, 54.01)])
+    pyogrio.raw.write(path, square, [], [], geometry_type="Polygon", crs="EPSG:4807")
     scene = load(path)
     assert scene.units == "units"
     assert "are not degrees as in NTF (Paris); used unchanged" in scene.notes[0]

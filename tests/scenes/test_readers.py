@@ -334,9 +334,8 @@ class TestGltf:
         lengths = []
         for part in (part for group in GltfModel(path).iterate_groups() for part in group):
             for matrix in part.placements:
-                a, b, c = np.moveaxis(
-                    (part.mesh.positions @ matrix[:3, :3].T)[part.mesh.triangles], 1, 0
-                )
+                corners = (part.mesh.positions @ matrix[:3, :3].T)[part.mesh.triangles]
+                a, b, c = np.moveaxis(corners, 1, 0)
                 lengths += np.linalg.norm(np.cross(b - a, c - a), axis=1).tolist()
         area = sum(p.area for p in scene.polygons)
         assert area == pytest.approx(sum(lengths) / 2)

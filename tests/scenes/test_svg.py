@@ -84,10 +84,9 @@ def test_polygons_cover_the_area_that_resvg_draws(tmp_path, body):
     drawn = image.imread(io.BytesIO(png))[..., 3].sum() / 16
     visible = shapely.union_all(scene.polygons).intersection(shapely.box(0, -100, 100, 0))
     # Eight chords replace a curve.
-    tolerance = 0.025 if " C " in body else 0.005 if "polygon" in body else 0.01
-    assert visible.area == pytest.approx(
-        drawn, rel=tolerance, abs=0.0 if "polygon" in body else 0.7
-    )
+    relative = 0.025 if " C " in body else 0.005 if "polygon" in body else 0.01
+    absolute = 0.0 if "polygon" in body else 0.7
+    assert visible.area == pytest.approx(drawn, rel=relative, abs=absolute)
 
 
 @pytest.mark.parametrize(

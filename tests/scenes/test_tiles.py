@@ -91,10 +91,8 @@ def test_polygons_agree_with_mapbox_vector_tile(tile):
     layers = decode(tile)
     assert {layer.name for layer in layers} == set(expected_layers)
     for layer in layers:
-        shapes = [
-            shapely.geometry.shape(item["geometry"])
-            for item in expected_layers[layer.name]["features"]
-        ]
+        features = expected_layers[layer.name]["features"]
+        shapes = [shapely.geometry.shape(item["geometry"]) for item in features]
         areal = [part for part in shapely.get_parts(shapes) if part.geom_type == "Polygon"]
         assert rings(layer.polygons) == rings(areal)
     assert sum(len(layer.polygons) for layer in layers) > 10
@@ -348,10 +346,8 @@ def three_archives(
 
 
 def two_tiles(folder: Path, pack: Any, compression: Compression) -> dict[str, str]:
-    tile = pack(encoded([COURT]))
-    return three_archives(
-        folder, {TilePosition(3, 4, 2): tile, TilePosition(3, 4, 3): tile}, compression
-    )
+    tiles = dict.fromkeys([TilePosition(3, 4, 2), TilePosition(3, 4, 3)], pack(encoded([COURT])))
+    return three_archives(folder, tiles, compression)
 
 
 PACKED = {"none": (bytes, Compression.NONE), "gzip": (gzip.compress, Compression.GZIP)}
@@ -412,11 +408,8 @@ def test_directories_are_decompressed_as_the_header_states(kind, tmp_path):
     file, data = tmp_path / "a.pmtiles", b"aaaabbbbcccc"
     pmtiles(file, pack[kind](root), leaf, data, metadata=metadata, **zooms)
     tiles = PMTiles(file)
-    assert [tiles.read(name) for name in tiles.list_tile_keys(4)] == [
-        b"aaaa",
-        b"bbbb",
-        *[b"cccc"] * 30,
-    ]
+    contents = [tiles.read(name) for name in tiles.list_tile_keys(4)]
+    assert contents == [b"aaaa", b"bbbb", *[b"cccc"] * 30]
     assert tiles.attribution == "us"
 
 
@@ -471,10 +464,7 @@ def test_formats_and_compressions_of_mbtiles(tmp_path, kind, pack):
         ("helsinki-tiles:pixels=511", "pixels=511 is not an even number from 8 to 4096"),
         ("FOLDER:pixels=512", "holds no tiles: zoom=, layers=, tiles= and pixels= are for"),
         ("FOLDER/a.gpkg:zoom=3", "a.gpkg holds no tiles"),
-        (
-            "FOLDER/a.pmtiles:zoom=3",
-            "is not a PMTiles archive: give a PMTiles archive of version 3",
-        ),
+        ("FOLDER/a.pmtiles:zoom=3", "not a PMTiles archive: give a PMTiles archive of version 3"),
         ("FOLDER/png.pmtiles:zoom=0", "holds PNG tiles: give Mapbox vector tiles"),
         ("FOLDER/png.mbtiles:zoom=0", "holds tiles of format png: give vector tiles"),
         ("FOLDER/no.mbtiles:zoom=0", "cannot be read as map tiles: no such table: metadata"),
@@ -601,12 +591,8 @@ def test_null_tile_is_damaged(tmp_path):
     scene = load(f"{path}:zoom=3")
     assert scene.tiling.names == ("3/4/3",)
     assert scene.dropped == [("tile 3/4/2", "cannot be read: tile_data is NULL")]
-    damaged = {
-        tile.name: tile.damage
-        for tile in read_tiles(
-            path, (compute_first_number(3), compute_first_number(4)), TileSelection()
-        )
-    }
+    numbers = compute_first_number(3), compute_first_number(4)
+    damaged = {tile.name: tile.damage for tile in read_tiles(path, numbers, TileSelection())}
     assert damaged == {"3/4/2": "cannot be read: tile_data is NULL", "3/4/3": ""}
 
 
@@ -621,9 +607,8 @@ def test_archive_without_tile_options_is_read_as_a_map():
     heap = load(str(FILE))
     assert heap.tiling is None
     assert heap.units == "m"
-    with pytest.raises(
-        UsageError, match="unsupported for map tiles; set the resolution by pixels="
-    ):
+    message = "unsupported for map tiles; set the resolution by pixels="
+    with pytest.raises(UsageError, match=message):
         make_scene_frame(load("helsinki-tiles:tiles=1"), View(512))
 
 

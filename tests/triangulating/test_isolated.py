@@ -78,9 +78,8 @@ def test_import_errors_are_reported(tmp_path, monkeypatch, statement, error, rea
 
 
 def test_a_missing_module_is_refused():
-    with pytest.raises(
-        UsageError, match="no module 'mien'; the module must be in the current folder"
-    ):
+    message = "no module 'mien'; the module must be in the current folder"
+    with pytest.raises(UsageError, match=message):
         isolated.triangulate_many(squares(), "mien:cut")
 
 

@@ -136,9 +136,7 @@ def test_polygons_outside_a_batch_are_timed_one_by_one(monkeypatch):
 
     monkeypatch.setattr(triangulate, "cpu_clock", clock)
     monkeypatch.setattr(triangulate, "warm_up", lambda *_: None)
-    monkeypatch.setattr(
-        triangulate, "triangulate_in_batch", lambda recipe, polygons, result: {0: None}
-    )
+    monkeypatch.setattr(triangulate, "triangulate_in_batch", lambda *_: {0: None})
     monkeypatch.setattr(Recipe, "triangulate_with_gap", timed)
     assert triangulate.time_in_rounds(RECIPES[:1], POLYGONS, 5, seed=0) == [[1.0] * 5]
     assert seen[:2] == POLYGONS[1:]
