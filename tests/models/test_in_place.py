@@ -36,21 +36,6 @@ def cut_again(builder: Builder, out: Path) -> list[list[list[int]]]:
 CUT_LONG, CUT_SHORT = [[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]
 
 
-@pytest.mark.parametrize("suffix", [".glb", ".obj"])
-def test_retriangulate_shortens_diagonals_and_changes_nothing_else(tmp_path, suffix):
-    source, target = tmp_path / f"plate{suffix}", tmp_path / f"other{suffix}"
-    make_solid().export(source)
-    done = retriangulate(source, target)
-    before, after = (trimesh.load_mesh(path) for path in (source, target))
-    assert (done.changed, done.unchanged) == (2, {})
-    assert done.triangles == done.flat == len(after.faces) == len(before.faces)
-    assert done.after < 0.8 * done.before
-    assert after.is_watertight
-    assert after.volume == pytest.approx(before.volume, rel=1e-6)
-    assert after.area == pytest.approx(before.area, rel=1e-6)
-    assert {*map(tuple, after.vertices)} == {*map(tuple, before.vertices)}
-
-
 def test_check_writes_nothing(tmp_path, harness):
     make_solid().export(tmp_path / "plate.glb")
     output, _ = require_ok(harness("triangulate", "plate.glb", "--check"))

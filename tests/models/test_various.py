@@ -32,6 +32,11 @@ def test_nothing_but_index_data_changes(tmp_path, name):
     if name != "fan.glb":  # which trimesh cannot read
         before, after = (trimesh.load(path, force="mesh") for path in (source, target))
         assert after.area == pytest.approx(before.area, rel=1e-5)
+    if name in ("plain.glb", "plain.obj"):
+        assert (done.changed, done.unchanged) == (2, {})
+        assert done.triangles == done.flat == len(after.faces) == len(before.faces)
+        assert done.after < 0.8 * done.before
+        assert after.volume == pytest.approx(before.volume, rel=1e-6)
 
 
 def first_primitive(json):

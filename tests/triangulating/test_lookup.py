@@ -9,11 +9,11 @@ import pytest
 
 from harness.frame import View, make_frame
 from harness.measuring.run import RunOptions, run
+from harness.results.run_folder import read_run
 from harness.triangulating import database as database_module
 from harness.triangulating import triangulate
 from harness.triangulating.database import MIN_CACHED_S, CacheLookup, ModelDatabase
 from harness.triangulating.recipes import Recipe, parse
-from harness.triangulating.result import FrameTriangulation
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load
 from tests.conftest import require_ok
@@ -26,9 +26,7 @@ from triangulators import PolygonArray, vertices
 pytestmark = pytest.mark.usefixtures("no_plots", "in_process")
 
 
-def triangulate_named(
-    name, polygons, seed=0, calibration=None, database=None
-) -> FrameTriangulation:
+def triangulate_named(name, polygons, seed=0, calibration=None, database=None):
     recipe = parse(name, seed=seed, calibration=calibration)
     return triangulate_polygons(recipe, polygons, database)
 
@@ -42,8 +40,8 @@ def database(tmp_path) -> Path:
     return tmp_path / "model.sqlite"
 
 
-@pytest.fixture
-def cache_everything(monkeypatch):
+@pytest.fixture(autouse=True)
+def _cache_everything(monkeypatch):
     monkeypatch.setattr(database_module, "MIN_CACHED_S", 0.0)
 
 
@@ -63,13 +61,12 @@ def computed(monkeypatch) -> list[str]:
     return calls
 
 
-@pytest.mark.usefixtures("cache_everything")
 @pytest.mark.parametrize("name", NAMES)
 def test_a_second_run_reads_the_first_ones_triangulations(database, computed, name):
-    first = triangulate_named(name, POLYGONS, 0, None, database)
+    first = triangulate_named(name, POLYGONS, database=database)
     assert len(computed) == len(POLYGONS)
     computed.clear()
-    second = triangulate_named(name, POLYGONS, 0, None, database)
+    second = triangulate_named(name, POLYGONS, database=database)
     done = sum(part is not None for part in first.parts)
     assert (first.cached, second.cached) == (0, done)
     # skipped and failed polygons are computed again, with the same reasons
@@ -84,16 +81,15 @@ def test_a_second_run_reads_the_first_ones_triangulations(database, computed, na
         assert second.seconds == pytest.approx(first.seconds, rel=1e-9)
 
 
-@pytest.mark.usefixtures("cache_everything")
 @pytest.mark.parametrize("base", ["pareto", "listed", "random"])
 def test_each_number_has_separate_entries(database, base):
     """The number decides the triangulation, so entries of other numbers must not be read."""
     polygons = make_frame(load("paper").polygons, View(512)).polygons
     names = [f"{base}#{k}" for k in range(3)]
-    computed = [triangulate_named(name, polygons, 0, None, None) for name in names]
+    computed = [triangulate_named(name, polygons) for name in names]
     for _ in range(2):
         for name, expected in zip(names, computed, strict=True):
-            (part,) = triangulate_named(name, polygons, 0, None, database).parts
+            (part,) = triangulate_named(name, polygons, database=database).parts
             (other,) = expected.parts
             assert (part is None) == (other is None)
             assert part is None or np.array_equal(part, other)
@@ -118,14 +114,14 @@ def test_quickly_computed_triangulations_are_not_stored(
         clock.spend(seconds)
         return single(recipe, polygon)
 
+    monkeypatch.setattr(database_module, "MIN_CACHED_S", MIN_CACHED_S)
     monkeypatch.setattr(Recipe, "triangulate_with_gap", timed)
     monkeypatch.setattr(Recipe, "triangulate_batch", skip_batch)
-    triangulate_named("ear-clipping", small, 0, None, database)
+    triangulate_named("ear-clipping", small, database=database)
     with ModelDatabase(database) as model:
         assert model.count_entries().get("ear-clipping", (0,))[0] == count
 
 
-@pytest.mark.usefixtures("cache_everything")
 def test_other_parameters_have_other_entries(database, computed):
     two_polygons = POLYGONS[:2]
     weights = {"draw": 1.0, "triangles": 1.0, "area": 0.5, "half_perimeter": 2.0}
@@ -150,20 +146,18 @@ def test_other_parameters_have_other_entries(database, computed):
     assert computed == []
 
 
-@pytest.mark.usefixtures("cache_everything")
 def test_another_version_computes_again(database, monkeypatch):
-    triangulate_named("delaunay", POLYGONS[:2], 0, None, database)
+    triangulate_named("delaunay", POLYGONS[:2], database=database)
     monkeypatch.setattr(database_module, "get_triangulators_version", lambda: "another")
-    assert triangulate_named("delaunay", POLYGONS[:2], 0, None, database).cached == 0
+    assert triangulate_named("delaunay", POLYGONS[:2], database=database).cached == 0
 
 
-@pytest.mark.usefixtures("cache_everything")
 def test_another_processor_reads_the_entries_and_reports_their_times(database, monkeypatch):
     monkeypatch.setattr(Recipe, "triangulate_batch", skip_batch)
-    first = triangulate_named("delaunay", POLYGONS[:2], 0, None, database)
-    assert triangulate_named("delaunay", POLYGONS[:2], 0, None, database).notes == []
+    first = triangulate_named("delaunay", POLYGONS[:2], database=database)
+    assert triangulate_named("delaunay", POLYGONS[:2], database=database).notes == []
     monkeypatch.setattr(database_module, "describe_processor", lambda: {"name": "another"})
-    second = triangulate_named("delaunay", POLYGONS[:2], 0, None, database)
+    second = triangulate_named("delaunay", POLYGONS[:2], database=database)
     assert (second.cached, second.seconds) == (2, pytest.approx(first.seconds))
     (note,) = second.notes
     assert "model database: 2 triangulations by delaunay were timed on another processor" in note
@@ -180,30 +174,27 @@ def test_only_versions_of_libraries_that_compute_triangles_matter(monkeypatch, n
     assert (version() != before) == matters
 
 
-@pytest.mark.usefixtures("cache_everything")
 def test_third_party_triangulations_are_not_stored(database):
     name = "tests.broken:triangulate_clockwise"
     assert triangulate_named(name, POLYGONS[:2], database=database).failed == []
     assert not database.exists()
 
 
-@pytest.mark.usefixtures("cache_everything")
 def test_invalid_entries_are_computed_again(database):
     polygon = POLYGONS[0]
-    good = triangulate_named("delaunay", [polygon], 0, None, database)
+    good = triangulate_named("delaunay", [polygon], database=database)
     with CacheLookup(database, "delaunay", {}) as model:
         model.find(PolygonArray.from_shapely([polygon]))
         assert good.parts[0] is not None
         # an intact entry, but not a triangulation of the polygon
         model.store(0, good.parts[0][1:], 1.0)
-    result = triangulate_named("delaunay", [polygon], 0, None, database)
+    result = triangulate_named("delaunay", [polygon], database=database)
     assert (result.cached, result.failed) == (0, [])
     assert result.parts[0] is not None
     assert (result.parts[0] == good.parts[0]).all()
-    assert triangulate_named("delaunay", [polygon], 0, None, database).cached == 1
+    assert triangulate_named("delaunay", [polygon], database=database).cached == 1
 
 
-@pytest.mark.usefixtures("cache_everything")
 def test_entries_are_written_at_once(database):
     with CacheLookup(database, "delaunay", {}) as model:
         model.find(POLYGONS[:1])
@@ -212,7 +203,6 @@ def test_entries_are_written_at_once(database):
             assert other.count_entries()["delaunay"][0] == 1
 
 
-@pytest.mark.usefixtures("cache_everything")
 def test_a_run_reports_the_number_of_cached_polygons(block, database, tmp_path, monkeypatch):
     monkeypatch.setattr(Recipe, "triangulate_batch", skip_batch)
     plan = make_plan(block)
@@ -244,8 +234,6 @@ SPIRAL = ("run", "--scene", "stress:family=spiral,vertices=400", *MOCK)
 
 
 def cached_of(folder: str) -> int:
-    from harness.results.run_folder import read_run
-
     (record,) = get_rows(read_run(Path(folder)))
     return record["polygons_cached"]
 

@@ -55,31 +55,20 @@ def test_only_optima_have_gaps(polygons):
         assert triangulate_named(name, polygons).gaps == []
 
 
-def test_search_results_are_not_proven(polygons, no_proof):
-    gaps = triangulate_named("optimal:half-perimeter", polygons).gaps
-    assert [gaps[0], gaps[2]] == [0.0, 0.0]
-    assert gaps[1] > 0.0
-
-
-def test_cached_optima_are_proven(polygons, tmp_path, monkeypatch):
+@pytest.mark.parametrize("is_proven", [True, False])
+def test_results_are_cached_with_their_gaps(polygons, tmp_path, monkeypatch, request, is_proven):
+    if not is_proven:
+        request.getfixturevalue("no_proof")
     monkeypatch.setattr(database_module, "MIN_CACHED_S", 0.0)
     monkeypatch.setattr(Recipe, "triangulate_batch", skip_batch)
-    database = tmp_path / "kept.sqlite"
-    first = triangulate_named("optimal:half-perimeter", polygons, database)
-    second = triangulate_named("optimal:half-perimeter", polygons, database)
+    first, second = (
+        triangulate_named("optimal:half-perimeter", polygons, tmp_path / "kept.sqlite")
+        for _ in range(2)
+    )
     assert (first.cached, second.cached) == (0, 3)
-    assert second.gaps == first.gaps == [0.0, 0.0, 0.0]
-
-
-def test_unproven_results_are_cached_with_their_gaps(polygons, tmp_path, monkeypatch, no_proof):
-    monkeypatch.setattr(database_module, "MIN_CACHED_S", 0.0)
-    monkeypatch.setattr(Recipe, "triangulate_batch", skip_batch)
-    database = tmp_path / "kept.sqlite"
-    first = triangulate_named("optimal:half-perimeter", polygons, database)
-    second = triangulate_named("optimal:half-perimeter", polygons, database)
-    assert second.cached == 3
     assert second.gaps == first.gaps
-    assert second.gaps[1] > 0.0
+    assert first.gaps[::2] == [0.0, 0.0]
+    assert (first.gaps[1] == 0.0) == is_proven
 
 
 @pytest.mark.parametrize(
