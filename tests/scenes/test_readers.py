@@ -368,16 +368,6 @@ class TestGltf:
         builder.json["accessors"][0]["normalized"] = True
         assert self.area(builder, tmp_path / "a.glb") == pytest.approx(1)
 
-    def test_sparse_positions(self, tmp_path):
-        builder = Builder(self.CORNERS, self.PAIR)
-        stretched = self.CORNERS[1:3] * (5, 1, 1)
-        builder.json["accessors"][0]["sparse"] = {
-            "count": 2,
-            "indices": {"bufferView": builder.view(bytes([1, 2])), "componentType": 5121},
-            "values": {"bufferView": builder.view(stretched.astype("<f4").tobytes())},
-        }
-        assert self.area(builder, tmp_path / "a.glb") == pytest.approx(5)
-
     def test_nodes_and_instances(self, tmp_path):
         builder = Builder(self.CORNERS, self.PAIR)
         instances = {

@@ -16,6 +16,7 @@ def test_registered_sizes_are_correct(name):
     if (missing := entry.find_install_command()) is not None:
         pytest.skip(missing)
     polygons = load(name).polygons
+    assert_valid_polygons(polygons)
     rings = [ring for p in polygons for ring in (p.exterior, *p.interiors)]
     corners = sum(len(ring.coords) - 1 for ring in rings)
     assert entry.size == (len(polygons), corners, len(rings) - len(polygons))

@@ -6,15 +6,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from harness.frame import View, make_frame
-from scenes import load
 from tests.paths import run_python
 from tests.ports.polygons import earcut_rings
 from tests.triangulators.cases import hard_polygons, random_simple, star, with_hole
 from tests.triangulators.test_geometry import exact_sign
 from tests.triangulators.test_optimal import squared_height
 from triangulators import UnknownNameError, criteria, flip, triangulate, triangulate_many, vertices
-from triangulators.criteria import CRITERIA, predict
+from triangulators.criteria import CRITERIA
 from triangulators.verify import verify
 
 FLIP_TESTS = ("l1", "euclidean", "delaunay", "overdraw", "beauty", "mixed")
@@ -248,14 +246,3 @@ def test_refined_is_valid_and_never_worse_than_ear_clipping(polygon):
         cost, start = criterion.total(points, triangles), criterion.total(points, ears)
         best = criterion.total(points, triangulate(polygon, f"optimal:{name}"))
         assert best * (1 - 1e-9) - 1e-9 <= cost <= start * (1 + 1e-9) + 1e-9, polygon.wkt
-
-
-def test_refined_is_within_two_percent_on_city():
-    polygons = make_frame(load("city").polygons[::5], View(1024)).polygons
-    total = dict.fromkeys(("ear-clipping", "delaunay", "refined", "optimal:half-perimeter"), 0.0)
-    for polygon in polygons:
-        points = vertices(polygon)
-        for name in total:
-            total[name] += predict(points, triangulate(polygon, name))["half_perimeter"]
-    assert total["refined"] <= total["optimal:half-perimeter"] * 1.02
-    assert total["refined"] < min(total["delaunay"], total["ear-clipping"])

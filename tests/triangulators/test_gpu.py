@@ -16,6 +16,7 @@ from tests.triangulators.cases import (
     hard_polygons,
     random_simple,
     read_shared,
+    snapped,
     star,
     with_hole,
 )
@@ -49,10 +50,6 @@ def assert_same(polygons, name=NAME, on="llvmpipe", **parameters):
     return by_device
 
 
-def on_grid(points, step=1 / 256):
-    return shapely.Polygon(np.round(np.asarray(points) / step) * step)
-
-
 def rectangle(across, up):
     """A rectangle with a vertex at each integer step of its sides: only ties."""
     bottom = [(x, 0) for x in range(across)]
@@ -67,7 +64,7 @@ def test_small_rings_of_every_size(name, device_counts):
     rng = np.random.default_rng(5)
     polygons = [random_simple(rng, n, 40) for n in range(3, 24)]
     polygons += [star(n, seed=n) for n in (15, 16, 17, 31, 32, 33, 48, 62, 63, 64)]
-    polygons += [on_grid(vertices(convex(n))) for n in (3, 4, 16, 17, 63, 64)]
+    polygons += [snapped(vertices(convex(n))) for n in (3, 4, 16, 17, 63, 64)]
     polygons += [rectangle(*sides) for sides in ((1, 1), (2, 1), (4, 4), (8, 8), (16, 15), (31, 1))]
     polygons += [shapely.reverse(polygon) for polygon in polygons]
     assert_same(polygons, name)

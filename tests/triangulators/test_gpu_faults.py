@@ -141,33 +141,22 @@ def test_buffer_allocation_fails(monkeypatch, expected, caplog):
     expect_one_warning(expected, caplog, "GL_OUT_OF_MEMORY")
 
 
-def zeros(array):
-    array[:] = 0
+SPOILED = {
+    "zeros": lambda words: 0 * words,
+    "noise": lambda words: np.random.default_rng(7).integers(0, 2**32, len(words), np.uint32),
+    "unfinished": lambda words: np.r_[words[: len(words) // 8], 0 * words[len(words) // 8 :]],
+    "swapped": lambda words: np.r_[words[[0, 2, 1]], words[3:]],
+    "dearer": lambda words: np.r_[words[:1] + 1, words[1:]],
+}
 
 
-def noise(array):
-    array[:] = np.random.default_rng(7).integers(0, 2**32, len(array), dtype=np.uint32)
-
-
-def unfinished(array):
-    array[len(array) // 8 :] = 0
-
-
-def swapped(array):
-    array[1], array[2] = array[2], array[1]
-
-
-def dearer(array):
-    array[0] += 1
-
-
-@pytest.mark.parametrize("spoil", [zeros, noise, unfinished, swapped, dearer])
-def test_corrupted_results_are_rejected(monkeypatch, expected, caplog, spoil):
+@pytest.mark.parametrize("kind", SPOILED)
+def test_corrupted_results_are_rejected(monkeypatch, expected, caplog, kind):
     read_into = Storage.read_into
 
     def spoiled(self, array):
         read_into(self, array)
-        spoil(array)
+        array[:] = SPOILED[kind](array)
 
     monkeypatch.setattr(Storage, "read_into", spoiled)
     expect_one_warning(expected, caplog, "results are wrong")

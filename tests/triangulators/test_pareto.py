@@ -57,28 +57,6 @@ def test_front_points_are_triangulators_by_index():
             triangulate(polygon, "pareto", k=len(expected))
 
 
-def test_weighted_optima_are_on_front():
-    rng = np.random.default_rng(11)
-    reached = 0
-    for _ in range(30):
-        polygon = random_simple(rng, int(rng.integers(5, 10)))
-        front = brute_front(polygon)
-        for beta in (0.01, 0.1, 1.0, 10.0, 100.0):
-            sums = predict(vertices(polygon), triangulate(polygon, f"optimal:mixed=1/{beta}/0"))
-            costs = np.array([sums[name] for name in PAIR])
-            assert np.isclose(front, costs, rtol=1e-7).all(axis=1).any(), (polygon.wkt, beta)
-            # C is the same for all of them: whatever its weight, the optimum stays.
-            for gamma in (1, 1000):
-                name = f"optimal:mixed=1/{beta}/{gamma}"
-                repeated = predict(vertices(polygon), triangulate(polygon, name))
-                assert [repeated[name] for name in PAIR] == pytest.approx(costs, rel=1e-9)
-        for weights, column in (("1/0/0", 0), ("0/1/0", 1)):
-            sums = predict(vertices(polygon), triangulate(polygon, f"optimal:mixed={weights}"))
-            assert sums[PAIR[column]] == pytest.approx(front[:, column].min(), rel=1e-7)
-        reached += len(front) > 1
-    assert reached > 10
-
-
 def test_unsupported_polygons_are_skipped():
     with pytest.raises(SkippedError, match="101 vertices, more than 100"):
         triangulate(star(101), "pareto")

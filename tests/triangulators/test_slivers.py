@@ -9,6 +9,7 @@ from scenes import load
 from tests.paths import ROOT
 from tests.triangulators.cases import read_rings
 from triangulators import flip, triangulate_many, vertices
+from triangulators.criteria import find
 from triangulators.geometry.flips import flip_as_earcut
 from triangulators.geometry.half_edges import link_half_edges
 
@@ -79,11 +80,6 @@ def test_flips_by_beauty_end_in_delaunay(scene):
     for name in ("flips:beauty", "flips:delaunay", "optimal:beauty"):
         batch = triangulate_many(polygons, name)
         pairs = zip(polygons, batch, strict=True)
-        sums[name] = np.array([beauty(vertices(p), t) for p, t in pairs])
+        sums[name] = np.array([find("beauty").total(vertices(p), t) for p, t in pairs])
     assert sums["flips:delaunay"] == pytest.approx(sums["flips:beauty"], rel=1e-9)
     assert (np.abs(sums["optimal:beauty"] / sums["flips:beauty"] - 1.0) < 1e-9).mean() > 0.95
-
-
-def beauty(points: np.ndarray, triangles: np.ndarray) -> float:
-    (ux, uy), (vx, vy) = ((points[triangles[:, k]] - points[triangles[:, 0]]).T for k in (1, 2))
-    return float((np.abs(ux * vy - uy * vx) / 2.0 / measure(points, triangles)[1]).sum())
