@@ -100,7 +100,7 @@ def test_counties_by_state_and_level():
 def test_missing_data_are_reported_with_the_install_command(monkeypatch, name):
     monkeypatch.setattr(registry, "find_spec", lambda _: None)
     assert registry.find_entry(name).find_install_command().endswith(f'[{name}]"')
-    require_error(r"not installed: .* -m pip install", name)
+    require_error(r"not installed; .* -m pip install", name)
 
 
 class Installed:

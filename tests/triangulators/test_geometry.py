@@ -1,5 +1,6 @@
 """Predicates and visibility against exact arithmetic and shapely."""
 
+import math
 from fractions import Fraction
 
 import numpy as np
@@ -28,13 +29,19 @@ from triangulators.polygon import (
 )
 from triangulators.verify import verify
 
+
+def next_to_line(x, y, up, right, k, m):
+    return x, y, x * k + up * 2.0**-52, y * k + right * 2.0**-52, x * m, y * m
+
+
 doubles = st.floats(-1e9, 1e9, allow_nan=False, allow_subnormal=False)
-base = st.floats(0.1, 1.0)
-minute = st.sampled_from([-1.0, 0.0, 1.0]).flatmap(
-    lambda sign: st.floats(1e-280, 9.0).map(lambda value: sign * value)
-)
+doubles = doubles.map(lambda value: value if abs(value) > 1e-100 else 0.0)
+base, steps, factor = st.floats(0.1, 1.0), st.integers(-3, 3), st.integers(1, 40)
+near_line = st.builds(next_to_line, base, base, steps, steps, factor, factor)
+signed = st.tuples(st.sampled_from([-1.0, 0.0, 1.0]), st.floats(1e-280, 9.0)).map(math.prod)
 denormal = st.integers(-9, 9).map(lambda k: k * 5e-324)
-six = st.one_of(*(st.lists(each, min_size=6, max_size=6) for each in (minute, denormal)))
+of_doubles, *of_small = (st.tuples(*[each] * 6) for each in (doubles, signed, denormal))
+underflowing = st.one_of(*of_small)
 
 
 def exact_area(*values):
@@ -47,24 +54,9 @@ def exact_sign(*values):
     return (value > 0) - (value < 0)
 
 
-@settings(deadline=None)
-@given(st.lists(doubles, min_size=6, max_size=6))
-def test_orientation_is_exact_for_doubles(values):
-    values = [value if abs(value) > 1e-100 else 0.0 for value in values]
-    assert np.sign(orient(*values)) == exact_sign(*values)
-
-
-@settings(deadline=None)
-@given(base, base, st.integers(-3, 3), st.integers(-3, 3), st.integers(1, 40), st.integers(1, 40))
-def test_orientation_is_exact_next_to_a_line(x, y, up, right, k, m):
-    point = (x * k + up * 2.0**-52, y * k + right * 2.0**-52)
-    values = (x, y, *point, x * m, y * m)
-    assert np.sign(orient(*values)) == exact_sign(*values)
-
-
-@settings(deadline=None)
-@given(six)
-def test_orientation_is_exact_if_products_underflow(values):
+@settings(max_examples=400, deadline=None)
+@given(of_doubles | near_line | underflowing)
+def test_orientation_is_exact(values):
     assert np.sign(orient(*values)) == exact_sign(*values)
 
 
@@ -74,11 +66,10 @@ def test_orientation_at_denormal_distance_from_side():
 
 
 @settings(deadline=None)
-@given(base, base, st.integers(-3, 3), st.integers(-3, 3), st.integers(1, 40), st.integers(1, 40))
-def test_sliver_area_is_independent_of_first_vertex(x, y, up, right, k, m):
-    point = (x * k + up * 2.0**-52, y * k + right * 2.0**-52)
-    a, b, c = (x, y), point, (x * m, y * m)
-    area = float(abs(exact_area(*a, *b, *c)))
+@given(near_line)
+def test_sliver_area_is_independent_of_first_vertex(values):
+    a, b, c = values[:2], values[2:4], values[4:]
+    area = float(abs(exact_area(*values)))
     for first, second, third in ((a, b, c), (b, c, a), (c, a, b), (c, b, a)):
         assert twice_area(*first, *second, *third) == pytest.approx(area, rel=1e-11, abs=0.0)
 

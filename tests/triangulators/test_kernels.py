@@ -95,13 +95,8 @@ def test_change_in_called_module_recompiles(sources, tmp_path):
 
 
 def forget() -> None:
-    for function in (
-        files.compute_digest,
-        files._read_source,
-        files._find_imports,
-        files._find_file,
-    ):
-        function.cache_clear()
+    for name in ("compute_digest", "_read_source", "_find_imports", "_find_file"):
+        getattr(files, name).cache_clear()
 
 
 @pytest.fixture
@@ -124,8 +119,7 @@ def test_digest_changes_for_importing_modules_only(in_memory, edited, changed):
     before = {name: files.compute_digest(in_memory / f"{name}.py") for name in "abcd"}
     with (in_memory / f"{edited}.py").open("a") as file:
         file.write("# changed\n")
-    for function in (files.compute_digest, files._read_source, files._find_imports):
-        function.cache_clear()
+    forget()
     after = {name: files.compute_digest(in_memory / f"{name}.py") for name in "abcd"}
     assert {name for name in "abcd" if before[name] != after[name]} == set(changed)
 
