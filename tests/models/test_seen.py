@@ -204,11 +204,15 @@ def test_triangles_are_drawn_in_the_models_order_or_front_to_back(tmp_path, dept
         assert [names[int(sheet)] for sheet in sheets] == [1, 0, 2, 0, 2, 1]
 
 
-def test_parts_are_drawn_one_after_the_other(tmp_path):
+def make_kites(*heights):
     builder = Builder()
-    for height in (0, 5, 2):
+    for height in heights:
         builder.primitive(KITE + np.array([0, 0, height], "<f4"), LONG)
-    frame = framed(read(built(builder, tmp_path)))
+    return builder
+
+
+def test_parts_are_drawn_one_after_the_other(tmp_path):
+    frame = framed(read(built(make_kites(0, 5, 2), tmp_path)))
     rows = order_submission(frame, join_original(frame), Options())
     drawn = [frame.find_owners(rows[span]) for span in frame.split_by_draw(rows)]
     seen = [tuple(frame.source[pieces].tolist()) for pieces in drawn]
@@ -216,10 +220,7 @@ def test_parts_are_drawn_one_after_the_other(tmp_path):
 
 
 def test_gaps_belong_to_faces_with_triangles(tmp_path):
-    builder = Builder()
-    for height in (0, 5):
-        builder.primitive(KITE + np.array([0, 0, height], "<f4"), LONG)
-    frame = framed(read(built(builder, tmp_path), views=8))
+    frame = framed(read(built(make_kites(0, 5), tmp_path), views=8))
     one = np.array([(0, 1, 3), (1, 2, 3)], np.int32)
     flat = FrameTriangulation(parts=[None, one], t_junctions=[0, 1], gaps=[0.25], failed=[(0, "")])
     done = carry_to_views(frame, flat, parse("original"))

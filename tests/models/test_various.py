@@ -39,27 +39,14 @@ def test_nothing_but_index_data_changes(tmp_path, name):
         assert after.volume == pytest.approx(before.volume, rel=1e-6)
 
 
-def first_primitive(json):
-    return json["meshes"][0]["primitives"][0]
-
-
-@pytest.mark.parametrize(
-    ("name", "spoil", "message"),
-    [
-        ("textured.glb", lambda json, data: data.__setitem__(3, data[3] ^ 1), "bytes of buffer 0"),
-        ("variants.glb", lambda json, _: json["extras"].update(by=["them"]), "JSON"),
-        ("several.glb", lambda json, _: first_primitive(json).update(material=1), "JSON"),
-        ("coloured.glb", lambda json, _: json["nodes"][0].update(mesh=0, name="x"), "JSON"),
-    ],
-)
-def test_lost_bytes_are_detected(tmp_path, name, spoil, message):
-    source = MODELS[name](tmp_path / name)
-    changed, buffers = read_gltf(source)
-    data = bytearray(buffers[0])
-    spoil(changed, data)
-    other = tmp_path / "other.glb"
-    other.write_bytes(join_glb(changed, bytes(data)))
-    assert list_changes(source, other) == [message]
+def test_lost_bytes_are_detected(tmp_path):
+    source, other = MODELS["variants.glb"](tmp_path / "variants.glb"), tmp_path / "other.glb"
+    document, (data, *_) = read_gltf(source)
+    other.write_bytes(join_glb(document, bytes([data[0] ^ 1]) + data[1:]))
+    assert list_changes(source, other) == ["bytes of buffer 0"]
+    document["extras"]["by"] = ["them"]
+    other.write_bytes(join_glb(document, data))
+    assert list_changes(source, other) == ["JSON"]
 
 
 def test_a_changed_position_is_detected(tmp_path):
@@ -111,13 +98,8 @@ def read_gltf(path: Path) -> tuple[dict[str, Any], list[bytes]]:
 
 def _gltf(before: Path, after: Path) -> Any:
     (one, old), (two, new) = read_gltf(before), read_gltf(after)
-    used = {
-        primitive["indices"]
-        for document in (one,)
-        for mesh in document["meshes"]
-        for primitive in mesh["primitives"]
-        if "indices" in primitive
-    }
+    primitives = [primitive for mesh in one["meshes"] for primitive in mesh["primitives"]]
+    used = {primitive["indices"] for primitive in primitives if "indices" in primitive}
     free = [np.zeros(len(values), bool) for values in old]
     for number in used:
         accessor = one["accessors"][number]

@@ -140,6 +140,19 @@ def _write_tiles(path: Path, kind: str) -> None:
         path.write_bytes(Path(written).read_bytes())
 
 
+def make_way(number: int, nodes: str, **tags: str) -> str:
+    refs = "".join(f'<nd ref="{node}"/>' for node in nodes)
+    pairs = "".join(f'<tag k="{k}" v="{v}"/>' for k, v in tags.items())
+    return f'<way id="{number}" version="1">{refs}{pairs}</way>'
+
+
+def make_osm(corners: list[tuple[float, float]], *ways: str) -> str:
+    nodes = ""
+    for number, (lon, lat) in enumerate(corners, 1):
+        nodes += f'<node id="{number}" lat="{lat}" lon="{lon}" version="1"/>'
+    return f'<osm version="0.6">{nodes}{"".join(ways)}</osm>'
+
+
 def load_or_refuse(path: Path, **parameters: Any) -> Scene | None:
     """Return the scene of a file, or None for an error of one line that names the file."""
     try:

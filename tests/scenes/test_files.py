@@ -16,6 +16,7 @@ from scenes.files import read_chunks
 from scenes.readers import vector
 from scenes.readers.gdal import load_library
 from tests.scenes.conftest import BOW_TIE, SQUARE, assert_valid_polygons, feature, require_error
+from tests.scenes.samples import make_osm, make_way
 
 POLYGONS = [
     shapely.box(0, 0, 10, 10),
@@ -53,14 +54,9 @@ def test_formats_of_gdal(tmp_path, suffix):
 
 def test_openstreetmap(tmp_path):
     """GDAL cannot write OSM files, so this file is OSM XML; PBF shares the code path."""
-    nodes = [(24.9, 60.1), (24.901, 60.1), (24.901, 60.101), (24.9, 60.101)]
-    lines = [
-        f'<node id="{i}" lat="{y}" lon="{x}" version="1"/>' for i, (x, y) in enumerate(nodes, 1)
-    ]
-    refs = "".join(f'<nd ref="{i}"/>' for i in (1, 2, 3, 4, 1))
-    way = f'<way id="7" version="1">{refs}<tag k="building" v="yes"/></way>'
+    corners = [(24.9, 60.1), (24.901, 60.1), (24.901, 60.101), (24.9, 60.101)]
     path = tmp_path / "town.osm"
-    path.write_text(f'<osm version="0.6">{"".join(lines)}{way}</osm>')
+    path.write_text(make_osm(corners, make_way(7, "12341", building="yes")))
     scene = load(path)
     assert scene.units == "m"
     assert scene.polygons[0].area == pytest.approx(55.6 * 111.4, rel=0.01)

