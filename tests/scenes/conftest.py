@@ -32,6 +32,12 @@ def geojson(tmp_path: Path) -> Callable[..., str]:
     return write
 
 
+def write_file(path: Path, content: str | bytes) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
 def require_error(message: str | None, *arguments: Any, **parameters: Any) -> str:
     """Require that `load` fails with a message of one line that matches; return the message."""
     with pytest.raises(SceneError, match=message) as caught:

@@ -15,7 +15,14 @@ from scenes import load
 from scenes.files import read_chunks
 from scenes.readers import vector
 from scenes.readers.gdal import load_library
-from tests.scenes.conftest import BOW_TIE, SQUARE, assert_valid_polygons, feature, require_error
+from tests.scenes.conftest import (
+    BOW_TIE,
+    SQUARE,
+    assert_valid_polygons,
+    feature,
+    require_error,
+    write_file,
+)
 from tests.scenes.samples import make_osm, make_way
 
 POLYGONS = [
@@ -55,9 +62,8 @@ def test_formats_of_gdal(tmp_path, suffix):
 def test_openstreetmap(tmp_path):
     """GDAL cannot write OSM files, so this file is OSM XML; PBF shares the code path."""
     corners = [(24.9, 60.1), (24.901, 60.1), (24.901, 60.101), (24.9, 60.101)]
-    path = tmp_path / "town.osm"
-    path.write_text(make_osm(corners, make_way(7, "12341", building="yes")))
-    scene = load(path)
+    content = make_osm(corners, make_way(7, "12341", building="yes"))
+    scene = load(write_file(tmp_path / "town.osm", content))
     assert scene.units == "m"
     assert scene.polygons[0].area == pytest.approx(55.6 * 111.4, rel=0.01)
 
@@ -89,12 +95,11 @@ def test_nan_is_dropped_and_a_file_of_nan_only_refused(tmp_path):
     text = '{"type":"FeatureCollection","features":[%s]}'
     one = '{"type":"Feature","properties":{},"geometry":{"type":"Polygon","coordinates":[[%s]]}}'
     good, bad = one % "[0,0],[1,0],[1,1],[0,0]", one % "[0,0],[1,NaN],[1,1],[0,0]"
-    (tmp_path / "some.geojson").write_text(text % f"{good},{bad}")
-    scene = load(tmp_path / "some.geojson")
+    scene = load(write_file(tmp_path / "a.geojson", text % f"{good},{bad}"))
     assert len(scene.polygons) == 1
     assert scene.dropped == [("feature 1", "has a NaN or infinite coordinate")]
-    (tmp_path / "all.geojson").write_text(text % bad)
-    require_error(r"no usable polygon: feature 0 has a NaN", tmp_path / "all.geojson")
+    path = write_file(tmp_path / "a.geojson", text % bad)
+    require_error(r"no usable polygon: feature 0 has a NaN", path)
 
 
 def test_unclosed_ring_is_closed_and_noted(geojson):
@@ -146,24 +151,23 @@ class TestCsv:
 
     @pytest.mark.parametrize("name", ["WKT", "geometry", "geom", "the_geom"])
     def test_names_of_the_geometry_column(self, tmp_path, name):
-        path = tmp_path / "a.csv"
-        path.write_text(self.ROWS % (name, POLYGONS[0].wkt, POLYGONS[1].wkb_hex))
-        scene = load(path, where="h < 10")
+        content = self.ROWS % (name, POLYGONS[0].wkt, POLYGONS[1].wkb_hex)
+        scene = load(write_file(tmp_path / "a.csv", content), where="h < 10")
         assert [p.area for p in scene.polygons] == [100]
         assert scene.attributes.iloc[0].to_dict() == {"id": 1, "zip": "00700", "h": 9}
 
     @pytest.mark.parametrize("text", ["", "abc", "SRID=3067;POLYGON ((0 0,9 0,9 9,0 0))"])
     def test_rows_without_wkt_are_named_with_the_reason(self, tmp_path, text):
-        (tmp_path / "a.csv").write_text(f'id,WKT\n1,"{text}"\n2,"{POLYGONS[0].wkt}"\n')
-        scene = load(tmp_path / "a.csv")
+        content = f'id,WKT\n1,"{text}"\n2,"{POLYGONS[0].wkt}"\n'
+        scene = load(write_file(tmp_path / "a.csv", content))
         assert list(scene.attributes["id"]) == [2]
         ((label, reason),) = scene.dropped
         assert label == "feature 1"
         assert reason.startswith("has no WKT")
 
     def test_table_without_geometries_is_refused_with_a_remedy(self, tmp_path):
-        (tmp_path / "a.csv").write_text("id,h\n1,2\n")
-        require_error("name the column of WKT geometries WKT or geometry", tmp_path / "a.csv")
+        path = write_file(tmp_path / "a.csv", "id,h\n1,2\n")
+        require_error("name the column of WKT geometries WKT or geometry", path)
 
     def test_comparison_of_text_with_a_number_gets_a_hint(self, geojson):
         path = geojson(feature([SQUARE], h="12"))
@@ -218,17 +222,16 @@ class TestCurves:
 
     def test_curves_are_dropped_without_gdal(self, tmp_path, monkeypatch):
         monkeypatch.setattr("scenes.readers.wkt.linearize", lambda geometry: None)
-        path = tmp_path / "a.wkt"
-        path.write_text(f"{CIRCLE}\nPOLYGON ((0 0,4 0,4 4,0 4,0 0))\n")
-        scene = load(path)
+        content = f"{CIRCLE}\nPOLYGON ((0 0,4 0,4 4,0 4,0 0))\n"
+        scene = load(write_file(tmp_path / "a.wkt", content))
         assert [p.area for p in scene.polygons] == [16]
         assert "curves" in scene.dropped[0][1]
 
     def test_curve_with_an_srid(self, tmp_path):
         wkb = curved_wkb(CIRCLE)
         extended = wkb[:1] + struct.pack("<II", 10 | 0x20000000, 3067) + wkb[5:]
-        (tmp_path / "a.wkb").write_bytes(extended)
-        assert load(tmp_path / "a.wkb").polygons[0].area == pytest.approx(78.5, rel=2e-3)
+        (polygon,) = load(write_file(tmp_path / "a.wkb", extended)).polygons
+        assert polygon.area == pytest.approx(78.5, rel=2e-3)
 
 
 def test_closed_lines_of_a_drawing_are_polygons(tmp_path):
@@ -248,16 +251,14 @@ def test_closed_lines_of_a_drawing_are_polygons(tmp_path):
 
 def test_topojson_has_longitude_and_latitude(tmp_path):
     ring = [[24.9, 60.1], [24.901, 60.1], [24.901, 60.101], [24.9, 60.101], [24.9, 60.1]]
-    shape = {"type": "Polygon", "arcs": [[0]]}
+    topology = {"type": "Topology", "objects": {"a": {"type": "Polygon", "arcs": [[0]]}}}
     for suffix in (".topojson", ".json"):
-        path = tmp_path / f"a{suffix}"
-        path.write_text(json.dumps({"type": "Topology", "objects": {"a": shape}, "arcs": [ring]}))
+        path = write_file(tmp_path / f"a{suffix}", json.dumps(topology | {"arcs": [ring]}))
         scene = load(path)
         assert scene.units == "m"
         assert scene.polygons[0].area == pytest.approx(55.6 * 111.4, rel=0.01)
     planar = [[1000 * x, y] for x, y in ring]
-    path.write_text(json.dumps({"type": "Topology", "objects": {"a": shape}, "arcs": [planar]}))
-    assert load(path).units == "units"
+    assert load(write_file(path, json.dumps(topology | {"arcs": [planar]}))).units == "units"
 
 
 class TestArchives:
@@ -313,8 +314,8 @@ def test_unread_files_of_a_folder_of_shapefiles_are_named(tmp_path):
 
 @pytest.mark.parametrize("name", ["a.svg", "a.wkt", "a.off", "a.obj"])
 def test_a_layer_of_a_file_without_layers_is_refused(tmp_path, name):
-    (tmp_path / name).write_text("x")
-    require_error(", without layers: leave layer out", tmp_path / name, layer="x")
+    path = write_file(tmp_path / name, "x")
+    require_error(", without layers: leave layer out", path, layer="x")
 
 
 def test_first_layer_with_polygons_is_read(tmp_path):
@@ -396,14 +397,12 @@ def test_chunks_contain_the_complete_file(tmp_path, streaming, monkeypatch):
 
 
 def test_errors_are_one_line_and_name_the_file(tmp_path, geojson):
-    (tmp_path / "empty.gpkg").write_bytes(b"")
-    (tmp_path / "letters.TTF").write_bytes(b"\0\1\0\0" + bytes(60))
-    (tmp_path / "text.doc").write_bytes(b"text")
+    font = write_file(tmp_path / "letters.TTF", b"\0\1\0\0" + bytes(60))
     for path, message in (
         (tmp_path / "none.geojson", "not found"),
-        (tmp_path / "empty.gpkg", "is empty"),
-        (tmp_path / "letters.TTF", r"is a font: read its letters as glyphs:font=.*TTF,text=abc"),
-        (tmp_path / "text.doc", "unsupported format: convert it"),
+        (write_file(tmp_path / "empty.gpkg", b""), "is empty"),
+        (font, r"is a font: read its letters as glyphs:font=.*TTF,text=abc"),
+        (write_file(tmp_path / "text.doc", "text"), "unsupported format: convert it"),
         (tmp_path, "is a folder"),
         (geojson(feature([1, 2], "Point"), name="point.geojson"), "is a Point"),
         (geojson(name="no.geojson"), "holds no polygon"),
@@ -416,8 +415,7 @@ def test_errors_are_one_line_and_name_the_file(tmp_path, geojson):
 def test_csv_with_text_after_a_closing_quote_is_refused(tmp_path, separator):
     """GDAL joins the rows up to the next quote, so that polygons are lost in silence."""
     rows = ['"POLYGON ((0 0,1 0,0 1,0 0))"', '"POLYGON ((0 0,2 0,0 2,0 0))"']
-    for name, wkt in (("whole", rows), ("torn", [rows[0] + '"', rows[1]])):
-        lines = [f"WKT{separator}name", *(f'{row}{separator}"a ""b"""' for row in wkt)]
-        (tmp_path / f"{name}.csv").write_text("\n".join(lines))
-    assert len(load(tmp_path / "whole.csv").polygons) == 2
-    require_error(r"torn.csv line 2: text after a closing quote", tmp_path / "torn.csv")
+    content = "\n".join([f"WKT{separator}name", *(f'{row}{separator}"a ""b"""' for row in rows)])
+    assert len(load(write_file(tmp_path / "whole.csv", content)).polygons) == 2
+    torn = write_file(tmp_path / "torn.csv", content.replace(rows[0], rows[0] + '"'))
+    require_error(r"torn.csv line 2: text after a closing quote", torn)

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from scenes import load
 from scenes.stress import FAMILIES
-from tests.scenes.conftest import assert_valid_polygons, require_error
+from tests.scenes.conftest import assert_valid_polygons, require_error, write_file
 from tests.triangulators.cases import read_shared
 
 BUILT_IN = ("city", "glyphs", "cad", "paper", "stress", "meshes")
@@ -73,8 +73,8 @@ class TestGlyphs:
         serif = font_manager.findfont("DejaVu Serif")
         scene = load("glyphs", font=serif, text="I")
         assert scene.polygons[0].exterior.length > load("glyphs", text="I").polygons[0].length
-        (tmp_path / "bad.ttf").write_bytes(b"not a font at all")
-        require_error("not a font", "glyphs", font=str(tmp_path / "bad.ttf"))
+        bad = write_file(tmp_path / "bad.ttf", "not a font at all")
+        require_error("not a font", "glyphs", font=str(bad))
         require_error("not found: check the path", "glyphs", font="none.ttf")
 
     def test_characters_without_a_glyph_are_named(self):

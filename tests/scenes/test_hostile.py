@@ -15,7 +15,7 @@ from scenes import SceneError, load
 from scenes.readers import guard
 from scenes.readers.gdal import is_geojson_sequence
 from scenes.repair import arrange_in_rows
-from tests.scenes.conftest import SQUARE, feature, require_error
+from tests.scenes.conftest import SQUARE, feature, require_error, write_file
 from tests.scenes.samples import load_or_refuse, make_files
 from tests.scenes.test_files import write
 from tests.scenes.test_readers import HOLED, geoparquet
@@ -77,8 +77,7 @@ def test_exits_and_lack_of_memory_are_not_reported_as_unreadable_files(
         raise raised
 
     monkeypatch.setattr("shapely.from_wkb", fail)
-    path = tmp_path / "a.wkb"
-    path.write_bytes(HOLED.wkb)
+    path = write_file(tmp_path / "a.wkb", HOLED.wkb)
     with pytest.raises(expected, match=message):
         load(path)
 
@@ -90,9 +89,7 @@ def test_exits_and_lack_of_memory_are_not_reported_as_unreadable_files(
 @FUZZ
 @given(data=st.binary(max_size=200) | st.text(max_size=100).map(str.encode))
 def test_arbitrary_bytes(tmp_path, kind, data):
-    path = tmp_path / f"a.{kind}"
-    path.write_bytes(data)
-    load_or_refuse(path)
+    load_or_refuse(write_file(tmp_path / f"a.{kind}", data))
 
 
 number = st.integers(-10, 10) | st.floats(allow_nan=False, allow_infinity=False)
@@ -106,24 +103,18 @@ coordinates = st.lists(ring, max_size=3) | st.lists(st.lists(ring, max_size=3), 
 )
 def test_arbitrary_geojson(tmp_path, polygons, kind):
     collection = {"type": "FeatureCollection", "features": [feature(c, kind) for c in polygons]}
-    path = tmp_path / "a.geojson"
-    path.write_text(json.dumps(collection))
-    load_or_refuse(path)
+    load_or_refuse(write_file(tmp_path / "a.geojson", json.dumps(collection)))
 
 
 def test_record_separator_identifies_a_sequence_and_no_polygons_need_no_rows(tmp_path):
-    path = tmp_path / "a.json"
-    path.write_bytes(b"\x1e{}\n")
-    assert is_geojson_sequence(path)
+    assert is_geojson_sequence(write_file(tmp_path / "a.json", b"\x1e{}\n"))
     assert arrange_in_rows([], gap=0.5) == []
 
 
 @pytest.mark.parametrize("size", [1e9, 1e-12, 1e-300])
 def test_extreme_sizes(tmp_path, size):
-    path = tmp_path / "a.wkt"
-    path.write_text(shapely.box(0, 0, size, size).wkt)
-    scene = load_or_refuse(path)
-    assert (scene is None) == (size == 1e-300)
+    path = write_file(tmp_path / "a.wkt", shapely.box(0, 0, size, size).wkt)
+    assert (load_or_refuse(path) is None) == (size == 1e-300)
 
 
 def test_condition_can_only_select(tmp_path):
@@ -142,8 +133,7 @@ def test_files_of_a_gigabyte_of_zeros_are_refused(tmp_path, suffix):
 
 @pytest.mark.parametrize("suffix", [".obj", ".ply", ".svg", ".wkb", ".city.json", ".stl"])
 def test_files_read_at_once_have_a_size_limit(tmp_path, monkeypatch, suffix):
-    path = tmp_path / f"a{suffix}"
-    path.write_bytes(b'{"type": "CityJSON"' + bytes(2**20))
+    path = write_file(tmp_path / f"a{suffix}", b'{"type": "CityJSON"' + bytes(2**20))
     monkeypatch.setattr(guard, "MAX_FILE_BYTES", 2**20)
     require_error("limit is 1,048,576", path)
 
@@ -177,18 +167,17 @@ def test_usual_archives_are_read(tmp_path, monkeypatch):
 def test_recursive_entities_are_refused(tmp_path):
     lines = ['<!ENTITY a0 "M0 0h9v9z">']
     lines += [f'<!ENTITY a{i} "{f"&a{i - 1};" * 10}">' for i in range(1, 12)]
-    path = tmp_path / "laughs.svg"
-    path.write_text(f'<!DOCTYPE svg [{"".join(lines)}]><svg><path d="&a11;"/></svg>')
-    assert load_or_refuse(path) is None
+    content = f'<!DOCTYPE svg [{"".join(lines)}]><svg><path d="&a11;"/></svg>'
+    assert load_or_refuse(write_file(tmp_path / "laughs.svg", content)) is None
 
 
 @pytest.mark.parametrize("name", ["a.geojson.gz", "a.geojson", "a.wkt", "a.svgz"])
 def test_compressed_files_are_refused_by_their_compression(tmp_path, name):
-    (tmp_path / name).write_bytes(gzip.compress(town(1)))
-    require_error("is compressed by gzip: unpack it first", tmp_path / name)
+    path = write_file(tmp_path / name, gzip.compress(town(1)))
+    require_error("is compressed by gzip: unpack it first", path)
 
 
 def test_unknown_content_is_not_reported_as_damaged(tmp_path):
     for name in ("a.xyz", "a.mbtiles", "a.glb", "a.parquet", "a.gpkg"):
-        (tmp_path / name).write_text("anything else")
-        assert "damaged" not in require_error(None, tmp_path / name)
+        path = write_file(tmp_path / name, "anything else")
+        assert "damaged" not in require_error(None, path)

@@ -14,7 +14,7 @@ import shapely
 from scenes import SceneError, load
 from scenes.files import read_chunks
 from scenes.readers import gdal
-from tests.scenes.conftest import SQUARE, feature, require_error
+from tests.scenes.conftest import SQUARE, feature, require_error, write_file
 from tests.scenes.samples import BOXES, KINDS, NAMED, make_files, outcome
 from tests.scenes.test_files import write as write_vector
 
@@ -29,17 +29,16 @@ class TestSequences:
     def test_every_line_without_a_feature_is_noted(self, tmp_path, monkeypatch, size, has_library):
         if not has_library:  # as if the GDAL library was not found
             monkeypatch.setattr(gdal, "load_library", lambda: None)
-        path = tmp_path / "town.geojsonl"
-        rows = [line(0), line(20)[:40], "", "{broken", '{"type": "Town"}', "[1]", line(40)]
-        path.write_text("\n".join(rows) + "\n")
+        rows = [line(0), line(20)[:40], "", "{broken", '{"type": "Town"}', "[1]", line(40), ""]
+        path = write_file(tmp_path / "town.geojsonl", "\n".join(rows))
         chunks = list(read_chunks(str(path), size=size, project=False))
         assert sum(len(chunk.cleaned.polygons) for chunk in chunks) == 2
         names = [which for chunk in chunks for which, _ in chunk.cleaned.dropped]
         assert names == ["line 2", "line 4", "line 5", "line 6"]
 
     def test_invalid_line_is_noted_despite_a_condition_or_refused(self, tmp_path, monkeypatch):
-        path = tmp_path / "town.geojsonl"
-        path.write_text("\n".join([line(0), "{broken", line(40), ""]))
+        content = "\n".join([line(0), "{broken", line(40), ""])
+        path = write_file(tmp_path / "town.geojsonl", content)
         scene = load(path, where="name = '40'", project=False)
         assert len(scene.polygons) == 1
         assert [name for name, _ in scene.dropped] == ["line 2"]
@@ -48,17 +47,15 @@ class TestSequences:
 
     @pytest.mark.parametrize("suffix", [".geojsonl", ".geojsons", ".geojson"])
     def test_sequence_truncated_within_a_line_is_refused(self, tmp_path, suffix):
-        path = tmp_path / f"town{suffix}"
         whole = "\n".join(line(20 * k) for k in range(4))
-        path.write_text(whole)
+        path = write_file(tmp_path / f"town{suffix}", whole)
         assert len(load(path, project=False).polygons) == 4
-        path.write_text(whole[:-9])
+        write_file(path, whole[:-9])
         require_error(r"is truncated \(the last line is incomplete\)", path)
 
     def test_text_truncated_within_a_word_is_refused(self, tmp_path):
-        path = tmp_path / "a.wkt"
         for start in ("P", "POLYG", "POLYGON", "POLYGON ("):
-            path.write_text(f"{BOXES[0].wkt}\n{start}")
+            path = write_file(tmp_path / "a.wkt", f"{BOXES[0].wkt}\n{start}")
             require_error("is truncated", path)
 
 
@@ -92,8 +89,7 @@ def test_features_that_gdal_cannot_read_are_noted(tmp_path):
 
 
 def test_sequence_of_which_gdal_reads_one_line_is_refused(tmp_path):
-    path = tmp_path / "town.json"
-    path.write_text("\ufeff" + line(0) + "\n" + line(20) + "\n")
+    path = write_file(tmp_path / "town.json", "\ufeff" + line(0) + "\n" + line(20) + "\n")
     require_error("GDAL reads only some of them", path)
 
 
@@ -107,12 +103,10 @@ class TestModels:
         faces = [(a, a + 1, a + 5, a + 4) for a in (0, 1, 2, 4, 5, 6)]
         rows = "".join(f"4 {a} {b} {c} {d}\n" for a, b, c, d in faces)
         text = f"OFF # a plate\n12 6 0\n{corners}{rows}"
-        path = tmp_path / "a.off"
-        path.write_text(text)
+        path = write_file(tmp_path / "a.off", text)
         assert sum(p.area for p in load(path).polygons) == pytest.approx(6)
         for cut in (-12, -3):
-            path.write_text(text[:cut])
-            require_error("5 of 6 faces", path)
+            require_error("5 of 6 faces", write_file(path, text[:cut]))
 
 
 class TestText:
@@ -126,10 +120,9 @@ class TestText:
 
     @pytest.mark.parametrize("size", [1, 100])
     def test_line_in_another_reference_system_is_dropped(self, tmp_path, size):
-        path = tmp_path / "a.wkt"
         systems = ["SRID=3067;", "", "SRID=3857;", "SRID=3067;"]
         lines = [f"{srid}{box.wkt}\n" for srid, box in zip(systems, BOXES, strict=False)]
-        path.write_text("".join(lines))
+        path = write_file(tmp_path / "a.wkt", "".join(lines))
         chunks = list(read_chunks(str(path), size=size))
         assert sum(len(chunk.cleaned.polygons) for chunk in chunks) == 3
         dropped = [note for chunk in chunks for note in chunk.cleaned.dropped]
@@ -143,9 +136,9 @@ class TestText:
         assert len(load(path, project=False).polygons) == 1
 
     def test_continued_lines(self, tmp_path):
-        path = tmp_path / "a.obj"
-        path.write_text("v 0 0 0\nv 1 0 \\\n 0\nv 1 1 0\nv 0 1 0\nf 1 2 \\\r\n 3 4\n")
-        assert [p.area for p in load(path).polygons] == [1.0]
+        content = "v 0 0 0\nv 1 0 \\\n 0\nv 1 1 0\nv 0 1 0\nf 1 2 \\\r\n 3 4\n"
+        (polygon,) = load(write_file(tmp_path / "a.obj", content)).polygons
+        assert polygon.area == 1.0
 
     @pytest.mark.parametrize(
         "name",
@@ -160,8 +153,7 @@ class TestText:
         assert require_error(None, path, layer="none").isprintable()
 
     def test_a_name_with_an_end_of_line(self, tmp_path, geojson):
-        (tmp_path / "a\nb.wkt").write_text(BOXES[0].wkt)
-        assert len(load(tmp_path / "a\nb.wkt").polygons) == 1
+        assert len(load(write_file(tmp_path / "a\nb.wkt", BOXES[0].wkt)).polygons) == 1
         path = geojson(feature([SQUARE]), name="a\nb.geojson")
         require_error(r"a\\nb.geojson has a tab or line end", path)
 
@@ -172,36 +164,31 @@ class TestNesting:
     DEEP = 60_000
 
     def test_text(self, tmp_path):
-        path = tmp_path / "a.wkt"
         text = "GEOMETRYCOLLECTION (" * self.DEEP + BOXES[0].wkt + ")" * self.DEEP
-        path.write_text(f"{BOXES[0].wkt}\n{text}\n{text[:900_000]}\n")
+        path = write_file(tmp_path / "a.wkt", f"{BOXES[0].wkt}\n{text}\n{text[:900_000]}\n")
         scene = load(path)
         assert len(scene.polygons) == 1
         assert [name for name, _ in scene.dropped] == ["line 2", "line 3"]
-        path.write_text(text.replace("(", "(\n"))
-        require_error("holds no usable polygon", path)
+        require_error("holds no usable polygon", write_file(path, text.replace("(", "(\n")))
 
     @pytest.mark.parametrize("order", "<>")
     @pytest.mark.parametrize("kind", [4, 5, 6, 7, 7 | 0x80000000, 1006, 3007])
     def test_binary(self, tmp_path, order, kind):
         level = struct.pack(f"{order}BII", order == "<", kind, 1)
         deep = level * self.DEEP + BOXES[0].wkb
-        path = tmp_path / "a.wkb"
-        path.write_bytes(deep)
-        require_error("nested more than 100 levels deep", path)
-        path = tmp_path / "a.wkt"
-        path.write_text(f"{deep.hex()}\n{BOXES[0].wkt}\n")
-        assert [name for name, _ in load(path).dropped] == ["line 1"]
+        require_error("nested more than 100 levels deep", write_file(tmp_path / "a.wkb", deep))
+        scene = load(write_file(tmp_path / "a.wkt", f"{deep.hex()}\n{BOXES[0].wkt}\n"))
+        assert [name for name, _ in scene.dropped] == ["line 1"]
 
     def test_after_other_parts(self, tmp_path):
         parts = [shapely.Point(1, 2), BOXES[0].exterior, *BOXES[:2], shapely.MultiPolygon(BOXES)]
         valid_parts = [shapely.to_wkb(shapely.force_3d(part), flavor="extended") for part in parts]
         head = struct.pack("<BIII", 1, 0x20000007, 3067, len(valid_parts) + 1)
         deep = struct.pack("<BII", 1, 7, 1) * self.DEEP + BOXES[0].wkb
-        (tmp_path / "a.wkb").write_bytes(head + b"".join(valid_parts) + deep)
-        require_error("levels deep", tmp_path / "a.wkb")
-        (tmp_path / "b.wkb").write_bytes(head + b"".join([*valid_parts, valid_parts[2]]))
-        assert len(load(tmp_path / "b.wkb").polygons) == 27
+        path = tmp_path / "a.wkb"
+        require_error("levels deep", write_file(path, head + b"".join(valid_parts) + deep))
+        whole = head + b"".join([*valid_parts, valid_parts[2]])
+        assert len(load(write_file(path, whole)).polygons) == 27
 
     def test_parquet(self, tmp_path):
         from tests.scenes.test_readers import PLANAR, geoparquet
@@ -238,19 +225,17 @@ class TestPipes:
         self.refused(path)
 
     def test_named_by_a_model(self, tmp_path):
-        path = tmp_path / "a.gltf"
-        buffers = [{"uri": "a.bin", "byteLength": 4}]
-        path.write_text(json.dumps({"asset": {"version": "2.0"}, "buffers": buffers}))
+        model = {"asset": {"version": "2.0"}, "buffers": [{"uri": "a.bin", "byteLength": 4}]}
+        path = write_file(tmp_path / "a.gltf", json.dumps(model))
         os.mkfifo(tmp_path / "a.bin")
         self.refused(path)
 
     @pytest.mark.parametrize("data_source", ["a.geojson", "/vsistdin/"])
     def test_named_by_a_virtual_file(self, tmp_path, data_source):
-        path = tmp_path / "town.vrt"
         source = f'<SrcDataSource relativeToVRT="1">{data_source}</SrcDataSource>'
-        path.write_text(
-            f'<OGRVRTDataSource><OGRVRTLayer name="a">{source}</OGRVRTLayer></OGRVRTDataSource>'
-        )
+        layer = f'<OGRVRTLayer name="a">{source}</OGRVRTLayer>'
+        path = tmp_path / "town.vrt"
+        path.write_text(f"<OGRVRTDataSource>{layer}</OGRVRTDataSource>")
         os.mkfifo(tmp_path / "a.geojson")
         self.refused(path)
 

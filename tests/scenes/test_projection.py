@@ -13,7 +13,7 @@ from scenes import load
 from scenes.files import read_chunks
 from scenes.projection import Projection, is_geographic
 from tests.conftest import make_geojson
-from tests.scenes.conftest import assert_valid_polygons, require_error
+from tests.scenes.conftest import assert_valid_polygons, require_error, write_file
 
 LATITUDES = st.floats(-80, 80).filter(lambda lat: lat == 0 or abs(lat) > 1e-8)
 """Closer to the equator, PROJ moves the centre to the equator, by up to 0.6 mm."""
@@ -28,10 +28,8 @@ def box(west, south, east, north) -> list[list[float]]:
 
 
 def write_geojson(folder: Path, *rings, **collection) -> Path:
-    path = folder / "a.geojson"
     shapes = [{"type": "Polygon", "coordinates": [ring]} for ring in rings]
-    path.write_text(make_geojson(shapes, **collection))
-    return path
+    return write_file(folder / "a.geojson", make_geojson(shapes, **collection))
 
 
 def name_crs(name: str) -> dict:
@@ -178,8 +176,7 @@ def test_project_overrides_the_file(tmp_path):
     unprojected = load(write_geojson(tmp_path, FINLAND), project=False)
     assert unprojected.units == "degree"
     assert unprojected.polygons[0].bounds == (25, 60, 25.01, 60.01)
-    path = tmp_path / "a.wkt"
-    path.write_text(shapely.Polygon(FINLAND).wkt)
+    path = write_file(tmp_path / "a.wkt", shapely.Polygon(FINLAND).wkt)
     assert load(path).units == "units"
     forced = load(path, project=True)
     assert forced.units == "m"
@@ -187,7 +184,7 @@ def test_project_overrides_the_file(tmp_path):
     assert "taken as WGS 84" in forced.notes[0]
     path_in_metres = write_geojson(tmp_path, FINLAND, crs=name_crs("EPSG:3067"))
     require_error("is in ETRS89 / TM35FIN", path_in_metres, project=True)
-    path.write_text(shapely.box(0, 0, 1000, 1000).wkt)
+    write_file(path, shapely.box(0, 0, 1000, 1000).wkt)
     require_error("not longitude and latitude", path, project=True)
 
 

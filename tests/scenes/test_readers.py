@@ -17,21 +17,16 @@ from scenes import SceneError, load
 from scenes.files import read_chunks
 from scenes.readers.gltf import COMPRESSED
 from tests.models.build import Builder
-from tests.scenes.conftest import assert_valid_polygons, require_error
+from tests.scenes.conftest import assert_valid_polygons, require_error, write_file
 
 SQUARE = shapely.box(0, 0, 10, 10)
 HOLED = shapely.Polygon(SQUARE.exterior, [shapely.box(2, 2, 4, 4).exterior])
 
 
-def write(path: Path, content: str | bytes) -> Path:
-    path.write_bytes(content.encode() if isinstance(content, str) else content)
-    return path
-
-
 class TestWkt:
     def test_geometry_per_line(self, tmp_path):
         lines = ["# footprints", SQUARE.wkt, "", HOLED.wkb_hex, "not a geometry", '"POINT (1 2)"']
-        scene = load(write(tmp_path / "a.wkt", "\n".join(lines)))
+        scene = load(write_file(tmp_path / "a.wkt", "\n".join(lines)))
         assert_valid_polygons(scene.polygons)
         assert [p.area for p in scene.polygons] == [100, 96]
         assert scene.dropped == [
@@ -41,24 +36,24 @@ class TestWkt:
 
     def test_one_geometry_over_several_lines(self, tmp_path):
         text = "MULTIPOLYGON (\n ((0 0, 1 0, 1 1, 0 0)),\n ((5 5, 6 5, 6 6, 5 5)))\n"
-        assert len(load(write(tmp_path / "a.wkt", text)).polygons) == 2
+        assert len(load(write_file(tmp_path / "a.wkt", text)).polygons) == 2
 
     def test_reference_system_of_ewkt(self, tmp_path):
         degrees = "SRID=4326; POLYGON ((25 60, 25.001 60, 25.001 60.001, 25 60))"
-        scene = load(write(tmp_path / "a.wkt", degrees))
+        scene = load(write_file(tmp_path / "a.wkt", degrees))
         assert scene.units == "m"
         assert scene.polygons[0].area == pytest.approx(55.8 * 111.4 / 2, rel=0.01)
 
     def test_binary(self, tmp_path):
         both = shapely.MultiPolygon([SQUARE, shapely.box(20, 0, 21, 1)])
-        scene = load(write(tmp_path / "a.wkb", shapely.to_wkb(both)))
+        scene = load(write_file(tmp_path / "a.wkb", shapely.to_wkb(both)))
         assert [p.area for p in scene.polygons] == [100, 1]
         geographic = shapely.set_srid(shapely.box(25, 60, 25.001, 60.001), 4326)
         wkb = shapely.to_wkb(geographic, include_srid=True)
-        assert load(write(tmp_path / "b.wkb", wkb)).units == "m"
+        assert load(write_file(tmp_path / "b.wkb", wkb)).units == "m"
 
     def test_where_needs_attributes(self, tmp_path):
-        require_error("no attributes", write(tmp_path / "a.wkt", SQUARE.wkt), where="a > 1")
+        require_error("no attributes", write_file(tmp_path / "a.wkt", SQUARE.wkt), where="a > 1")
 
 
 PLANAR = {"crs": {"type": "ProjectedCRS", "id": {"authority": "EPSG", "code": 3067}}}
@@ -99,7 +94,7 @@ class TestGeoParquet:
         for path, message in (
             (tmp_path / "plain.parquet", "no geometry column"),
             (native, "has the unsupported encoding polygon"),
-            (write(tmp_path / "bad.parquet", b"PAR1 rubbish PAR1"), "cannot be read as GeoParquet"),
+            (write_file(tmp_path / "bad.parquet", "PAR1 rubbish"), "cannot be read as GeoParquet"),
         ):
             require_error(message, path)
 
@@ -140,7 +135,7 @@ def cityjson_sequence(houses: int) -> list[str]:
 class TestCityJsonSequence:
     @pytest.mark.parametrize("size", [1, 2, 100])
     def test_features_are_read_in_chunks(self, tmp_path, size):
-        path = write(tmp_path / "town.city.jsonl", "\n".join([*cityjson_sequence(5), ""]))
+        path = write_file(tmp_path / "town.city.jsonl", "\n".join([*cityjson_sequence(5), ""]))
         chunks = list(read_chunks(str(path), layer="RoofSurface", size=size))
         assert max(len(chunk.cleaned.polygons) for chunk in chunks) <= size
         polygons = [polygon for chunk in chunks for polygon in chunk.cleaned.polygons]
@@ -155,24 +150,24 @@ class TestCityJsonSequence:
         lines = cityjson_sequence(3)
         lines[1] = lines[1][:50]
         lines[2] = json.dumps({"type": "Feature", "CityObjects": {}})
-        scene = load(write(tmp_path / "town.city.jsonl", "\n".join(lines)))
+        scene = load(write_file(tmp_path / "town.city.jsonl", "\n".join(lines)))
         assert len(scene.polygons) == 2
         assert [name for name, _ in scene.dropped] == ["line 2", "line 3"]
         assert "not CityJSONFeature" in scene.dropped[1][1]
 
     def test_errors(self, tmp_path):
         lines = cityjson_sequence(1)
-        path = write(tmp_path / "a.city.jsonl", lines[0][:-1] + "\n" + lines[1])
+        path = write_file(tmp_path / "a.city.jsonl", lines[0][:-1] + "\n" + lines[1])
         require_error("line 1 cannot be read as JSON", path)
-        path = write(tmp_path / "b.city.jsonl", "\n".join(lines))
+        path = write_file(tmp_path / "b.city.jsonl", "\n".join(lines))
         require_error("give RoofSurface or GroundSurface", path, layer="Roof")
-        require_error("holds no polygon", write(tmp_path / "c.city.jsonl", lines[0]))
+        require_error("holds no polygon", write_file(tmp_path / "c.city.jsonl", lines[0]))
 
 
 class TestCityJson:
     @pytest.mark.parametrize("semantics", [True, False])
     def test_roofs_and_ground_in_plan(self, tmp_path, semantics):
-        path = write(tmp_path / "town.city.json", cityjson(semantics))
+        path = write_file(tmp_path / "town.city.json", cityjson(semantics))
         scene = load(path, layer="RoofSurface")
         assert scene.units == "m"
         assert scene.polygons[0].bounds == pytest.approx((100, 200, 110, 208))
@@ -187,14 +182,14 @@ class TestCityJson:
         model = json.loads(cityjson())
         solid = model["CityObjects"]["house"]["geometry"][0]
         solid["semantics"] = {"surfaces": [{"type": "RoofSurface"}], "values": values}
-        path = write(tmp_path / "town.city.json", json.dumps(model))
+        path = write_file(tmp_path / "town.city.json", json.dumps(model))
         assert [p.area for p in load(path, layer="RoofSurface").polygons] == [80]
 
     def test_instances_of_templates_are_noted(self, tmp_path):
         model = json.loads(cityjson())
         instance = {"type": "GeometryInstance", "template": 0, "boundaries": [0]}
         model["CityObjects"]["tree"] = {"type": "CityFurniture", "geometry": [instance]}
-        scene = load(write(tmp_path / "town.city.json", json.dumps(model)))
+        scene = load(write_file(tmp_path / "town.city.json", json.dumps(model)))
         reasons = dict(scene.dropped)
         assert reasons["tree"].startswith("has an instance of a template, which is unsupported")
         assert len(scene.polygons) == 2
@@ -208,8 +203,8 @@ class TestCityJson:
             (cityjson(CityObjects=broken), "house is an invalid city object"),
             (cityjson(CityObjects={}), "holds no polygon"),
         ):
-            require_error(message, write(tmp_path / "a.city.json", text))
-        path = write(tmp_path / "b.city.json", cityjson())
+            require_error(message, write_file(tmp_path / "a.city.json", text))
+        path = write_file(tmp_path / "b.city.json", cityjson())
         require_error("give RoofSurface or GroundSurface", path, layer="Roof")
 
 
@@ -245,7 +240,7 @@ def ply(byte_order: str) -> bytes:
 class TestModels:
     def test_ngons_of_obj(self, tmp_path):
         faces = "".join(f"f {face}\n" for face in FACES)
-        scene = load(write(tmp_path / "house.obj", GABLE + "vn 0 0 1\n" + faces))
+        scene = load(write_file(tmp_path / "house.obj", GABLE + "vn 0 0 1\n" + faces))
         assert scene.notes == ("each face in a plane, side by side",)
         assert_valid_polygons(scene.polygons)
         assert [p.area for p in scene.polygons] == pytest.approx(AREAS)
@@ -256,17 +251,17 @@ class TestModels:
 
     def test_references_of_obj(self, tmp_path):
         text = GABLE + "f 1/1/1 2/2/2 6//3 -6/4 # a wall\nf 1 2 99\nf 1 2\nf 1 1 1\n"
-        scene = load(write(tmp_path / "a.obj", text))
+        scene = load(write_file(tmp_path / "a.obj", text))
         assert [p.area for p in scene.polygons] == [30]
         assert [name for name, _ in scene.dropped] == ["face 1", "face 2", "face 3"]
 
     def test_faces_that_are_not_planar_are_noted(self, tmp_path):
         text = "v 0 0 0\nv 1 0 0\nv 1 1 0.2\nv 0 1 0\nf 1 2 3 4\n"
-        assert "not planar" in load(write(tmp_path / "a.obj", text)).repaired[0][1]
+        assert "not planar" in load(write_file(tmp_path / "a.obj", text)).repaired[0][1]
 
     @pytest.mark.parametrize("byte_order", "=<>")
     def test_ngons_of_ply(self, tmp_path, byte_order):
-        scene = load(write(tmp_path / "house.ply", ply(byte_order)))
+        scene = load(write_file(tmp_path / "house.ply", ply(byte_order)))
         assert [p.area for p in scene.polygons] == pytest.approx(AREAS)
 
     @pytest.mark.parametrize("suffix", [".glb", ".gltf", ".stl", ".off", ".obj", ".ply"])
@@ -289,7 +284,7 @@ class TestModels:
             f"facet normal 0 0 1\nouter loop\nvertex 0 0 0\n{corners}endloop\nendfacet\n"
             for corners in ("vertex 4 0 0\nvertex 4 4 0\n", "vertex 4 4 0\nvertex 0 4 0\n")
         )
-        path = write(tmp_path / "a.stl", change(f"solid a\n{facets}endsolid a\n"))
+        path = write_file(tmp_path / "a.stl", change(f"solid a\n{facets}endsolid a\n"))
         assert [p.area for p in load(path).polygons] == [16]
 
     @pytest.mark.parametrize(
@@ -304,7 +299,7 @@ class TestModels:
         ],
     )
     def test_errors(self, tmp_path, name, content, message):
-        require_error(message, write(tmp_path / name, content))
+        require_error(message, write_file(tmp_path / name, content))
 
 
 class TestGltf:
@@ -397,5 +392,5 @@ class TestGltf:
 def test_binary_stl_with_bytes_after_the_triangles(tmp_path, header):
     solid = trimesh.creation.box((2, 3, 4)).export(file_type="stl")
     for tail in (b"", b"exported by someone"):
-        path = write(tmp_path / "a.stl", header.ljust(80) + solid[80:] + tail)
+        path = write_file(tmp_path / "a.stl", header.ljust(80) + solid[80:] + tail)
         assert sum(p.area for p in load(path).polygons) == pytest.approx(52)

@@ -11,7 +11,7 @@ import shapely
 from matplotlib import image
 
 from scenes import load
-from tests.scenes.conftest import assert_valid_polygons, require_error
+from tests.scenes.conftest import assert_valid_polygons, require_error, write_file
 
 NAMESPACE = 'xmlns="http://www.w3.org/2000/svg"'
 SQUARE = '<rect id="square" width="20" height="20"/>'
@@ -24,9 +24,7 @@ TRANSPARENT += ("url(#no) none", "url(#no)")
 
 
 def read(folder: Path, body: str, size: str = 'width="100" height="100"'):
-    path = folder / "a.svg"
-    path.write_text(f"<svg {NAMESPACE} {size}>{body}</svg>")
-    return load(path)
+    return load(write_file(folder / "a.svg", f"<svg {NAMESPACE} {size}>{body}</svg>"))
 
 
 @pytest.mark.parametrize(
@@ -171,5 +169,4 @@ def test_unfilled_and_unsupported_elements_are_named(tmp_path):
     ],
 )
 def test_errors(tmp_path, text, message):
-    (tmp_path / "a.svg").write_text(text)
-    require_error(message, tmp_path / "a.svg")
+    require_error(message, write_file(tmp_path / "a.svg", text))

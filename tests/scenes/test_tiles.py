@@ -39,7 +39,7 @@ from scenes.tiles.archives import PMTiles, TilePosition, compute_first_number, d
 from scenes.tiles.read import FILE, locate_tile
 from scenes.tiles.vector_tile import Layer, build_layer, decode_layers
 from tests.paths import ROOT
-from tests.scenes.conftest import require_error
+from tests.scenes.conftest import require_error, write_file
 
 HERE = ROOT / "tests" / "scenes"
 STREETS = sorted((HERE / "tiles").glob("*.mvt*"))
@@ -99,9 +99,7 @@ def test_polygons_agree_with_mapbox_vector_tile(tile):
 
 
 def test_polygons_agree_with_gdal_including_the_buffer(tile, tmp_path):
-    file = tmp_path / "tile.mvt"
-    file.write_bytes(tile)
-    over = 0
+    file, over = write_file(tmp_path / "tile.mvt", tile), 0
     for layer in decode(tile):
         if not len(layer.polygons):
             continue
@@ -139,8 +137,7 @@ def encoded(polygons: list[Any], layer: str = "land", **more: Any) -> bytes:
 
 
 def save(path: Path, polygons: list[Any], **more: Any) -> str:
-    path.write_bytes(encoded(polygons, **more))
-    return str(path)
+    return str(write_file(path, encoded(polygons, **more)))
 
 
 COURT = shapely.Polygon(
@@ -253,8 +250,7 @@ def encode_commands(polygon: shapely.Polygon) -> list[int]:
 
 def _raw(path: Path, polygons: list[Any]) -> str:
     """Write a tile of unchanged polygons, which the package would repair."""
-    path.write_bytes(encode_features("land", 3, map(encode_commands, polygons)))
-    return str(path)
+    return str(write_file(path, encode_features("land", 3, map(encode_commands, polygons))))
 
 
 def test_invalid_polygons_are_noted_and_repaired_only_on_integers(tmp_path):
@@ -301,8 +297,7 @@ def pmtiles(path: Path, root: bytes, leaf: bytes = b"", data: bytes = b"", **mor
     for name, part in (parts | {"tile_data": data}).items():
         header |= {f"{name}_offset": 127 + len(content), f"{name}_length": len(part)}
         content += part
-    path.write_bytes(serialize_header(header | more) + content)
-    return str(path)
+    return str(write_file(path, serialize_header(header | more) + content))
 
 
 def test_directory_that_contains_itself_is_refused(tmp_path):
@@ -338,9 +333,7 @@ def three_archives(
         rows = [(z, x, 2**z - 1 - y, data) for (z, x, y), data in tiles.items()]
         database.executemany("INSERT INTO tiles VALUES (?, ?, ?, ?)", rows)
     for (z, x, y), data in tiles.items():
-        file = folder / "tiles" / str(z) / str(x) / f"{y}.pbf"
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(data)
+        write_file(folder / "tiles" / str(z) / str(x) / f"{y}.pbf", data)
     (folder / "tiles" / "metadata.json").write_text('{"attribution": "(c) us"}')
     return {"pmtiles": str(pmtiles), "mbtiles": str(mbtiles), "folder": str(folder / "tiles")}
 
@@ -389,8 +382,7 @@ def test_unsupported_compression_is_refused(kind, tmp_path):
     path = two_tiles(tmp_path, bytes, kind)["pmtiles"]
     message = f"a.pmtiles is compressed by {kind.name}, which is unsupported"
     require_error(message, f"{path}:zoom=3")
-    zstd = tmp_path / "a.mvt"
-    zstd.write_bytes(b"\x28\xb5\x2f\xfd" + bytes(9))
+    zstd = write_file(tmp_path / "a.mvt", b"\x28\xb5\x2f\xfd" + bytes(9))
     require_error("compressed by zstd, which is unsupported", f"{zstd}:pixels=512")
 
 
@@ -494,8 +486,7 @@ def test_unreadable_archives_are_reported_in_one_line(text, message, tmp_path):
 @pytest.mark.parametrize("names", [("x/1/0/0.mvt", "y/1/0/0.mvt"), ("1/0/0.mvt", "1/0/0.pbf")])
 def test_two_files_for_a_tile_are_refused(names, tmp_path):
     for name in names:
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_bytes(encoded([COURT]))
+        save(tmp_path / name, [COURT])
     message = require_error("are both tile 1/0/0: remove one", f"{tmp_path}:zoom=1")
     assert all(name in message for name in names)
 
@@ -515,8 +506,7 @@ def test_two_files_for_a_tile_are_refused(names, tmp_path):
     ],
 )
 def test_positions_in_paths(name, tile, tmp_path):
-    (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-    (tmp_path / name).write_bytes(encoded([COURT]))
+    save(tmp_path / name, [COURT])
     loaded = archives.Folder(tmp_path)
     assert [str(item) for item in loaded.list_tile_keys(None)] == [tile]
     assert bool(loaded.zooms) == ("." not in tile)
@@ -562,9 +552,8 @@ def test_invalid_layer_is_skipped_and_noted_only_if_requested(tmp_path):
 
 
 def test_line_with_a_repeated_point_is_not_a_dropped_polygon(tmp_path):
-    path = tmp_path / "a.mvt"
     road = encode_features("road", 2, [[9, 2, 2, 18, 0, 0, 4, 4]])
-    path.write_bytes(encoded([COURT]) + road)
+    path = write_file(tmp_path / "a.mvt", encoded([COURT]) + road)
     assert read_both(path, None) == (["land"], [], "")
 
 
