@@ -10,7 +10,6 @@ import shapely
 from scenes import SceneError, load
 
 SQUARE = [[0, 0], [10, 0], [10, 10], [0, 10], [0, 0]]
-BOW_TIE = [[0, 0], [6, 8], [6, 0], [0, 8], [0, 0]]
 
 
 def feature(coordinates: Any, kind: str = "Polygon", **properties: Any) -> dict[str, Any]:

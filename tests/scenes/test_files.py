@@ -15,14 +15,7 @@ from scenes import load
 from scenes.files import read_chunks
 from scenes.readers import vector
 from scenes.readers.gdal import load_library
-from tests.scenes.conftest import (
-    BOW_TIE,
-    SQUARE,
-    assert_valid_polygons,
-    feature,
-    require_error,
-    write_file,
-)
+from tests.scenes.conftest import SQUARE, assert_valid_polygons, feature, require_error, write_file
 from tests.scenes.samples import make_osm, make_way
 
 POLYGONS = [
@@ -69,10 +62,11 @@ def test_openstreetmap(tmp_path):
 
 
 def test_dropped_and_repaired_geometries_are_noted(geojson):
+    bow_tie = [[0, 0], [6, 8], [6, 0], [0, 8], [0, 0]]
     two = [[SQUARE], [[[40, 0], [50, 0], [50, 10], [40, 0]]]]
     path = geojson(
         feature([SQUARE], name="good"),
-        feature([BOW_TIE], name="bow tie"),
+        feature([bow_tie], name="bow tie"),
         feature(None, name="nothing"),
         feature([1, 2], "Point"),
         feature([[[0, 0], [5, 5], [9, 9], [0, 0]]], name="flat"),
