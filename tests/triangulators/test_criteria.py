@@ -4,7 +4,7 @@ import numba
 import numpy as np
 import pytest
 import shapely
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from harness.frame import View, make_frame
@@ -32,7 +32,6 @@ corners = st.tuples(*[st.tuples(numbers, numbers)] * 3)
 ONE = np.array([[0, 1, 2]])
 
 
-@settings(deadline=None)
 @given(corners)
 def test_features_equal_plain_definitions(triangle):
     assume(abs(twice_area(*triangle)) > 0.5)
@@ -42,7 +41,6 @@ def test_features_equal_plain_definitions(triangle):
         assert sums[name.replace("-", "_")] == pytest.approx(expected, rel=1e-6, abs=1e-6)
 
 
-@settings(deadline=None)
 @given(corners)
 def test_expected_blocks_are_exact_except_slivers_with_gaps(triangle):
     area = abs(twice_area(*triangle)) / 2

@@ -65,7 +65,6 @@ def test_orientation_at_denormal_distance_from_side():
     assert orient(0.0, 0.007, 0.0, 0.011, 5e-324, 0.009) < 0.0
 
 
-@settings(deadline=None)
 @given(near_line)
 def test_sliver_area_is_independent_of_first_vertex(values):
     a, b, c = values[:2], values[2:4], values[4:]

@@ -181,7 +181,6 @@ def grid(side):
     return np.concatenate([low, high]).astype(np.int32), side * side
 
 
-@settings(deadline=None)
 @given(st.integers(0, 60), st.integers(3, 40), st.integers(1, 40), st.integers(0, 2**32 - 1))
 def test_vertex_cache_order_permutes_triangles(number, count, cache_size, seed):
     rng = np.random.default_rng(seed)

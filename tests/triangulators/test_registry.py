@@ -5,7 +5,7 @@ from importlib.metadata import EntryPoint
 import numpy as np
 import pytest
 import shapely
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import triangulators
@@ -111,7 +111,6 @@ def test_one_criterion_has_one_name(written, full):
     assert full_name(full) == full
 
 
-@settings(deadline=None)
 @given(st.tuples(figures, figures, figures))
 def test_weights_round_trip(weights):
     assume(any(weights))
