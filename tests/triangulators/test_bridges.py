@@ -59,7 +59,7 @@ def check_against_brute_force(polygon: shapely.Polygon, name: str) -> None:
             assert total(points, best) == pytest.approx(expected, rel=1e-9, abs=1e-9), polygon.wkt
 
 
-@pytest.mark.parametrize(("number", "name"), enumerate(CRITERIA))
+@pytest.mark.parametrize(("number", "name"), list(enumerate(CRITERIA)))
 def test_optimum_equals_brute_force(number, name):
     rng = np.random.default_rng(number)
     for attempt in range(8):
