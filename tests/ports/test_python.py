@@ -10,7 +10,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from tests.paths import ROOT
+from tests.paths import ROOT, run_python
 from tests.ports.languages import Cases, find_compilers, flip_in_python
 from tests.ports.polygons import random_polygons
 from triangulators import flip
@@ -98,6 +98,5 @@ def test_port_is_small_and_needs_only_numpy(package):
     assert sum(file.read_text().count("\n") for file in files) <= MAX_LINES
     heavy = "{*sys.modules} & {'numba', 'shapely', 'scipy'}"
     code = f"import sys, flip_triangles; print(sorted({heavy}))"
-    folder = str(ROOT.joinpath(package.__file__).parents[1])
-    environment = {**os.environ, "PYTHONPATH": folder}
-    assert subprocess.check_output([sys.executable, "-c", code], env=environment) == b"[]\n"
+    environment = {"PYTHONPATH": str(ROOT.joinpath(package.__file__).parents[1])}
+    assert run_python("-c", code, env=environment).stdout == "[]\n"

@@ -45,17 +45,22 @@ def _cache_everything(monkeypatch):
     monkeypatch.setattr(database_module, "MIN_CACHED_S", 0.0)
 
 
+def act_before(monkeypatch, name, action) -> None:
+    """Call an action with the recipe before each call of a method."""
+    method = getattr(Recipe, name)
+
+    def call(recipe, polygons):
+        action(recipe)
+        return method(recipe, polygons)
+
+    monkeypatch.setattr(Recipe, name, call)
+
+
 @pytest.fixture
 def computed(monkeypatch) -> list[str]:
     """Names of called triangulators, one per polygon, without warm-up."""
     calls: list[str] = []
-    single = Recipe.triangulate_with_gap
-
-    def counted(recipe, polygon):
-        calls.append(str(recipe))
-        return single(recipe, polygon)
-
-    monkeypatch.setattr(Recipe, "triangulate_with_gap", counted)
+    act_before(monkeypatch, "triangulate_with_gap", lambda recipe: calls.append(str(recipe)))
     monkeypatch.setattr(Recipe, "triangulate_batch", skip_batch)
     monkeypatch.setattr(triangulate, "warm_up", lambda _: None)
     return calls
@@ -108,14 +113,8 @@ def test_quickly_computed_triangulations_are_not_stored(
     database, monkeypatch, clock, seconds, count
 ):
     small = make_frame(load("city:buildings=4").polygons, View(512)).polygons
-    single = Recipe.triangulate_with_gap
-
-    def timed(recipe, polygon):
-        clock.spend(seconds)
-        return single(recipe, polygon)
-
     monkeypatch.setattr(database_module, "MIN_CACHED_S", MIN_CACHED_S)
-    monkeypatch.setattr(Recipe, "triangulate_with_gap", timed)
+    act_before(monkeypatch, "triangulate_with_gap", lambda _: clock.spend(seconds))
     monkeypatch.setattr(Recipe, "triangulate_batch", skip_batch)
     triangulate_named("ear-clipping", small, database=database)
     with ModelDatabase(database) as model:
@@ -284,11 +283,6 @@ def test_times_exclude_loading(monkeypatch, clock):
 
 def test_a_batch_is_timed_as_a_unit(monkeypatch, clock):
     small = make_frame(load("city:buildings=9").polygons, View(512)).polygons
-    attempt = Recipe.triangulate_batch
-
-    def timed(recipe, arrays):
-        clock.spend(0.25)
-        return attempt(recipe, arrays)
 
     def spent(recipe, polygon):
         clock.spend(9.0)
@@ -296,7 +290,7 @@ def test_a_batch_is_timed_as_a_unit(monkeypatch, clock):
 
     expected = triangulate_named("optimal:half-perimeter", small)
     triangulate.warm_up(parse("optimal:half-perimeter"))
-    monkeypatch.setattr(Recipe, "triangulate_batch", timed)
+    act_before(monkeypatch, "triangulate_batch", lambda _: clock.spend(0.25))
     monkeypatch.setattr(Recipe, "triangulate_with_gap", spent)
     result = triangulate_named("optimal:half-perimeter", small)
     assert result.seconds == 0.25
