@@ -5,6 +5,7 @@ import random
 import statistics
 import tempfile
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -200,7 +201,7 @@ def read_back(facts: Any, records: list[dict[str, Any]]) -> Run:
 class Scenario(NamedTuple):
     """A function that writes `base` and `head`, and the expected exit code."""
 
-    make: Callable[[], None]
+    make: Callable[[], object]
     exit_code: int
     options: tuple[str, ...] = ()
 
@@ -208,43 +209,29 @@ class Scenario(NamedTuple):
 BASE, HEAD = Path("base"), Path("head")
 
 
-def equal_runs() -> None:
-    write_run(BASE, seed=1)
-    write_run(HEAD, seed=2)
+def write_pair(
+    base: Mapping[str, Any] | None = None, folder: Path = Path(), **head: Any
+) -> list[Path]:
+    """Write BASE and HEAD, which differ from default runs by arguments of `write_run`."""
+    base_path = write_run(folder / BASE, **{"seed": 1, **(base or {})})
+    return [base_path, write_run(folder / HEAD, **{"seed": 2, **head})]
 
 
-def real_regression() -> None:
-    write_run(BASE, seed=1)
-    edits = {"ear-clipping": add_cost(0.09, time=0.12), "delaunay": add_cost(-0.02, time=-0.09)}
-    write_run(HEAD, seed=2, edits=edits)
+def read_pair(folder: Path, base: Mapping[str, Any] | None = None, **head: Any) -> list[Run]:
+    """Write BASE and HEAD into the folder and read them."""
+    return [read_run(path) for path in write_pair(base, folder, **head)]
 
 
-def time_regression() -> None:
-    write_run(BASE, seed=1)
-    write_run(HEAD, seed=2, edits={"delaunay": add_time(0.1)})
-
-
-def noise_only() -> None:
-    write_run(BASE, seed=1, noise=0.5)
-    write_run(HEAD, seed=2, noise=0.5)
+def pair(base: Mapping[str, Any] | None = None, **head: Any) -> Callable[[], object]:
+    return partial(write_pair, base, **head)
 
 
 def missing_cases() -> None:
     def other_content(entry):
         entry["scene_hash"] = "5ce9e5ce9e5ce9e0"
 
-    write_run(BASE, seed=1, leave_out=("optimal:half-perimeter",))
-    write_run(HEAD, seed=2, leave_out=("ear-clipping",), edits={"delaunay": other_content})
-
-
-def now_skipped() -> None:
-    write_run(BASE, seed=1)
-    write_run(HEAD, seed=2, edits={"*": set_failed("skipped", "triangulating took more than 60 s")})
-
-
-def cut_short() -> None:
-    write_run(BASE, seed=1)
-    write_run(HEAD, seed=2, cut_short=("delaunay", "optimal:overdraw"))
+    edits = {"delaunay": other_content}
+    write_pair({"leave_out": ("optimal:half-perimeter",)}, leave_out=("ear-clipping",), edits=edits)
 
 
 def counters_of_others() -> None:
@@ -259,53 +246,19 @@ def counters_of_others() -> None:
         return edit
 
     facts = {"plan": make_plan(rasterisers=["tiler"])}
-    write_run(BASE, seed=1, edits={"*": foreign(1)}, facts=facts)
-    write_run(HEAD, seed=2, edits={"*": foreign(1), "delaunay": foreign(1.5)}, facts=facts)
-
-
-def same_rounds() -> None:
-    """BASE and HEAD timed in the same rounds; one case takes 3 % longer."""
-    write_run(BASE, seed=1, noise=0.05)
-    write_run(HEAD, seed=1, noise=0.05, edits={"*": pair_rounds(), "delaunay": pair_rounds(0.03)})
-
-
-def now_failing() -> None:
-    write_run(BASE, seed=1)
-    crashed = set_failed("failed", "triangulators crashed: SIGSEGV | last <output> & `more`")
-    write_run(HEAD, seed=2, edits={"delaunay": crashed})
-
-
-def different_machine() -> None:
-    write_run(BASE, seed=1)
-    write_run(HEAD, seed=2, speed=1.7, machine={**MACHINE, "cpu": "Other CPU", "threads": 4})
-
-
-def everything_slower() -> None:
-    write_run(BASE, seed=1)
-    write_run(HEAD, seed=2, edits={"*": add_time(0.12)})
-
-
-def busy_machine() -> None:
-    write_run(BASE, seed=1)
-    write_run(HEAD, seed=2, speed=0.85)
-
-
-def older_schema() -> None:
-    write_run(BASE, seed=1, edits={"*": make_old}, facts={"schema_version": 0, "plan": None})
-    write_run(HEAD, seed=2)
+    edits = {"*": foreign(1), "delaunay": foreign(1.5)}
+    write_pair({"edits": {"*": foreign(1)}, "facts": facts}, edits=edits, facts=facts)
 
 
 def corrupt_line() -> None:
-    write_run(BASE, seed=1)
-    write_run(HEAD, seed=2)
+    write_pair()
     lines = (HEAD / "cases.jsonl").read_text().splitlines(keepends=True)
     lines[2] = lines[2][: len(lines[2]) // 2] + "\n"
     (HEAD / "cases.jsonl").write_text("".join(lines) + '{"key": "torn')
 
 
 def empty_run() -> None:
-    write_run(BASE, seed=1)
-    write_run(HEAD, seed=2)
+    write_pair()
     (HEAD / "cases.jsonl").write_text("")
 
 
@@ -316,35 +269,38 @@ def single_file() -> None:
         (Path(f"{run}-folder") / "cases.jsonl").rename(run)
 
 
-def changed_plan() -> None:
-    write_run(BASE, seed=1)
-    changed = make_plan(seed=7, timing={"precision": 0.01, "budget_s": 2.0})
-    write_run(HEAD, seed=2, facts={"plan": changed})
-
-
-def no_baseline() -> None:
-    write_run(HEAD, seed=2)
-
+REAL_REGRESSION = {
+    "ear-clipping": add_cost(0.09, time=0.12),
+    "delaunay": add_cost(-0.02, time=-0.09),
+}
+SKIPPED = set_failed("skipped", "triangulating took more than 60 s")
+CRASHED = set_failed("failed", "triangulators crashed: SIGSEGV | last <output> & `more`")
+SAME_ROUNDS = {"*": pair_rounds(), "delaunay": pair_rounds(0.03)}
+OTHER_MACHINE = {**MACHINE, "cpu": "Other CPU", "threads": 4}
+OLDER = {"edits": {"*": make_old}, "facts": {"schema_version": 0, "plan": None}}
+CHANGED_PLAN = make_plan(seed=7, timing={"precision": 0.01, "budget_s": 2.0})
+EVERYTHING_SLOWER = pair(edits={"*": add_time(0.12)})
 
 SCENARIOS = {
-    "equal-runs": Scenario(equal_runs, 0),
-    "real-regression": Scenario(real_regression, 1),
-    "time-regression": Scenario(time_regression, 1),
-    "noise-only": Scenario(noise_only, 5),
+    "equal-runs": Scenario(pair(), 0),
+    "real-regression": Scenario(pair(edits=REAL_REGRESSION), 1),
+    "time-regression": Scenario(pair(edits={"delaunay": add_time(0.1)}), 1),
+    "noise-only": Scenario(pair({"noise": 0.5}, noise=0.5), 5),
     "missing-cases": Scenario(missing_cases, 0, ("--gate", "counters")),
-    "now-skipped": Scenario(now_skipped, 1, ("--gate", "counters")),
-    "cut-short": Scenario(cut_short, 1),
+    "now-skipped": Scenario(pair(edits={"*": SKIPPED}), 1, ("--gate", "counters")),
+    "cut-short": Scenario(pair(cut_short=("delaunay", "optimal:overdraw")), 1),
     "counters-of-others": Scenario(counters_of_others, 1, ("--gate", "counters")),
-    "same-rounds": Scenario(same_rounds, 1),
-    "not-gated": Scenario(everything_slower, 0, ("--gate", "counters")),
-    "now-failing": Scenario(now_failing, 1),
-    "different-machine": Scenario(different_machine, 0),
-    "everything-slower": Scenario(everything_slower, 0),
-    "busy-machine": Scenario(busy_machine, 0),
-    "older-schema": Scenario(older_schema, 0),
+    # Timed in the same rounds; one case takes 3 % longer.
+    "same-rounds": Scenario(pair({"noise": 0.05}, seed=1, noise=0.05, edits=SAME_ROUNDS), 1),
+    "not-gated": Scenario(EVERYTHING_SLOWER, 0, ("--gate", "counters")),
+    "now-failing": Scenario(pair(edits={"delaunay": CRASHED}), 1),
+    "different-machine": Scenario(pair(speed=1.7, machine=OTHER_MACHINE), 0),
+    "everything-slower": Scenario(EVERYTHING_SLOWER, 0),
+    "busy-machine": Scenario(pair(speed=0.85), 0),
+    "older-schema": Scenario(pair(OLDER), 0),
     "corrupt-line": Scenario(corrupt_line, 1),
     "empty-run": Scenario(empty_run, 1),
     "single-file": Scenario(single_file, 0),
-    "changed-plan": Scenario(changed_plan, 0),
-    "no-baseline": Scenario(no_baseline, 0, ("--allow-missing-baseline",)),
+    "changed-plan": Scenario(pair(facts={"plan": CHANGED_PLAN}), 0),
+    "no-baseline": Scenario(partial(write_run, HEAD, seed=2), 0, ("--allow-missing-baseline",)),
 }

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from harness.compare.comparison import compare_runs
 from harness.compare.outputs import to_json, to_markdown
 from harness.errors import HarnessError
-from tests.compare.runs import TRIANGULATORS, make_case, read_back, write_run
+from tests.compare.runs import TRIANGULATORS, make_case, read_back, write_pair
 from tests.conftest import require_ok
 from tests.fuzz.damage import JSON
 
@@ -62,12 +62,10 @@ def test_invalid_number_skips_the_record(name, value):
 
 
 def test_damaged_record_is_reported_with_its_line(harness):
-    write_run(Path("base"), seed=1)
-
     def damage(entry):
         entry["counters"] = {"quads": "many"}
 
-    write_run(Path("head"), seed=2, edits={"delaunay": damage})
+    write_pair(edits={"delaunay": damage})
     code, out, _ = harness("compare", "base", "head")
     assert code == 1
     problem = "counters.quads: Input should be a valid integer; record ignored"
@@ -79,8 +77,7 @@ def test_damaged_record_is_reported_with_its_line(harness):
 
 @pytest.mark.parametrize("content", ["[]", "3", '"text"', "null", "{", '{"devices": 3}'])
 def test_a_damaged_run_json_is_reported(harness, content):
-    write_run(Path("base"), seed=1)
-    write_run(Path("head"), seed=2)
+    write_pair()
     Path("head/run.json").write_text(content)
     out, _ = require_ok(harness("compare", "base", "head"))
     assert "run.json" in out
@@ -90,8 +87,7 @@ def test_a_gate_on_times_alone_needs_times(harness):
     def untimed(entry):
         del entry["time"]
 
-    for name, seed in (("base", 1), ("head", 2)):
-        write_run(Path(name), seed=seed, edits={"*": untimed})
+    write_pair({"edits": {"*": untimed}}, edits={"*": untimed})
     assert harness("compare", "base", "head")[0] == 0
     code, out, _ = harness("compare", "base", "head", "--gate", "time")
     assert code == 4
@@ -99,17 +95,13 @@ def test_a_gate_on_times_alone_needs_times(harness):
 
 
 def test_repeated_case_is_reported_and_the_later_record_is_used(harness):
-    write_run(Path("base"), seed=1)
-    write_run(Path("head"), seed=2)
-    later = make_case("fan", seed=3)
-    later |= {"key": "0123456789abcdef", "scene_hash": "0" * 16}
+    write_pair()
+    later = make_case("fan", seed=3) | {"key": "0123456789abcdef", "scene_hash": "0" * 16}
     with Path("head/cases.jsonl").open("a") as stream:
         stream.write(json.dumps(later) + "\n")
     out, _ = require_ok(harness("compare", "base", "head"))
-    assert (
-        "HEAD: fan, city 1024 px, opengl on llvmpipe: measured twice; the later record is used"
-        in out
-    )
+    name = "HEAD: fan, city 1024 px, opengl on llvmpipe"
+    assert f"{name}: measured twice; the later record is used" in out
     assert "1 case with changed content" in out
 
 

@@ -23,7 +23,16 @@ from harness.compare.outputs import (
 from harness.compare.wording import format_headline
 from harness.results.run_folder import read_run
 from tests.chromium import LOADED
-from tests.compare.runs import SCENARIOS, TRIANGULATORS, add_cost, add_time, set_failed, write_run
+from tests.compare.runs import (
+    REAL_REGRESSION,
+    SCENARIOS,
+    TRIANGULATORS,
+    add_cost,
+    add_time,
+    read_pair,
+    set_failed,
+    write_run,
+)
 from tests.paths import ROOT
 
 SCHEMA = json.loads((ROOT / "docs/ci/compare.schema.json").read_text())
@@ -42,33 +51,22 @@ def comparison(request, tmp_path_factory):
 
 @pytest.fixture
 def markup_comparison(tmp_path):
-    names = (
-        "a|b`c",
-        "<img src=x onerror=alert(1)>",
-        "*bold* [x](y)",
-        "tab\there",
-        "nul\x00bell\x07",
-    )
-    reason = "]]> & <script>alert(1)</script> | `code` @someone #1 \x1b[31m"
+    markup = ("a|b`c", "<img src=x onerror=alert(1)>", "*bold* [x](y)")
+    names = (*markup, "tab\there", "nul\x00bell\x07")
+    failed = set_failed("failed", "]]> & <script>alert(1)</script> | `code` @someone #1 \x1b[31m")
 
-    def rename(name):
+    def rename(name, change):
         def edit(entry):
             entry["triangulator"] = name
-            if name == "tab\there":
-                set_failed("failed", reason)(entry)
-            else:
-                add_cost(0.1)(entry)
+            (failed if change and name == "tab\there" else add_cost(0.1 * change))(entry)
 
         return edit
 
-    def only_name(name):
-        return lambda entry: entry.update(triangulator=name)
-
-    pairs = dict(zip(TRIANGULATORS, names, strict=True))
-    edits = {key: only_name(name) for key, name in pairs.items()}
-    base = write_run(tmp_path / "base", seed=1, edits=edits)
-    edits = {key: rename(name) for key, name in pairs.items()}
-    return compare_runs(read_run(base), read_run(write_run(tmp_path / "head", seed=2, edits=edits)))
+    base, head = (
+        {key: rename(name, change) for key, name in zip(TRIANGULATORS, names, strict=True)}
+        for change in (False, True)
+    )
+    return compare_runs(*read_pair(tmp_path, {"edits": base}, edits=head))
 
 
 def valid_junit(text: str) -> etree._Element:
@@ -183,8 +181,7 @@ def test_markdown_escapes_mentions_and_control_characters(tmp_path):
         entry.update(triangulator=name, scene=name)
 
     edits = {next(iter(TRIANGULATORS)): rename}
-    runs = [write_run(tmp_path / folder, seed=1, edits=edits) for folder in ("base", "head")]
-    text = to_markdown(compare_runs(*map(read_run, runs)))
+    text = to_markdown(compare_runs(*read_pair(tmp_path, {"edits": edits}, edits=edits)))
     assert text.count("someone") >= 2
     assert "@someone" not in text
     assert "#7" not in text.replace("\\#7", "")
@@ -196,18 +193,15 @@ def test_html_plots_times_with_intervals(tmp_path):
     def untimed(entry):
         del entry["time"]
 
-    edits = {"optimal:overdraw": add_time(0.4), "fan": untimed}
-    runs = [write_run(tmp_path / f"{bool(e)}", seed=1 + bool(e), edits=e) for e in ({}, edits)]
-    comparison = compare_runs(*map(read_run, runs), Settings(thresholds={"time": 0.25}))
+    runs = read_pair(tmp_path, edits={"optimal:overdraw": add_time(0.4), "fan": untimed})
+    comparison = compare_runs(*runs, Settings(thresholds={"time": 0.25}))
     page = to_html(comparison)
     drawn = {}
+    pattern = r'band" x="(.*?)" width="(.*?)".*?M80 .*?M(.*?) 6H(.*?)"/>.*?cx="(.*?)"'
     for row in re.findall('<tr class="[a-z]+"><td>([^<]+)</td>(.*?)</tr>', page, re.DOTALL):
         name, cells = row
         if "<svg" in cells:
-            pattern = r'band" x="(.*?)" width="(.*?)".*?M80 .*?M(.*?) 6H(.*?)"/>.*?cx="(.*?)"'
-            drawn[name] = [
-                float(number) for number in re.search(pattern, cells, re.DOTALL).groups()
-            ]
+            drawn[name] = [*map(float, re.search(pattern, cells, re.DOTALL).groups())]
     times = {case.id.name: case.time for case in comparison.list_compared()}
     times.pop("fan")  # it was not timed
     assert drawn.keys() == times.keys()
@@ -219,11 +213,9 @@ def test_html_plots_times_with_intervals(tmp_path):
         assert 0 <= drawn[name][2] <= drawn[name][3] <= 160
 
 
-def test_html_opens_without_errors_or_requests(browser, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    SCENARIOS["real-regression"].make()
+def test_html_opens_without_errors_or_requests(browser, tmp_path):
     page = tmp_path / "page.html"
-    page.write_text(to_html(compare_runs(read_run(Path("base")), read_run(Path("head")))))
+    page.write_text(to_html(compare_runs(*read_pair(tmp_path, edits=REAL_REGRESSION))))
     browser.open(page, LOADED)
     assert browser.errors == []
     assert browser.requests == [page.as_uri()]
