@@ -10,11 +10,15 @@ import yaml
 
 from tests.paths import ROOT
 
-MOCK = "tests.mock:MockRasteriser"
 ACTION = yaml.safe_load((ROOT / "action.yml").read_text())
 WORKFLOW = yaml.safe_load((ROOT / ".github/workflows/compare.yml").read_text())
 GITLAB = yaml.safe_load((ROOT / "docs/ci/gitlab-ci.yml").read_text())
 STEPS = ACTION["runs"]["steps"]
+
+
+def get_script(name: str) -> str:
+    (script,) = (step["run"] for step in STEPS if step.get("name") == name)
+    return script
 
 
 def find_values(value: object) -> set[str]:
@@ -50,7 +54,7 @@ def test_unclosed_quote_exits_with_2(name):
     values = {"RUN": "--scene city", "COMPARE": "", "FOLDER": "/nowhere"}
     environment = {**os.environ, **values, "ACTION": str(ROOT), name: "--scene city '--limit 3"}
     script = ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", step["run"]]
-    done = subprocess.run(script, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(script, env=environment, capture_output=True, text=True)
     assert done.returncode == 2
     message = f"error: input {name.lower()}: No closing quotation: --scene city '--limit 3\n"
     assert done.stderr == message
@@ -62,19 +66,17 @@ def test_options_are_split_as_a_shell_splits_them():
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     assert done.stdout.splitlines() == ["--scene", "my town.gpkg", "--limit", "3"]
     environment["RUN"] = "--scene 'my\ntown.gpkg'"
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == "error: input run: a line break inside quotes\n"
 
 
 def test_last_step_exits_with_the_code_of_compare():
-    (script,) = (
-        step["run"] for step in STEPS if step.get("name") == "Exit with the code of compare"
-    )
+    script = get_script("Exit with the code of compare")
 
     def exit_code_of(code: str, strict: str = "false") -> int:
         environment = {**os.environ, "CODE": code, "STRICT": strict}
-        return subprocess.run(["bash", "-e", "-c", script], env=environment, check=False).returncode
+        return subprocess.run(["bash", "-e", "-c", script], env=environment).returncode
 
     assert [exit_code_of(code) for code in ("0", "1", "2", "4", "5", "")] == [0, 1, 2, 4, 0, 2]
     assert exit_code_of("5", strict="true") == 5
@@ -109,7 +111,6 @@ def test_gitlab_example_uses_existing_commands_and_files():
     ],
 )
 def test_options_may_have_several_lines_and_are_not_executed(text, taken, tmp_path):
-    (script,) = (step["run"] for step in STEPS if step.get("name") == "Measure and compare")
     scripts = tmp_path / "scripts"
     scripts.mkdir()
     (tmp_path / ".venv").symlink_to(ROOT / ".venv")
@@ -119,21 +120,18 @@ def test_options_may_have_several_lines_and_are_not_executed(text, taken, tmp_pa
     fake.chmod(0o755)
     environment = {"PATH": os.environ["PATH"], "ACTION": str(tmp_path), "FOLDER": "f"}
     environment |= {"RUN": text, "COMPARE": "", "BESIDE": "", "GITHUB_OUTPUT": "output"}
-    command = ["bash", "-e", "-o", "pipefail", "-c", script]
+    command = ["bash", "-e", "-o", "pipefail", "-c", get_script("Measure and compare")]
     subprocess.run(command, cwd=tmp_path, env=environment, check=True)
-    assert (tmp_path / "told").read_text().splitlines() == [
-        *("f/baseline", "f/reports", "--"),
-        *taken,
-    ]
+    arguments = (tmp_path / "told").read_text().splitlines()
+    assert arguments == ["f/baseline", "f/reports", "--", *taken]
     assert not (tmp_path / "x").exists()
 
 
 def test_documented_workflows_use_existing_inputs():
     text = (ROOT / "docs/how-to/ci.md").read_text()
     examples = [yaml.safe_load(block) for block in re.findall(r"```yaml\n(.*?)```", text, re.S)]
-    steps = [
-        step for example in examples for job in example["jobs"].values() for step in job["steps"]
-    ]
+    jobs = [job for example in examples for job in example["jobs"].values()]
+    steps = (step for job in jobs for step in job["steps"])
     used = [step["with"] for step in steps if "raster-harness" in step["uses"]]
     assert len(used) >= 2
     assert all(set(example) <= set(ACTION["inputs"]) for example in used)
@@ -141,13 +139,10 @@ def test_documented_workflows_use_existing_inputs():
 
 def test_script_stores_a_first_baseline(tmp_path):
     command = [ROOT / "scripts/ci-compare.sh", "kept/baseline", "out", "--gate", "counters", "--"]
-    command += ["--scene", "city:buildings=2", "--quick", "--rasterisers", MOCK]
-    command += ["--budget", "0.001"]
-    command += ["--triangulators", "delaunay"]
+    command += ["--scene", "city:buildings=2", "--quick", "--budget", "0.001"]
+    command += ["--rasterisers", "tests.mock:MockRasteriser", "--triangulators", "delaunay"]
     environment = {**os.environ, "KEEP": "yes", "PYTHON": sys.executable}
-    done = subprocess.run(
-        command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
-    )
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "No baseline yet: kept/baseline" in done.stdout
     assert (tmp_path / "kept/baseline/cases.jsonl").read_text()
@@ -156,9 +151,7 @@ def test_script_stores_a_first_baseline(tmp_path):
 
 
 def test_script_prints_usage():
-    done = subprocess.run(
-        [ROOT / "scripts/ci-compare.sh"], capture_output=True, text=True, check=False
-    )
+    done = subprocess.run([ROOT / "scripts/ci-compare.sh"], capture_output=True, text=True)
     assert done.returncode == 2
     assert done.stderr.strip().startswith("scripts/ci-compare.sh BASELINE OUT")
 
@@ -183,7 +176,6 @@ def test_actions_are_pinned_by_commit():
     ],
 )
 def test_names_cannot_end_the_comment_or_the_jq_program(name, marked, tmp_path):
-    (script,) = (step["run"] for step in STEPS if step.get("name") == "Comment")
     gh = tmp_path / "gh"
     gh.write_text('#!/bin/sh\nfor each in "$@"; do echo "$each" >> "$LOG"; done\n')
     gh.chmod(0o755)
@@ -191,7 +183,8 @@ def test_names_cannot_end_the_comment_or_the_jq_program(name, marked, tmp_path):
     environment = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}", "NAME": name}
     environment |= {"REPORT": str(tmp_path / "compare.md"), "LOG": str(tmp_path / "log")}
     environment |= {"REPOSITORY": "a/b", "NUMBER": "7"}
-    subprocess.run(["bash", "-e", "-c", script], env=environment, cwd=tmp_path, check=True)
+    command = ["bash", "-e", "-c", get_script("Comment")]
+    subprocess.run(command, env=environment, cwd=tmp_path, check=True)
     marker = f"<!-- raster-harness compare: {marked} -->"
     assert (tmp_path / "comment.md").read_text() == f"report\n{marker}\n"
     program = next(line for line in (tmp_path / "log").read_text().splitlines() if "select" in line)

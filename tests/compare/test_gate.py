@@ -2,7 +2,6 @@
 
 import contextlib
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -30,7 +29,8 @@ from tests.compare.runs import (
     make_case,
     make_plan,
     pair_rounds,
-    write_run,
+    read_pair,
+    write_pair,
 )
 from tests.metrics.test_decision import base, make_fields
 from tests.records import make_record, make_run
@@ -48,11 +48,8 @@ def set_counters(counters: dict[str, int]) -> Edit:
 
 def compare(tmp_path: Path, base: Edit, head: Edit, settings: Settings = COUNTERS):
     facts = {"plan": make_plan(rasterisers=["theirs"])}
-    runs = [
-        read_run(write_run(tmp_path / name, seed=seed, edits={"*": edit}, facts=facts))
-        for name, seed, edit in (("base", 1, base), ("head", 2, head))
-    ]
-    return compare_runs(*runs, settings)
+    first = {"edits": {"*": base}, "facts": facts}
+    return compare_runs(*read_pair(tmp_path, first, edits={"*": head}, facts=facts), settings)
 
 
 @pytest.mark.parametrize(
@@ -94,10 +91,9 @@ def test_headline_names_the_largest_growth_of_counters_or_times(tmp_path, share,
         uncounted(entry)
         add_time(share)(entry)
 
-    one = write_run(tmp_path / "base", seed=1, edits={"delaunay": uncounted})
     edits = {"delaunay": slow, "fan": add_cost(0.5)}
-    other = write_run(tmp_path / "head", seed=2, edits=edits)
-    comparison = compare_runs(read_run(one), read_run(other), Settings(gates=("counters", "time")))
+    runs = read_pair(tmp_path, {"edits": {"delaunay": uncounted}}, edits=edits)
+    comparison = compare_runs(*runs, Settings(gates=("counters", "time")))
     assert {case.id.name for case in comparison.list_regressed_cases()} == {"delaunay", "fan"}
     assert format_headline(comparison).startswith(f"Regression: {worst}, city")
 
@@ -145,33 +141,24 @@ def test_driver_statistics_are_not_gated(tmp_path, after):
 
 
 def test_missing_counter_is_a_regression(tmp_path):
-    comparison = compare(
-        tmp_path, set_counters({"spills": 100, "hits": 9}), set_counters({"hits": 9})
-    )
+    before = set_counters({"spills": 100, "hits": 9})
+    comparison = compare(tmp_path, before, set_counters({"hits": 9}))
     assert comparison.exit_code == 1
     assert "spills no longer counted" in format_headline(comparison)
 
 
-@pytest.fixture
-def scenario(request, tmp_path) -> Callable[[str], Any]:
-    def call(name: str, settings: Settings):
-        with contextlib.chdir(tmp_path):
-            SCENARIOS[name].make()
-            return compare_runs(read_run(Path("base")), read_run(Path("head")), settings)
-
-    return call
+def compare_scenario(folder: Path, name: str, gates: tuple[str, ...]):
+    with contextlib.chdir(folder):
+        SCENARIOS[name].make()
+        runs = read_run(Path("base")), read_run(Path("head"))
+        return compare_runs(*runs, Settings(gates=gates))
 
 
 @pytest.mark.parametrize("gates", [("counters",), ("time",), ("counters", "time")])
 @pytest.mark.parametrize("name", [name for name in SCENARIOS if name != "no-baseline"])
-def test_regression_is_reported_only_with_exit_code_1(scenario, name, gates):
-    comparison = scenario(name, Settings(gates=gates))
-    texts = (
-        format_headline(comparison),
-        to_markdown(comparison),
-        to_junit(comparison),
-        to_html(comparison),
-    )
+def test_regression_is_reported_only_with_exit_code_1(tmp_path, name, gates):
+    comparison = compare_scenario(tmp_path, name, gates)
+    texts = [write(comparison) for write in (format_headline, to_markdown, to_junit, to_html)]
     if comparison.exit_code != 1:
         # Words of an alarm require exit code 1; the style sheet may have such names.
         text = " ".join(texts).partition("<style>")[0] + " ".join(texts).partition("</style>")[2]
@@ -186,11 +173,7 @@ def test_regression_is_reported_only_with_exit_code_1(scenario, name, gates):
 
 def test_drift_of_separate_runs_is_reported_and_not_gated(tmp_path):
     """A program that starts between two runs slows the reference draw less than the cases."""
-    runs = [
-        read_run(write_run(tmp_path / name, seed=seed, edits={"*": add_time(share)}))
-        for name, seed, share in (("base", 1, 0.0), ("head", 2, 0.55))
-    ]
-    comparison = compare_runs(*runs)
+    comparison = compare_runs(*read_pair(tmp_path, edits={"*": add_time(0.55)}))
     assert comparison.exit_code == 0
     (drift,) = comparison.drifts
     assert drift.outcome == "regressed"
@@ -204,9 +187,8 @@ def test_drift_of_separate_runs_is_reported_and_not_gated(tmp_path):
 
 
 def test_drift_in_common_rounds_is_gated(tmp_path):
-    base = read_run(write_run(tmp_path / "base", seed=1, noise=0.3))
     edits = {"*": pair_rounds(0.02)}
-    head = read_run(write_run(tmp_path / "head", seed=1, noise=0.3, edits=edits))
+    base, head = read_pair(tmp_path, {"noise": 0.3}, seed=1, noise=0.3, edits=edits)
     comparison = compare_runs(base, head)
     assert {case.time.against for case in comparison.cases} == {"rounds"}
     assert {case.time.outcome for case in comparison.cases} == {"regressed"}
@@ -218,12 +200,12 @@ def test_drift_in_common_rounds_is_gated(tmp_path):
 
 
 def test_drift_equal_to_the_threshold_is_tolerated(tmp_path):
-    base = [make_case(name, seed=1) for name in TRIANGULATORS]
-    head = [make_case(name, seed=1) for name in TRIANGULATORS]
-    for before, after in zip(base, head, strict=True):
-        before["time"]["samples_s"] = [1.0] * 30
-        after["time"]["samples_s"] = [1.25] * 30
-    runs = [make_run(records) for records in (base, head)]
+    runs = []
+    for sample_s in (1.0, 1.25):
+        cases = [make_case(name, seed=1) for name in TRIANGULATORS]
+        for case in cases:
+            case["time"]["samples_s"] = [sample_s] * 30
+        runs.append(make_run(cases))
     exact = compare_runs(*runs, Settings(thresholds={"time": 0.25}))
     assert {case.time.ratio for case in exact.cases} == {1.25}
     assert {case.time.outcome for case in exact.cases} == {"unchanged"}
@@ -243,80 +225,57 @@ def test_an_improvement_must_exceed_the_threshold_too():
 
 @pytest.mark.parametrize("name", ["now-skipped", "cut-short", "empty-run", "corrupt-line"])
 @pytest.mark.parametrize("gates", [("counters",), ("time",)])
-def test_incomplete_plan_is_a_regression(scenario, name, gates):
-    comparison = scenario(name, Settings(gates=gates))
+def test_incomplete_plan_is_a_regression(tmp_path, name, gates):
+    comparison = compare_scenario(tmp_path, name, gates)
     assert comparison.exit_code == 1
-    assert {case.status for case in comparison.list_regressed_cases()} <= {
-        "now-skipped",
-        "not-done",
-    }
+    statuses = {case.status for case in comparison.list_regressed_cases()}
+    assert statuses <= {"now-skipped", "not-done"}
 
 
-def test_missing_case_without_a_plan_is_a_regression(tmp_path):
-    base = read_run(write_run(tmp_path / "base", seed=1))
-    head = write_run(tmp_path / "head", seed=2, cut_short=("fan",))
-    (head / "run.json").unlink()
-    comparison = compare_runs(base, read_run(head))
+@pytest.mark.parametrize("plan", [None, make_plan(scene="elsewhere")], ids=["none", "moved file"])
+def test_missing_case_without_a_matching_plan_is_a_regression(tmp_path, plan):
+    """The plan of a run of a moved file has another path, and the records have the name."""
+    base, head = write_pair(folder=tmp_path, cut_short=("fan",), facts={"plan": plan})
+    if plan is None:
+        (head / "run.json").unlink()
+    comparison = compare_runs(read_run(base), read_run(head))
     assert [case.id.name for case in comparison.list_regressed_cases()] == ["fan"]
 
 
 def test_planned_rasteriser_without_records_is_a_regression(tmp_path):
     """The second rasteriser of the plan has no record, so its device is unknown."""
 
-    def on(rasteriser, device):
-        return lambda entry: entry.update(
-            key=f"f{entry['key'][1:]}", rasteriser=rasteriser, device=device
-        )
-
     facts = {"plan": make_plan(rasterisers=["opengl", "theirs"])}
-    first = write_run(tmp_path / "base", seed=1, facts=facts)
-    second = write_run(tmp_path / "more", seed=1, edits={"*": on("theirs", "asic")})
-    text = (second / "cases.jsonl").read_text()
-    with (first / "cases.jsonl").open("a") as stream:
-        stream.write(text)
-    head = write_run(tmp_path / "head", seed=2, facts=facts)
-    comparison = compare_runs(read_run(first), read_run(head))
+    cases = [make_case(name, seed=1) for name in TRIANGULATORS]
+    theirs = [
+        case | {"key": f"f{case['key'][1:]}", "rasteriser": "theirs", "device": "asic"}
+        for case in cases
+    ]
+    base, head = make_run([*cases, *theirs], **facts), make_run(cases, **facts)
+    comparison = compare_runs(base, head)
     assert {case.id.rasteriser for case in comparison.list_regressed_cases()} == {"theirs"}
-    facts = {"plan": make_plan(rasterisers=["opengl"])}
-    narrower = write_run(tmp_path / "narrower", seed=2, facts=facts)
-    assert compare_runs(read_run(first), read_run(narrower)).exit_code == 0
+    narrower = make_run(cases, plan=make_plan(rasterisers=["opengl"]))
+    assert compare_runs(base, narrower).exit_code == 0
 
 
 def test_200000_samples_are_compared(tmp_path):
     """Very short draws have 200,000 samples; comparing all pairs would take gigabytes."""
-    rng = np.random.default_rng(1)
-
-    def many(entry):
-        timing = entry["time"]
-        for name in ("samples_s", "reference_s", "empty_s"):
-            timing[name] = (1e-6 * (1 + np.abs(rng.normal(0, 0.05, 200_000)))).tolist()
-
-    runs = [make_run(map(make_edited(many), TRIANGULATORS)) for _ in ("base", "head")]
+    rng, runs = np.random.default_rng(1), []
+    for _ in ("base", "head"):
+        cases = [make_case(name, seed=1) for name in TRIANGULATORS]
+        for case in cases:
+            for name in ("samples_s", "reference_s", "empty_s"):
+                samples = 1e-6 * (1 + np.abs(rng.normal(0, 0.05, 200_000)))
+                case["time"][name] = samples.tolist()
+        runs.append(make_run(cases))
     comparison = compare_runs(*runs)
     assert {case.time.outcome for case in comparison.cases} == {"unchanged"}
     assert to_json(comparison)["exit_code"] == 0
 
 
-def make_edited(edit: Edit) -> Callable[[str], dict[str, Any]]:
-    def make(name: str) -> dict[str, Any]:
-        entry = make_case(name, seed=1)
-        edit(entry)
-        return entry
-
-    return make
-
-
-def test_group_describes_the_view(tmp_path):
-    case = make_record(**make_case("fan", seed=1) | {"rotation": 22.5, "fit": "circle"}).id
+def test_group_describes_the_view():
+    case = make_record(rotation=22.5, fit="circle").id
     assert str(case.group) == "city 1024 px, turned 22.5°, fit to a circle, opengl on llvmpipe"
-
-
-def test_moved_scene_file_matches_the_plan(tmp_path):
-    """A run of a moved file: the plan has another path, and the records have the name."""
-    base = read_run(write_run(tmp_path / "base", seed=1))
-    moved = {"plan": make_plan(scene="elsewhere")}
-    head = read_run(write_run(tmp_path / "head", seed=2, cut_short=("fan",), facts=moved))
-    assert [case.id.name for case in compare_runs(base, head).list_regressed_cases()] == ["fan"]
 
 
 def test_only_cases_measured_in_both_runs_are_repeated():
@@ -331,9 +290,7 @@ def test_repeated_verdicts_are_counted_per_pair():
     def run(**draws):
         records = [base(), *(make_fields(name, verdict) for name, verdict in draws.items())]
         return [
-            make_record(
-                **record | {"predicted": dict.fromkeys(IDENTIFYING_CRITERIA, float(number))}
-            )
+            make_record(**record, predicted=dict.fromkeys(IDENTIFYING_CRITERIA, float(number)))
             for number, record in enumerate(records)
         ]
 
@@ -346,8 +303,8 @@ def test_repeated_verdicts_are_counted_per_pair():
 
 
 def test_thresholds_are_printed_once(tmp_path):
-    runs = [read_run(write_run(tmp_path / name, seed=1)) for name in ("base", "head")]
-    text = to_markdown(compare_runs(*runs, Settings(thresholds={"time": 0.07, "quads": 0.02})))
+    settings = Settings(thresholds={"time": 0.07, "quads": 0.02})
+    text = to_markdown(compare_runs(*read_pair(tmp_path, seed=1), settings))
     assert "threshold of quads: 2 %" in text
     assert "threshold of time ±7 %" in text
     assert "threshold of time:" not in text
@@ -362,10 +319,8 @@ def test_thresholds_are_printed_once(tmp_path):
     ],
 )
 def test_case_outside_the_plan_is_not_a_regression(tmp_path, narrower):
-    base = read_run(write_run(tmp_path / "base", seed=1))
-    facts = {"plan": make_plan(**narrower)}
-    head = read_run(write_run(tmp_path / "head", seed=2, cut_short=("fan",), facts=facts))
-    comparison = compare_runs(base, head, Settings(across_devices=True))
+    runs = read_pair(tmp_path, cut_short=("fan",), facts={"plan": make_plan(**narrower)})
+    comparison = compare_runs(*runs, Settings(across_devices=True))
     on_a_device = "devices" in narrower  # the other records are in HEAD
     assert [case.id.name for case in comparison.list_regressed_cases()] == ["fan"] * on_a_device
 
@@ -389,20 +344,19 @@ def test_missing_case_is_a_regression_only_with_require_all():
 
 def test_driver_version_may_change_and_device_may_not():
     names = ("NVIDIA H100 (535.1)", "NVIDIA H100 (550.2)", "NVIDIA H200 (550.2)")
-    runs = [
-        Run(Path("run"), {"devices": {"opengl on gpu0": {"details": {"renderer": name}}}}, [])
-        for name in names
-    ]
+    details = ({"details": {"renderer": name}} for name in names)
+    runs = [make_run([], devices={"opengl on gpu0": facts}) for facts in details]
     assert find_changed_hardware(runs[0], runs[1]) == {}
     assert find_changed_hardware(*runs[1:]) == {"opengl on gpu0": names[1:]}
 
 
 def test_devices_of_every_rasteriser_are_compared(tmp_path):
     """The runs share the device of opengl; those of webgpu differ, so its cases have no pair."""
-    runs = []
-    for number, device in enumerate(("lavapipe", "swiftshader"), 1):
-        edit = {"fan": lambda record, to=device: record.update(rasteriser="webgpu", device=to)}
-        runs.append(read_run(write_run(tmp_path / device, seed=number, edits=edit)))
+    first, second = (
+        {"fan": lambda record, to=device: record.update(rasteriser="webgpu", device=to)}
+        for device in ("lavapipe", "swiftshader")
+    )
+    runs = read_pair(tmp_path, {"edits": first}, edits=second)
     with pytest.raises(IncompatibleRunsError, match=r"webgpu: BASE ran on lavapipe and HEAD on sw"):
         compare_runs(*runs, Settings())
     assert len(compare_runs(*runs, Settings(across_devices=True)).cases) == len(TRIANGULATORS)
