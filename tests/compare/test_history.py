@@ -22,6 +22,18 @@ from tests.conftest import assert_refused, require_ok
 pytestmark = pytest.mark.usefixtures("no_plots")
 
 
+def write_runs(folder: Path, count: int, edits, numbers, **options) -> list:
+    """Write `count` runs, of which `numbers` are edited; return the series of their metrics."""
+    for number in range(1, count + 1):
+        write_run(folder / str(number), seed=number, edits=edits if number in numbers else {})
+    return read_series(find_runs([folder])[0], **options)
+
+
+def read_rows(folder: str) -> list[dict[str, str]]:
+    with Path(folder, "history.csv").open() as stream:
+        return list(csv.DictReader(stream))
+
+
 @pytest.fixture
 def year(tmp_path) -> Path:
     """Sixteen runs: the machine's speed varies, delaunay is 12 % slower from the tenth on."""
@@ -59,10 +71,8 @@ def test_changed_content_is_not_a_change(tmp_path):
         entry["scene_hash"] = "0" * 16
         add_cost(0.5)(entry)
 
-    for number in range(1, 7):
-        edits = {"*": other} if number > 3 else {}
-        write_run(tmp_path / str(number), seed=number, edits=edits)
-    assert not any(series.changes for series in read_series(find_runs([tmp_path])[0]))
+    all_series = write_runs(tmp_path, 6, {"*": other}, (4, 5, 6))
+    assert not any(series.changes for series in all_series)
 
 
 def test_missing_runs_are_not_changes(tmp_path):
@@ -78,10 +88,8 @@ def test_cached_triangulations_have_no_values(tmp_path):
     def read_back(entry):
         entry |= {"polygons_cached": 500, "triangulate_s": 0.5}
 
-    for number in range(1, 7):
-        edits = {"delaunay": read_back} if number in (2, 5) else {}
-        write_run(tmp_path / str(number), seed=number, edits=edits)
-    all_series = read_series(find_runs([tmp_path])[0], ["triangulate_ms"])
+    edits = {"delaunay": read_back}
+    all_series = write_runs(tmp_path, 6, edits, (2, 5), metrics=["triangulate_ms"])
     delaunay = next(series for series in all_series if series.id.name == "delaunay")
     assert np.isnan(delaunay.values).tolist() == [False, True, False, False, True, False]
     assert np.nanmax(delaunay.values) == 50
@@ -93,13 +101,11 @@ def test_the_command_draws_and_lists(harness, year):
     files = {path.name for path in Path("plots").iterdir()}
     metrics = ("quads", "helper_lanes", "time")
     assert files == {"history.csv"} | {f"{m}.{kind}" for m in metrics for kind in ("png", "svg")}
-    assert (
-        "quads of ear-clipping, city 1024 px, opengl on llvmpipe: 70,400 → 72,512 (+3.0 %)" in out
-    )
+    change = "city 1024 px, opengl on llvmpipe: 70,400 → 72,512 (+3.0 %)"
+    assert f"quads of ear-clipping, {change}" in out
     assert "time of delaunay" in out
     assert "16 runs" in out
-    with Path("plots/history.csv").open() as stream:
-        rows = list(csv.DictReader(stream))
+    rows = read_rows("plots")
     marked = [row for row in rows if row["change"] == "1"]
     assert len(rows) == 16 * (5 + 5 + 6)
     assert len(marked) == 3
@@ -107,30 +113,13 @@ def test_the_command_draws_and_lists(harness, year):
 
 def test_largest_changes_are_shown_and_other_series_counted(harness, year):
     out, _ = require_ok(harness("history", str(year), "--out", "plots"))
-    with Path("plots/history.csv").open() as stream:
-        rows = list(csv.DictReader(stream))
-    series = {(row["metric"], row["triangulator"]) for row in rows}
+    series = {(row["metric"], row["triangulator"]) for row in read_rows("plots")}
     assert len(series) == MAX_SERIES
-    assert {
-        ("quads", "ear-clipping"),
-        ("helper_lanes", "ear-clipping"),
-        ("time", "delaunay"),
-    } < series
+    counters = {("quads", "ear-clipping"), ("helper_lanes", "ear-clipping")}
+    assert counters | {("time", "delaunay")} < series
     assert "16 runs, 12 series: plots; 4 more series: --all, or choose by --scene" in out
-    out, _ = require_ok(
-        harness(
-            *(
-                "history",
-                str(year),
-                "--out",
-                "one",
-                "--triangulator",
-                "delaunay",
-                "--metric",
-                "time",
-            )
-        )
-    )
+    choice = ("--triangulator", "delaunay", "--metric", "time")
+    out, _ = require_ok(harness("history", str(year), "--out", "one", *choice))
     assert "16 runs, 1 series: one" in out
     assert {file.name for file in Path("one").iterdir()} == {"history.csv", "time.png", "time.svg"}
 

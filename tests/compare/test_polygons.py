@@ -11,7 +11,6 @@ from harness.compare.outputs import to_html, to_markdown
 from harness.compare.polygons import _read_counters, find_largest_growth
 from harness.heatmaps import make_lane_maps
 from harness.results import drawings
-from harness.results.record import Record
 from harness.results.run_folder import Run, read_arrays, read_run
 from tests.measuring.test_run import make_plan, measure
 from tests.records import get_rows, make_record
@@ -27,16 +26,12 @@ def varying(polygon):
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
-    folder, runs_read = tmp_path_factory.mktemp("runs"), []
-    name = f"{__name__}:varying"
-    for number, method in enumerate(("optimal:half-perimeter", "ear-clipping")):
+    folder, names = tmp_path_factory.mktemp("runs"), (f"{__name__}:varying",)
+    plan = make_plan(Path("city:buildings=40"), triangulators=names, rasterisers=("reference",))
+    for method in ("optimal:half-perimeter", "ear-clipping"):
         globals()["METHOD"] = method
-        plan = make_plan(
-            Path("city:buildings=40"), triangulators=(name,), rasterisers=("reference",)
-        )
-        measure(plan, folder / str(number))
-        runs_read.append(read_run(folder / str(number)))
-    return runs_read
+        measure(plan, folder / method)
+    return [read_run(folder / method) for method in ("optimal:half-perimeter", "ear-clipping")]
 
 
 def test_three_largest_growths_are_those_of_the_columns(runs):
@@ -47,14 +42,10 @@ def test_three_largest_growths_are_those_of_the_columns(runs):
     growth = columns[1].astype(int) - columns[0]
     assert sorted(growth)[-3:][::-1] == [polygon.head - polygon.base for polygon in grown]
     for polygon in grown:
-        assert (polygon.base, polygon.head) == (
-            columns[0][polygon.polygon],
-            columns[1][polygon.polygon],
-        )
-        drawn = [
-            int(make_lane_maps(polygon.frame, rows)[1].sum()) for rows in polygon.triangles.values()
-        ]
-        assert drawn == [polygon.base, polygon.head]  # the heatmap shows the counted lanes
+        counted = [polygon.base, polygon.head]
+        assert counted == [column[polygon.polygon] for column in columns]
+        maps = [make_lane_maps(polygon.frame, rows) for rows in polygon.triangles.values()]
+        assert [helpers.sum() for _, helpers in maps] == counted  # the shown lanes are the counted
     text, page = to_markdown(comparison, grown=grown), to_html(comparison, grown)
     assert page.count("data:image/png;base64,") == 3
     assert "**Largest growth** (heatmaps: compare.html)\n\n- " in text
@@ -107,16 +98,12 @@ def test_polygon_is_drawn_alone_near_the_origin(monkeypatch):
     corner = np.array([(0, 0), (2000, 0), (0, 900)], np.int32)
     points = np.vstack([corner, corner + [(5000, 700)]]).astype(np.int32)
     rows = np.array([(0, 1, 2), (3, 4, 5)], np.int32)
-    geometry_of_two = drawings.Geometry(
-        PolygonArray.of_single_rings(points, 3), np.array([4, 8]), {}
-    )
-    geometry_of_two.triangles["fan"] = rows
-    fan = make_record("fan", resolution=64)
+    array, source = PolygonArray.of_single_rings(points, 3), np.array([4, 8])
+    of_two = drawings.Geometry(array, source, {"fan": rows})
 
-    def grown(
-        index: int, geometry: object = geometry_of_two, record: Record = fan
-    ) -> polygons.GrownPolygon | None:
+    def grown(index: int, geometry: object = of_two, name: str = "fan"):
         monkeypatch.setattr(drawings, "read", lambda *_: geometry)
+        record = make_record(name, resolution=64)
         match = Match("city", record, record)
         return polygons._read_polygon(None, None, match, "quads", index, 1, 2)
 
@@ -135,7 +122,7 @@ def test_polygon_is_drawn_alone_near_the_origin(monkeypatch):
     assert grown(0).frame.source.tolist() == [4]
     assert grown(2) is None
     assert grown(0, None) is None
-    assert grown(0, record=make_record("delaunay")) is None
+    assert grown(0, name="delaunay") is None
 
 
 def test_columns_that_are_not_counters_are_ignored(monkeypatch):

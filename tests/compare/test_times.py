@@ -48,14 +48,8 @@ def pairs(
 
     reference = times(1e-3), times(1e-3 * (drift if reference_drift is None else reference_drift))
     return [
-        Pair(
-            times(3e-3, scatter),
-            times(3e-3 * drift * (1 + growth), scatter),
-            reference,
-            same_work,
-            polygons=500,
-        )
-        for growth in growths
+        Pair(times(3e-3, scatter), times(head_s, scatter), reference, same_work, polygons=500)
+        for head_s in (3e-3 * drift * (1 + growth) for growth in growths)
     ]
 
 
@@ -220,18 +214,17 @@ def test_outcome_follows_threshold_and_interval(lowest, spread, below, above, th
         assert -bound <= low <= high <= bound
 
 
+TIMED = {"samples_s": [1e-3] * 20, "timer": "wall"}
+
+
 @pytest.mark.parametrize(
     ("base", "head", "reason"),
     [
-        ({"samples_s": [1e-3] * 20}, {}, "HEAD was not timed"),
-        ({}, {"samples_s": [1e-3] * 20}, "BASE was not timed"),
-        ({"samples_s": [1e-3] * 20}, {"samples_s": [1e-3] * 7}, "too few"),
-        ({"samples_s": [1e-3] * 20}, {"samples_s": [0.0, -1.0]}, "not timed"),
-        (
-            {"samples_s": [1e-3] * 20, "timer": "gpu"},
-            {"samples_s": [1e-3] * 20, "timer": "wall"},
-            "timed by gpu clock in BASE, by wall in HEAD",
-        ),
+        (TIMED, {}, "HEAD was not timed"),
+        ({}, TIMED, "BASE was not timed"),
+        (TIMED, {"samples_s": [1e-3] * 7}, "too few"),
+        (TIMED, {"samples_s": [0.0, -1.0]}, "not timed"),
+        ({**TIMED, "timer": "gpu"}, TIMED, "timed by gpu clock in BASE, by wall in HEAD"),
     ],
 )
 def test_incomparable_times_are_inconclusive_with_a_reason(base, head, reason):
@@ -248,7 +241,7 @@ def test_untimed_cases_have_no_outcome_and_eight_samples_suffice():
 
 @pytest.mark.parametrize("lacking", [0, 1])
 def test_pair_lacks_the_reference_draw_if_one_run_does(lacking):
-    times = [{"samples_s": [1e-3] * 20, "reference_s": [1e-3] * 20} for _ in range(2)]
+    times = [{**TIMED, "reference_s": [1e-3] * 20} for _ in range(2)]
     del times[lacking]["reference_s"]
     pair = read_pair(*(make_record(time=time) for time in times), same_work=True)
     assert pair.reference is None
@@ -260,15 +253,10 @@ def test_rounds_with_an_invalid_sample_are_not_paired():
     times = {"timer": "wall", "reference_s": [1e-3] * 20}
     complete, first, last = ([1e-3] * 20 for _ in range(3))
     first[0], last[19] = 0.0, 0.0
-    for base, head, same in (
-        (complete, complete, True),
-        (first, last, False),
-        (complete, last, False),
-    ):
-        pair = read_pair(
-            *(make_record(time={**times, "samples_s": samples}) for samples in (base, head)),
-            same_work=True,
-        )
+    of_pairs = ((complete, complete, True), (first, last, False), (complete, last, False))
+    for *samples, same in of_pairs:
+        records = (make_record(time={**times, "samples_s": samples_s}) for samples_s in samples)
+        pair = read_pair(*records, same_work=True)
         assert isinstance(pair, Pair)
         assert pair.same_rounds == same
 
@@ -376,7 +364,7 @@ def test_equal_drawings_are_not_tested():
     assert drift is None
     _, drift = compare([*cases[:2], *equal])
     assert drift.cases == 2
-    times = {"samples_s": [1e-3] * 20, "reference_s": [1e-3] * 20}
+    times = {**TIMED, "reference_s": [1e-3] * 20}
     record = make_record(time=times)
     assert read_pair(record, record, same_work=True).same_drawing
     other = make_record(time={**times, "samples_s": [1e-3] * 19 + [1.001e-3]})
