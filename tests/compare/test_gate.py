@@ -299,7 +299,10 @@ def test_repeated_verdicts_are_counted_per_pair():
     assert compare_repeated(first, first)[1:] == ([], {key: (3, 3, 3, 3)})
     # greedy is now equal to ear clipping: this pair is undecided, the other pairs are unchanged
     assert compare_repeated(first, run(delaunay="faster", greedy="level"))[2] == {key: (3, 2, 2, 2)}
-    assert compare_repeated(first, run(delaunay="slower", greedy="slower"))[2][key][:2] == (3, 1)
+    slower = run(delaunay="slower", greedy="slower")
+    assert compare_repeated(first, slower)[2] == {key: (3, 1, 2, 1)}
+    miscounted = [replace(first[0], counters={"quads": 6}), *first[1:]]
+    assert compare_repeated(first, miscounted)[:2] == (3, [first[0].key])
 
 
 def test_thresholds_are_printed_once(tmp_path):

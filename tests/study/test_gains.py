@@ -8,21 +8,10 @@ from harness.study.gains import list_faster, split_by_order
 
 
 def row(triangulator: str, order: str, ratio: float, **changes: object) -> dict[str, object]:
-    return {
-        "scene": "letters",
-        "rasteriser": "opengl",
-        "device": "llvmpipe",
-        "resolution": 256,
-        "rotation": 0.0,
-        "fit": "box",
-        "work": 0,
-        "samples": 1,
-        "order": order,
-        "triangulator": triangulator,
-        "base": "ear-clipping",
-        "time_ratio": ratio,
-        **changes,
-    }
+    view = {"resolution": 256, "rotation": 0.0, "fit": "box", "work": 0, "samples": 1}
+    names = {"scene": "letters", "rasteriser": "opengl", "device": "llvmpipe"}
+    names |= {"order": order, "triangulator": triangulator, "base": "ear-clipping"}
+    return {**names, **view, "time_ratio": ratio, **changes}
 
 
 ROWS = [
@@ -46,9 +35,8 @@ def test_by_order_has_a_column_per_order():
 
 def test_faster_triangulators_are_listed_with_their_gain():
     rows = [{**row, "verdict": FASTER if row["time_ratio"] < 0.95 else SLOWER} for row in ROWS]
-    assert list_faster(pd.DataFrame(rows), "ear-clipping").set_index("order")[
-        "faster"
-    ].to_dict() == {
+    faster = list_faster(pd.DataFrame(rows), "ear-clipping").set_index("order")["faster"]
+    assert faster.to_dict() == {
         "native": "optimal:half-perimeter 18.0%; delaunay 7.0%",
         "walk": "delaunay 6.0%",
         "vertex-cache": "",
@@ -56,8 +44,8 @@ def test_faster_triangulators_are_listed_with_their_gain():
 
 
 def test_by_order_separates_views_and_skips_single_orders():
-    more = [row("optimal:half-perimeter", order, 0.7, resolution=512) for order in ("native",)]
-    wide = split_by_order(pd.DataFrame([*ROWS, *more]), "ear-clipping")
+    single = row("optimal:half-perimeter", "native", 0.7, resolution=512)
+    wide = split_by_order(pd.DataFrame([*ROWS, single]), "ear-clipping")
     assert set(wide["resolution"]) == {256}
     assert split_by_order(pd.DataFrame(ROWS), "delaunay").empty
     assert split_by_order(pd.DataFrame(ROWS[:2]), "ear-clipping").empty

@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 
 from harness.frame import View, make_frame
-from harness.measuring.plan import Plan
 from harness.measuring.run import ScenePart
 from harness.results.run_folder import read_run
 from harness.stats.intervals import add_run_scatter, compute_paired_ratio
@@ -30,14 +29,9 @@ from triangulators import full_name
 
 pytestmark = pytest.mark.usefixtures("in_process")
 
-BRIEF = ["--rasterisers", "tests.mock:MockRasteriser", "--budget", "0.001", "--quiet"]
-TWO_RASTERISERS = [
-    "--rasterisers",
-    "reference,tests.mock:MockRasteriser",
-    "--budget",
-    "0.01",
-    "--quiet",
-]
+MOCK = "tests.mock:MockRasteriser"
+BRIEF = ["--rasterisers", MOCK, "--budget", "0.001", "--quiet"]
+STUDY = ["study", "pareto", "--rasterisers", f"reference,{MOCK}", "--budget", "0.01", "--quiet"]
 CITY = "city:buildings=40"
 
 
@@ -46,9 +40,7 @@ def study(harness, tmp_path):
     """Run the study on a scene; return (folder, pareto.csv, fronts.csv, output)."""
 
     def run(scene: str, *more: str) -> tuple[Path, pd.DataFrame, pd.DataFrame, str]:
-        out, _ = require_ok(
-            harness("study", "pareto", "--scene", scene, "--out", "out", *TWO_RASTERISERS, *more)
-        )
+        out, _ = require_ok(harness(*STUDY, "--scene", scene, "--out", "out", *more))
         folder = tmp_path / "out"
         tables = [pd.read_csv(folder / f"{name}.csv") for name in ("pareto", "fronts")]
         return folder, tables[0], tables[1], out
@@ -67,10 +59,8 @@ def test_a_and_d_agree_on_the_papers_polygon(study):
     assert fronts["shape"][0] == pytest.approx(everything["shape"][best], rel=1e-3)
     assert out.split("fastest triangulator")[1].split()[:4] == ["0", "reference", "1", "0"]
     costs = table.drop_duplicates("triangulator").set_index("triangulator")
-    without, with_c = (
-        costs.loc[name, ["overdraw", "shape"]] for name in ("optimal:mixed=1/1/0", WITH_C)
-    )
-    assert without.tolist() == with_c.tolist()  # C is the same for all
+    pair = costs.loc[["optimal:mixed=1/1/0", WITH_C], ["overdraw", "shape"]].to_numpy()
+    assert (pair[0] == pair[1]).all()  # C is the same for all
     sweep = table[table["kind"] == "sweep"]
     assert set(sweep["triangulator"]) == {*SWEEP, WITH_C}
     assert sweep["same_as_end"].all()
@@ -122,32 +112,18 @@ def test_rows_have_the_records_ratios_and_the_study_resumes(study, harness):
     assert row["bbox_tests"] == record["counters"]["bbox_tests"]
     assert row["overdraw"] == pytest.approx(record["predicted"]["overdraw"])
     end = records[CITY, SWEEP[0], "reference"]
-    times, base_times = record["time"], end["time"]
-    ratio_of_run = compute_paired_ratio(
-        times["samples_s"], base_times["samples_s"], times["epochs"]
-    )
-    ratio = add_run_scatter(ratio_of_run)
+    times, samples_s = record["time"], end["time"]["samples_s"]
+    ratio = add_run_scatter(compute_paired_ratio(times["samples_s"], samples_s, times["epochs"]))
     values = tuple(row[["time_ratio", "ci_low", "ci_high"]])
     assert values == pytest.approx((ratio.value, ratio.low, ratio.high))
     # The scripted rasteriser's time depends only on the number of triangles.
-    timed = rows.xs("tests.mock:MockRasteriser", level="rasteriser")
+    timed = rows.xs(MOCK, level="rasteriser")
     assert (timed.loc[list(SWEEP), "time_ratio"] == 1).all()
     assert (timed.loc[list(SWEEP), "verdict"] == "not significant").all()
     assert set(run.facts["plan"]["triangulators"]) == {r["triangulator"] for r in get_rows(run)}
     cases = (folder / "cases.jsonl").read_text()
     (folder / "pareto.csv").unlink()
-    resume_command = (
-        "study",
-        "pareto",
-        "--scene",
-        CITY,
-        "--polygons",
-        "1",
-        "--resume",
-        "out",
-        *TWO_RASTERISERS,
-    )
-    assert harness(*resume_command)[0] == 0
+    require_ok(harness(*STUDY, "--scene", CITY, "--polygons", "1", "--resume", "out"))
     assert (folder / "cases.jsonl").read_text() == cases
     pd.testing.assert_frame_equal(pd.read_csv(folder / "pareto.csv"), table)
 
@@ -192,12 +168,8 @@ def test_a_study_that_measures_nothing_is_exit_code_4(harness, monkeypatch):
     turns = np.linspace(0, 2 * np.pi, 10)[:-1]
     ring = np.column_stack((np.cos(turns), np.sin(turns))).tolist()
     Path("nonagon.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
-    assert_refused(
-        harness("study", "pareto", "--scene", "nonagon.geojson", "--out", "out", *BRIEF),
-        "nothing was measured",
-        "out/cases.jsonl",
-        code=4,
-    )
+    answer = harness("study", "pareto", "--scene", "nonagon.geojson", "--out", "out", *BRIEF)
+    assert_refused(answer, "nothing was measured", "out/cases.jsonl", code=4)
 
 
 @pytest.mark.usefixtures("no_plots")
@@ -214,17 +186,10 @@ def test_equivalent_weights_are_one_case(harness, block):
     mesh = ("triangulate", str(block), "-o", "block.obj", "--quiet")
     assert harness(*mesh, "--criterion", "mixed=1/0.5/0")[0] == 0
     assert "mixed=1/0.5/0" in harness("list", "criteria")[1]
-    assert_refused(
-        harness(*mesh, "--criterion", "mixed=1/0.5"),
-        "mixed=1/0.5",
-        "alpha/beta/gamma",
-        "3 finite numbers",
-    )
-    assert_refused(
-        harness("run", "--scene", str(block), "--triangulators", "optimal:mixed=1/-1/0"),
-        "mixed=1/-1/0",
-        "not negative and not all 0",
-    )
+    answer = harness(*mesh, "--criterion", "mixed=1/0.5")
+    assert_refused(answer, "mixed=1/0.5", "alpha/beta/gamma", "3 finite numbers")
+    answer = harness("run", "--scene", str(block), "--triangulators", "optimal:mixed=1/-1/0")
+    assert_refused(answer, "mixed=1/-1/0", "not negative and not all 0")
 
 
 def test_points_of_the_front_are_cases_by_number(block, tmp_path):
@@ -243,12 +208,9 @@ def test_parts_have_triangulators_of_their_own(block, tmp_path):
     def split(label, scene):
         return [ScenePart(f"{label}#0", scene, parse_all(["delaunay"])), ScenePart(label, scene)]
 
-    plan: Plan = make_plan(block, triangulators=("ear-clipping",))
+    plan = make_plan(block, triangulators=("ear-clipping",))
     outcome = measure(plan, tmp_path / "out", split=split)
-    label = block.name
-    assert {(r["scene"], r["triangulator"]) for r in get_rows(outcome)} == {
-        (f"{label}#0", "delaunay"),
-        (label, "ear-clipping"),
-    }
+    cases = {(r["scene"], r["triangulator"]) for r in get_rows(outcome)}
+    assert cases == {(f"{block.name}#0", "delaunay"), (block.name, "ear-clipping")}
     planned = read_run(tmp_path / "out").facts["plan"]["triangulators"]
     assert planned == ["delaunay", "ear-clipping"]
