@@ -17,7 +17,6 @@ from harness.page.page_data import make_page_content
 from harness.rasterisers import Options
 from harness.rasterisers.reference import Reference, count_outline_quads, count_quads
 from harness.rasterisers.vertex_batches import sum_batches_of_draws
-from harness.results.parsing import FieldError, parse_record
 from harness.results.run_folder import read_arrays, read_run
 from harness.settings import MODEL_TRIANGULATORS
 from harness.triangulating.carrying import make_original_triangulation
@@ -172,18 +171,6 @@ def test_unknown_view_options_are_reported_in_one_line(model, harness):
     )
     out, _ = require_ok(harness("inspect", f"{model}:views=4", "--out", "a.png"))
     assert "picture: a.png" in out
-
-
-@pytest.mark.parametrize(
-    "damage", [{"names": 3}, {"names": ["a"], "quads": [1, 2]}, {"names": ["a"], "quads": ["x"]}, 7]
-)
-def test_damaged_views_are_refused(damage):
-    fields = {"key": "0" * 16, "resolution": 8, "rotation": 0.0, "views": damage}
-    fields |= dict.fromkeys(("scene", "triangulator", "rasteriser", "device"), "a")
-    with pytest.raises(FieldError, match=r"^views"):
-        parse_record({**fields, "status": "ok"})
-    views = {"names": ["a"], "quads": [1]}
-    assert parse_record({**fields, "status": "ok", "views": views}).views is not None
 
 
 def test_models_have_default_triangulators(model, harness, tmp_path):

@@ -42,9 +42,8 @@ def test_two_records_of_the_same_rounds_have_a_ratio():
 
 
 def test_round_group_overrides_equal_reference_draws():
-    one, same, other = (
-        make_record(polygons=3, time=TIME | {"round_group": group}) for group in "aab"
-    )
+    times = (TIME | {"round_group": group} for group in "aab")
+    one, same, other = (make_record(polygons=3, time=time) for time in times)
     assert compute_time_ratio(one, same) is not None
     assert compute_time_ratio(one, other) is None
 

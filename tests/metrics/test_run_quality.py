@@ -32,20 +32,15 @@ from tests.records import make_group, make_run, make_time
 @pytest.mark.parametrize("name", ["quiet", "time_slices", "two_speeds"])
 def test_best_of_equal_triangulators_is_rarely_significant(name):
     """Of runs with seven equal triangulators, at most 5 % recommend one as faster."""
-    rng = np.random.default_rng(3)
-    count = 150
-    false_positives = sum(
-        decide_group(make_group(simulate_run(rng, getattr(machines, name), (1.0,) * 7))).reason
-        == "faster"
-        for _ in range(count)
-    )
-    assert false_positives / count <= 0.05
+    rng, machine = np.random.default_rng(3), getattr(machines, name)
+    runs = (make_group(simulate_run(rng, machine, (1.0,) * 7)) for _ in range(150))
+    false_positives = sum(decide_group(run).reason == "faster" for run in runs)
+    assert false_positives / 150 <= 0.05
 
 
 def test_disturbed_samples_are_excluded_if_enough_remain():
-    time = make_time(
-        samples_s=[1.0] * 20, waited_s=[0.0] * MIN_QUIET_ROUNDS + [0.021] * (20 - MIN_QUIET_ROUNDS)
-    )
+    waited_s = [0.0] * MIN_QUIET_ROUNDS + [0.021] * (20 - MIN_QUIET_ROUNDS)
+    time = make_time(samples_s=[1.0] * 20, waited_s=waited_s)
     assert find_undisturbed(time).sum() == MIN_QUIET_ROUNDS
     for waited, rounds in (
         ([0.02] * 20, MIN_QUIET_ROUNDS),
@@ -84,9 +79,8 @@ def test_few_drawings_with_two_modes_do_not_disturb_a_run():
     samples = one.time.samples_s
     half = len(samples) // 2
     of_two = with_time(one, processes=(half, len(samples) - half))
-    low, high = re.search(
-        r"\((\S+) and (\S+) ms\)", str(assess_records([of_two]).warnings)
-    ).groups()
+    warnings = str(assess_records([of_two]).warnings)
+    low, high = re.search(r"\((\S+) and (\S+) ms\)", warnings).groups()
     modes = 1e-3 * float(low), 1e-3 * float(high)
     assert modes == pytest.approx(find_two_modes(samples), rel=0.2)
 
@@ -109,10 +103,8 @@ def test_two_modes_are_distinguished_from_one():
     assert modes == pytest.approx((1, 2), rel=0.02)
     assert find_two_modes([1.0] * 9 + [2.0] * 3) == pytest.approx((1, 2))
     assert find_two_modes([1.0] * 8 + [2.0] * 3) is None
-    for scatter, has_two in (
-        (0.03, True),
-        (0.09, False),
-    ):  # the distance is at least five standard deviations
+    # The distance is at least five standard deviations.
+    for scatter, has_two in ((0.03, True), (0.09, False)):
         noise = np.exp(scatter * rng.standard_normal(400))
         assert (find_two_modes(noise * np.repeat([1.0, 1.3], 200)) is not None) == has_two
 
@@ -155,9 +147,8 @@ def test_levels_of_processes_are_not_modes(levels):
 
 def test_stored_state_is_used():
     stored = make_run([], state={"state": DISTURBED, "why": ["a neighbour"], "draws": []})
-    assert (
-        get_run_state(stored).warnings[0].startswith("the run's times are disturbed: a neighbour")
-    )
+    warning = get_run_state(stored).warnings[0]
+    assert warning.startswith("the run's times are disturbed: a neighbour")
     for damaged in ({}, {"state": "x"}, {"state": {"state": 3}}, {"state": []}):
         assert get_run_state(make_run([], **damaged)).state == QUIET
 
@@ -169,11 +160,8 @@ def test_counters_decide_in_a_disturbed_run():
     assert decide_group(make_group(records)).choice.name == "rival 1"
     decision = decide_group(make_group(records, state=DISTURBED))
     assert (decision.reason, decision.choice.name) == ("counter", "rival 2")
-    assert [standing.name for standing in decision.standings] == [
-        "rival 2",
-        "ear-clipping",
-        "rival 1",
-    ]
+    names = [standing.name for standing in decision.standings]
+    assert names == ["rival 2", "ear-clipping", "rival 1"]
     sentence = format_advice(decision)
     assert "times are disturbed and not used" in sentence
     assert "measure again" in sentence
@@ -191,15 +179,12 @@ def test_runs_in_different_states_are_not_compared():
     assert "two states" in explain_incomparable(base, slower, machines_differ=False)
     assert "--beside" in explain_incomparable(slower, base, machines_differ=False)
     assert explain_incomparable(base, slower, machines_differ=True) == ""
-    first, last = (
-        replace(head, reference_s=(reference_s,) * ROUNDS)
-        for reference_s in (1.0, MAX_REFERENCE_RATIO)
-    )
+    steps = (1.0, MAX_REFERENCE_RATIO)
+    first, last = (replace(head, reference_s=(step,) * ROUNDS) for step in steps)
     assert explain_incomparable(first, last, machines_differ=False) == ""
     waiting = replace(head, waited_s=(1.0,) * ROUNDS)
-    assert explain_incomparable(base, waiting, machines_differ=True).startswith(
-        "HEAD was disturbed (72 of 72 samples waited"
-    )
+    reason = explain_incomparable(base, waiting, machines_differ=True)
+    assert reason.startswith("HEAD was disturbed (72 of 72 samples waited")
 
 
 def test_run_stores_its_reference_draws(block, tmp_path):

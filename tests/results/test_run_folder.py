@@ -219,14 +219,6 @@ def test_a_full_disk_loses_nothing_written(tmp_path, monkeypatch):
     assert run.problems == []
 
 
-def test_facts_are_replaced_atomically(tmp_path):
-    with RunFolder.create(tmp_path) as store:
-        store.write_facts({"step": 1})
-        store.write_facts({"step": 2})
-    assert json.loads((tmp_path / "run.json").read_text())["step"] == 2
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["cases.jsonl", "run.json"]
-
-
 def test_file_stem_replaces_unsafe_characters():
     assert make_file_stem("city:buildings=40 a/b") == "city-buildings-40-a-b"
     assert make_file_stem("Straße_22.5-x") == "Straße_22.5-x"
@@ -264,20 +256,6 @@ def test_run_is_locked_by_the_writing_process(tmp_path):
     with RunFolder.resume(tmp_path) as store:
         store.append(stored("b"))
     assert [r["key"] for r in get_rows(read_run(tmp_path))] == [A, B]
-
-
-@pytest.mark.parametrize(
-    ("options", "is_valid"),
-    [({"samples": 4}, 1), ({}, 1), ({"samplec": 4}, 0), ({"work": 1.5}, 0), ({"seed": True}, 0)],
-)
-def test_unknown_options_invalidate_a_record(tmp_path, options, is_valid):
-    with RunFolder.create(tmp_path / "run") as store:
-        store.write_facts({})
-    line = json.dumps(record("a", options=options)) + "\n"
-    (tmp_path / "run" / "cases.jsonl").write_text(line)
-    run = read_run(tmp_path / "run")
-    assert len(get_rows(run)) == is_valid
-    assert len(run.problems) == 1 - is_valid
 
 
 def _write_more(folder: Path) -> None:
@@ -342,12 +320,10 @@ def test_sizes_are_bounded(tmp_path, monkeypatch):
 
 def test_full_disk_while_merging_reports_a_remedy(tmp_path, monkeypatch):
     """A partial merge cannot be resumed."""
-    with RunFolder.create(
-        tmp_path / "merged", "remove merged and run the same command again"
-    ) as store:
+    remedy = "remove merged and run the same command again"
+    with RunFolder.create(tmp_path / "merged", remedy) as store:
         monkeypatch.setattr(os, "write", lambda *_: (_ for _ in ()).throw(OSError(28, "full")))
-        with pytest.raises(
-            StorageError, match="full; free some space, then remove merged"
-        ) as caught:
+        full = "full; free some space, then remove merged"
+        with pytest.raises(StorageError, match=full) as caught:
             store.append(stored("a"))
     assert "resume" not in str(caught.value)

@@ -36,23 +36,12 @@ def make_cases(polygon: str, scale: float = 1.0, seconds=None, work: int = 0) ->
     """Return the records of one polygon; `seconds` are the (5, rounds) draw times."""
     records = []
     for number, name in enumerate(NAMES):
-        record = {
-            "scene": polygon,
-            "rasteriser": "reference",
-            "device": "cpu",
-            "resolution": 64,
-            "rotation": 0.0,
-            "fit": "box",
-            "options": {"work": work, "samples": 1},
-            "triangulator": name,
-            "status": "ok",
-            "polygons": 1,
-            "proven": 1 if number == 0 else None,
-            "conforming": True,
-            "counters": {"quads": int(QUADS[number] * scale), "fragments": 300},
-            "predicted": {"half_perimeter": H[number], "overdraw": A[number], "shape": 1.0},
-            "time": None,
-        }
+        counters = {"quads": int(QUADS[number] * scale), "fragments": 300}
+        predicted = {"half_perimeter": H[number], "overdraw": A[number], "shape": 1.0}
+        record = {"scene": polygon, "rasteriser": "reference", "device": "cpu", "resolution": 64}
+        record |= {"triangulator": name, "options": {"work": work, "samples": 1}, "polygons": 1}
+        record |= {"proven": 1 if number == 0 else None, "conforming": True, "time": None}
+        record |= {"counters": counters, "predicted": predicted}
         if seconds is not None:
             samples = seconds[number].tolist()
             record["time"] = {"samples_s": samples, "reference_s": [1.0] * len(samples)}
@@ -82,16 +71,19 @@ def test_regret_is_the_extra_cost_of_the_selected_triangulation():
     assert set(table[table["kind"] == "triangulator"]["name"]) == {*NAMES[:2], "random"}
 
 
-def test_minimum_is_unknown_without_a_proof():
+def test_minimum_is_known_with_a_proof_for_one_sample_per_pixel():
     records = make_cases("a")
-    records[0]["proven"] = 0
+    assert make_table(records).query("measure == 'quads'")["least_known"].all()
+    unproven = [{**records[0], "proven": 0}, *records[1:]]
+    assert not make_table(unproven)["least_known"].any()
+    for record in records:
+        record["options"] = {"work": 0, "samples": 4}
     assert not make_table(records)["least_known"].any()
 
 
 def test_families_count_once_per_polygon():
-    table = summarise_regret(
-        make_table(make_cases("a") + make_cases("b", 2.0) + make_cases("c", 3.0))
-    )
+    records = make_cases("a") + make_cases("b", 2.0) + make_cases("c", 3.0)
+    table = summarise_regret(make_table(records))
     random = get_row(table, name="random", measure="quads")
     assert random["polygons"] == 3
     assert random["mean"] == pytest.approx(0.15)
@@ -150,14 +142,6 @@ def test_rounds_of_one_epoch_do_not_confirm_each_other():
     low, high = np.mean(ends, axis=0)
     # Rounds of one epoch would have confirmed its fastest: both ends would be 1 %.
     assert low < 0.004 < 0.006 < high
-
-
-def test_minimum_is_known_only_for_one_sample_per_pixel():
-    records = make_cases("a")
-    assert make_table(records).query("measure == 'quads'")["least_known"].all()
-    for record in records:
-        record["options"] = {"work": 0, "samples": 4}
-    assert not make_table(records)["least_known"].any()
 
 
 @pytest.mark.parametrize(
@@ -241,10 +225,7 @@ def test_times_are_relative_to_the_reference_of_their_rounds():
 def test_rounds_missing_from_one_drawing_are_ignored():
     seconds = np.random.default_rng(8).lognormal(0.0, 0.05, (len(NAMES), 24))
     records, longer = (make_cases("a", seconds=seconds) for _ in range(2))
-    longer[0]["time"] = {
-        "samples_s": [*seconds[0].tolist(), 7.0],
-        "reference_s": [1.0] * 25,
-    }
+    longer[0]["time"] = {"samples_s": [*seconds[0].tolist(), 7.0], "reference_s": [1.0] * 25}
     assert make_table(longer).equals(make_table(records))
     records[1]["time"] = None
     assert "time_work_0" not in set(make_table(records)["measure"])
@@ -276,9 +257,8 @@ def test_printed_regrets_are_of_criteria_in_order():
     print_regret(sum_two_views(), console)
     text = console.file.getvalue()
     assert text.index(" 64 px") < text.index("128 px")
-    assert text.index(get_measure_title("helper_lanes")) < text.index(
-        get_measure_title("quads")
-    )  # the main one first
+    titles = [text.index(get_measure_title(name)) for name in ("helper_lanes", "quads")]
+    assert titles[0] < titles[1]  # the main one first
     rows = [line.split() for line in text.splitlines() if line.startswith("half-perimeter")]
     assert [row[1] for row in rows] == ["3.00%"] * 2
     assert "random" not in text

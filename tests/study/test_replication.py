@@ -1,12 +1,13 @@
 """Replication of findings: tables with known results, and a small study."""
 
+from collections.abc import Callable
 from itertools import combinations
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
-from harness.errors import InconclusiveError, NothingMeasuredError, UsageError
+from harness.errors import HarnessError, InconclusiveError, NothingMeasuredError, UsageError
 from harness.settings import StudySize
 from harness.stats.run_quality import DISTURBED, RunState
 from harness.study import replication
@@ -16,46 +17,27 @@ from tests.conftest import assert_refused, require_ok, run_command
 
 def correlations(**values: float) -> pd.DataFrame:
     """Return correlations.csv of one device, criterion -> rank correlation +-0.01."""
+    measures = {"helper_lanes": "opengl", "time_work_0": "opengl", "bbox_tests": "bounding-box"}
     rows = [
-        {
-            "rasteriser": rasteriser,
-            "device": "cpu",
-            "criterion": criterion.replace("_", "-"),
-            "measure": measure,
-            "statistic": "spearman_within",
-            "value": value,
-            "ci_low": value - 0.01,
-            "ci_high": value + 0.01,
-            "polygons": 24,
-        }
+        (rasteriser, criterion.replace("_", "-"), measure, value, value - 0.01, value + 0.01)
         for criterion, value in values.items()
-        for rasteriser, measure in (
-            ("opengl", "helper_lanes"),
-            ("opengl", "time_work_0"),
-            ("bounding-box", "bbox_tests"),
-        )
+        for measure, rasteriser in measures.items()
     ]
-    return pd.DataFrame(rows)
+    columns = ["rasteriser", "criterion", "measure", "value", "ci_low", "ci_high"]
+    table = pd.DataFrame(rows, columns=columns)
+    return table.assign(device="cpu", statistic="spearman_within", polygons=24)
 
 
 def compare(**values: float) -> pd.DataFrame:
     """Return criteria_compared.csv of the same criteria: differences +-0.01."""
     rows = [
-        {
-            "rasteriser": "opengl",
-            "device": "cpu",
-            "measure": measure,
-            "criterion": one.replace("_", "-"),
-            "other": two.replace("_", "-"),
-            "difference": values[one] - values[two],
-            "ci_low": values[one] - values[two] - 0.01,
-            "ci_high": values[one] - values[two] + 0.01,
-            "polygons": 24,
-        }
+        (measure, one.replace("_", "-"), two.replace("_", "-"), values[one] - values[two])
         for one, two in combinations(values, 2)
         for measure in ("helper_lanes", "time_work_0")
     ]
-    return pd.DataFrame(rows)
+    table = pd.DataFrame(rows, columns=["measure", "criterion", "other", "difference"])
+    ends = {"ci_low": table["difference"] - 0.01, "ci_high": table["difference"] + 0.01}
+    return table.assign(rasteriser="opengl", device="cpu", polygons=24, **ends)
 
 
 def gains(triangulator: str, base: str, ratio: float, lanes: float = 0.9) -> pd.DataFrame:
@@ -81,33 +63,23 @@ def test_claims_without_evidence_have_no_finding():
 
 
 def test_each_claim_can_hold_and_fail():
-    exact = _with_exact_a(correlations(**EAR_CLIPPING))
-    good = evidence(
-        exact, compare(**EAR_CLIPPING), lost=0.002, choice=0.9, walked=0.95, turned=(0.92, 0.99)
-    )
-    assert set(get_verdicts(good).values()) == {True}
+    assert set(get_verdicts(make_good_evidence()).values()) == {True}
     poor = {"overdraw": 0.86, "half_perimeter": 0.86, "expected_quads": 0.86}
     poor |= {"edge_length": 0.5, "shape": 0.75}
-    bad = evidence(
-        correlations(**poor),
-        compare(**poor),
-        lost=0.02,
-        choice=1.0,
-        walked=0.995,
-        turned=(0.96, 0.90),
-    )
+    bad = evidence(correlations(**poor), compare(**poor), 0.02, 1.0, 0.995, (0.96, 0.90))
     assert set(get_verdicts(bad).values()) == {False}
 
 
-def evidence(
-    ranks: pd.DataFrame,
-    differences: pd.DataFrame,
-    *,
-    lost: float,
-    choice: float,
-    walked: float,
-    turned: tuple[float, float],
-) -> Evidence:
+def make_good_evidence() -> Evidence:
+    """Return evidence in which each claim holds."""
+    ranks = correlations(**EAR_CLIPPING)
+    of_boxes = (ranks["measure"] == "bbox_tests") & (ranks["criterion"] == "overdraw")
+    exact = {name: ranks[name].mask(of_boxes, 1.0) for name in ("value", "ci_low", "ci_high")}
+    differences = compare(**EAR_CLIPPING)
+    return evidence(ranks.assign(**exact), differences, 0.002, 0.9, 0.95, (0.92, 0.99))
+
+
+def evidence(ranks, differences, lost, choice, walked, turned: tuple[float, float]) -> Evidence:
     """Return evidence with given ratios of times and of helper lanes of H- and A-optima."""
     best, rotated_base = "optimal:half-perimeter", "ear-clipping@0"
     choices = [gains(best, base, choice) for base in ("ear-clipping", "delaunay")]
@@ -125,13 +97,6 @@ def evidence(
     )
 
 
-def _with_exact_a(table: pd.DataFrame) -> pd.DataFrame:
-    walked = (table["measure"] == "bbox_tests") & (table["criterion"] == "overdraw")
-    return table.assign(
-        **{name: table[name].mask(walked, 1.0) for name in ("value", "ci_low", "ci_high")}
-    )
-
-
 def regret(mean: float) -> pd.DataFrame:
     row = {"rasteriser": "opengl", "kind": "criterion", "name": "expected-quads"}
     row |= {"measure": "quads", "resolution": 1024, "polygons": 24, "worst": mean * 3}
@@ -139,9 +104,8 @@ def regret(mean: float) -> pd.DataFrame:
 
 
 def test_page_shows_reference_and_finding():
-    text = format_page(
-        [("mine", Evidence(correlations=correlations(**EAR_CLIPPING)))], "On a machine."
-    )
+    ranks = Evidence(correlations=correlations(**EAR_CLIPPING))
+    text = format_page([("mine", ranks)], "On a machine.")
     assert "| mine | 2 | 1 | 8 |" in text
     assert f"| {replication.Q_RANKS_LANES} | 0.990 (0.980 to 1.000) | holds |" in text
     assert "not measured" in text
@@ -149,35 +113,35 @@ def test_page_shows_reference_and_finding():
 
 
 def test_two_data_sets_of_one_name_are_refused(harness):
-    assert_refused(
-        harness("study", "all", "a/city.geojson", "b/city.geojson", "--out", "study"), "rename one"
-    )
+    answer = harness("study", "all", "a/city.geojson", "b/city.geojson", "--out", "study")
+    assert_refused(answer, "rename one")
+
+
+STUDY = ("--out", "study", "--quick", "--rasterisers", "reference", "--resolution", "64")
+CITY = ("study", "all", "city:buildings=20", *STUDY)
 
 
 @pytest.fixture
 def small(monkeypatch):
-    monkeypatch.setattr(
-        "harness.commands.study_validate.QUICK", StudySize(2, random=4, max_vertices=20)
-    )
+    size = StudySize(2, random=4, max_vertices=20)
+    monkeypatch.setattr("harness.commands.study_validate.QUICK", size)
     monkeypatch.setattr("harness.commands.study_validate.QUICK_S", 1e-4)
     monkeypatch.setattr("harness.commands.study_all.ANGLES", (0.0, 45.0))
 
 
 @pytest.mark.usefixtures("no_plots", "in_process", "small")
 def test_a_small_study_is_measured_once(harness):
-    arguments = ("study", "all", "city:buildings=20", "--out", "study", "--quick")
-    arguments += ("--rasterisers", "reference", "--resolution", "64")
-    out, _ = require_ok(harness(*arguments))
+    out, _ = require_ok(harness(*CITY))
     assert "findings hold" in out
     text = Path("study/findings.md").read_text()
     assert "| city-buildings-20 | " in text
     before = {file: file.read_bytes() for file in Path("study").rglob("cases.jsonl")}
     assert len(before) == 4
-    assert run_command(*arguments) == 0
+    assert run_command(*CITY) == 0
     assert {file: file.read_bytes() for file in Path("study").rglob("cases.jsonl")} == before
     cases = Path("study/city-buildings-20/choice/cases.jsonl")
     cases.write_bytes(b'{"resolution": 4}' + cases.read_bytes()[cases.read_bytes().index(b"\n") :])
-    out, err = require_ok(harness(*arguments))
+    out, err = require_ok(harness(*CITY))
     assert "choice/cases.jsonl, line 1: " in " ".join((out + err).split())
 
 
@@ -185,8 +149,7 @@ def test_a_small_study_is_measured_once(harness):
 def test_parts_run_although_one_fails(harness, tmp_path):
     source = tmp_path / "squares.wkt"
     source.write_text("POLYGON ((0 0, 4 0, 4 4, 0 4, 0 0))\nPOLYGON ((5 0, 9 0, 9 5, 5 4, 5 0))\n")
-    arguments = ("study", "all", str(source), "--out", "study", "--quick")
-    out, _ = require_ok(harness(*arguments, "--rasterisers", "reference", "--resolution", "64"))
+    out, _ = require_ok(harness("study", "all", str(source), *STUDY))
     assert "validate: squares" in out
     assert "no polygon without holes" in out
     assert Path("study/squares/choice/gains.csv").is_file()
@@ -196,8 +159,7 @@ def test_parts_run_although_one_fails(harness, tmp_path):
 def test_disturbed_times_have_no_gains(harness, monkeypatch):
     disturbed = RunState(DISTURBED, ("9 of 10 samples waited for a core",))
     monkeypatch.setattr("harness.measuring.run.assess_records", lambda *_: disturbed)
-    arguments = ("study", "all", "city:buildings=20", "--out", "study", "--quick")
-    code, out, err = harness(*arguments, "--rasterisers", "reference", "--resolution", "64")
+    code, out, err = harness(*CITY)
     assert code == 5
     assert "3 of 4 parts of the study are incomplete" in err
     assert "choice: the run's times are disturbed: 9 of 10 samples waited for a core" in out
@@ -208,9 +170,8 @@ def test_comparisons_use_paired_differences():
     """Overlapping intervals do not exclude a difference within each polygon, or the reverse."""
     wide = correlations(**EAR_CLIPPING)
     wide = wide.assign(ci_low=wide["value"] - 0.2, ci_high=wide["value"] + 0.2)
-    page = format_page(
-        [("city", Evidence(correlations=wide, compared=compare(**EAR_CLIPPING)))], "here"
-    )
+    evidence = Evidence(correlations=wide, compared=compare(**EAR_CLIPPING))
+    page = format_page([("city", evidence)], "here")
     assert "A 0.860 (0.660 to 1.060), difference 0.120 (0.110 to 0.130) | holds" in page
     close = compare(**{**EAR_CLIPPING, "half_perimeter": 0.865})
     judged = get_verdicts(Evidence(correlations=correlations(**EAR_CLIPPING), compared=close))
@@ -232,30 +193,28 @@ def test_too_few_polygons_decide_no_claim():
     assert "| city | 0 | 0 | 11 |" in format_page([("city", evidence)], "here")
 
 
-def _refused(*_: object, **__: object) -> None:
-    raise UsageError("no polygon without holes")
+def fail_with(error: HarnessError) -> Callable[..., None]:
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    return fail
 
 
-def _failed_in_part(*_: object, **__: object) -> None:
-    raise InconclusiveError("1 of 8 cases failed (mine:cut)")
-
-
-def _measured_nothing(*_: object, **__: object) -> None:
-    raise NothingMeasuredError("every case was skipped")
+REFUSED = fail_with(UsageError("no polygon without holes"))
 
 
 def test_invalid_input_of_all_parts_is_refused_without_output(harness, monkeypatch):
     for name in ("_measure_validation", "_measure_gains"):
-        monkeypatch.setattr(f"harness.commands.study_all.{name}", _refused)
-    assert_refused(
-        harness("study", "all", "city", "--out", "out"), "error: no polygon without holes"
-    )
+        monkeypatch.setattr(f"harness.commands.study_all.{name}", REFUSED)
+    answer = harness("study", "all", "city", "--out", "out")
+    assert_refused(answer, "error: no polygon without holes")
     assert not Path("out").exists()
 
 
 def test_study_without_findings_measured_nothing(harness, monkeypatch):
-    monkeypatch.setattr("harness.commands.study_all._measure_validation", _refused)
-    monkeypatch.setattr("harness.commands.study_all._measure_gains", _measured_nothing)
+    nothing = fail_with(NothingMeasuredError("every case was skipped"))
+    monkeypatch.setattr("harness.commands.study_all._measure_validation", REFUSED)
+    monkeypatch.setattr("harness.commands.study_all._measure_gains", nothing)
     code, _, err = harness("study", "all", "city", "--out", "out")
     assert code == 4
     assert err.count("error: ") == 1
@@ -266,17 +225,15 @@ def test_study_without_findings_measured_nothing(harness, monkeypatch):
 def test_study_with_failed_parts_is_inconclusive(harness, monkeypatch):
     """The gains of a run with failed cases are those of the measured cases."""
     monkeypatch.setattr("harness.commands.study_all._measure_validation", lambda *_: None)
-    monkeypatch.setattr("harness.commands.outcome.finish_run", _failed_in_part)
+    failed = fail_with(InconclusiveError("1 of 8 cases failed (mine:cut)"))
+    monkeypatch.setattr("harness.commands.outcome.finish_run", failed)
     monkeypatch.setattr("harness.measuring.run.run", lambda *_: None)
     monkeypatch.setattr("harness.results.run_folder.read_run", lambda folder: folder)
     asked = []
     monkeypatch.setattr(
         "harness.commands.study_gains.write_gains", lambda runs, *_: asked.extend(runs)
     )
-    exact = _with_exact_a(correlations(**EAR_CLIPPING))
-    tables = evidence(
-        exact, compare(**EAR_CLIPPING), lost=0.002, choice=0.9, walked=0.95, turned=(0.92, 0.99)
-    )
+    tables = make_good_evidence()
     monkeypatch.setattr("harness.study.replication.read_evidence", lambda folder: tables)
     code, out, err = harness("study", "all", "city", "--out", "out")
     assert code == 5
