@@ -10,6 +10,7 @@ import pytest
 
 from harness.commands.index import COMMANDS, load_command
 from harness.frame import FIXED_VIEWS
+from harness.results.run_folder import read_run
 from harness.settings import CHOSEN_FITS, Fit
 from tests.conftest import assert_one_line, assert_refused, make_geojson, require_ok
 from tests.paths import ROOT, run_python
@@ -35,8 +36,7 @@ def test_a_run_measures_and_prints_a_table(harness, block):
     assert "optimal:half-perimeter" in out
     assert "vs ear-clipping" in out
     files = {str(path.relative_to("results")) for path in Path("results").rglob("*")}
-    assert {"run.json", "cases.jsonl", "summary.csv"} <= files
-    assert "report.html" in files
+    assert {"run.json", "cases.jsonl", "summary.csv", "report.html"} <= files
     assert not Path("results/plots").exists()  # plots of a quick run are drawn on demand
     assert harness("report", "results")[0] == 0
     assert Path("results/plots/predicted-vs-measured.png").stat().st_size > 5000
@@ -212,19 +212,14 @@ print([name for name in heavy if name in sys.modules])
 )
 def test_invalid_values_of_options_are_refused(harness, command, option, value):
     needed = {"census": ["x", "-o", "y"], "merge": ["a"], "study gains": ["a", "--out", "b"]}
-    assert_refused(
-        harness(*command.split(), *needed.get(command, []), option, value),
-        f"Invalid value for '{option}'",
-    )
+    answer = harness(*command.split(), *needed.get(command, []), option, value)
+    assert_refused(answer, f"Invalid value for '{option}'")
     assert not list(Path().iterdir())
 
 
 def test_unused_options_are_refused(harness, block):
-    run = ("run", "--scene", str(block), *MOCK)
-    assert_refused(
-        harness(*run, "--triangulators", "fan", "--profile", "c.json"),
-        "--profile c.json: neither a file nor a known name",
-    )
+    answer = harness("run", "--scene", str(block), *MOCK, "--profile", "c.json")
+    assert_refused(answer, "--profile c.json: neither a file nor a known name")
     assert_refused(harness("run", "--scene", "city", "--layer", "x"), "layer")
     assert_refused(harness("inspect", str(block), "--out", "a.foo"), ".png")
 
@@ -250,16 +245,11 @@ def test_failed_triangulators_are_reported_with_exit_code_5(harness, block, monk
     code, out, err = harness("run", "--scene", str(block), *MOCK, *asked)
     assert code == 5
     assert "delaunay" in out
-    errors = [line for line in err.splitlines() if line.startswith("error:")]
-    assert len(errors) == 1
-    assert "1 of 2 cases failed (mine:cut); the others are in o" in errors[0]
+    (error,) = [line for line in err.splitlines() if line.startswith("error:")]
+    assert "1 of 2 cases failed (mine:cut); the others are in o" in error
     assert "mine.py:3" in err
     assert "return table['x' * 100_000]" in err
-    (reason,) = [
-        json.loads(line)["reason"]
-        for line in Path("o/cases.jsonl").read_text().splitlines()
-        if "mine:cut" in line
-    ]
+    (reason,) = (record.reason for record in read_run(Path("o")).records if not record.is_ok)
     assert "KeyError" in reason
     assert "mine.py:3" in reason
     assert len(reason) < 1000

@@ -43,7 +43,7 @@ def test_triangulate_writes_the_mesh_and_prints_a_summary(harness, block):
         (["city:buildings=3", "-o", "x.glb", "--triangulator", "delauny"], ["delaunay"]),
         (["city:buildings=3", "-o", "/proc/none/x.glb"], ["/proc/none"]),
         (
-            ["city:buildings=3", "-o", "x.glb", "--triangulator=worst:shape", "--criterion=shape"],
+            ["paper", "-o", "x.glb", "--triangulator=worst:shape", "--criterion=shape"],
             ["worst:shape", "criterion 'shape' are mutually exclusive"],
         ),
     ],
@@ -117,9 +117,8 @@ def test_webgpu_in_place_of_opengl_is_reported(monkeypatch, capsys):
     for name in ("webgpu", "opengl"):
         monkeypatch.setattr("harness.rasterisers.choose_default_rasteriser", lambda name=name: name)
         assert choose_rasterisers(None)[0] == name
-        assert ("no device works here; measuring with webgpu" in capsys.readouterr().err) is (
-            name == "webgpu"
-        )
+        message = "no device works here; measuring with webgpu"
+        assert (message in capsys.readouterr().err) is (name == "webgpu")
 
 
 def test_profile_reports_webgpu_in_place_of_opengl(harness, monkeypatch):
@@ -131,10 +130,8 @@ def test_profile_reports_webgpu_in_place_of_opengl(harness, monkeypatch):
 
 def test_inspect_numbers_polygons_as_the_scene_does(harness, block, monkeypatch):
     names = []
-    monkeypatch.setattr(
-        "harness.heatmaps.draw_heatmaps",
-        lambda frame, *_: names.extend(frame.source.tolist()),
-    )
+    draw = lambda frame, *_: names.extend(frame.source.tolist())  # noqa: E731
+    monkeypatch.setattr("harness.heatmaps.draw_heatmaps", draw)
     code, out, _ = harness("inspect", str(block), "--polygon", "2")
     assert (code, names) == (0, [2])
     assert "counted from 0" not in out
@@ -155,43 +152,47 @@ def test_triangulate_reports_compilation(harness, block, monkeypatch):
 
 
 def test_inspect_every_refuses_too_many_triangulations(harness):
-    assert_refused(
-        harness("inspect", "stress", "--every", "conforming", "--polygon", "0"),
-        "triangulations",
-        "optimal",
-    )
+    answer = harness("inspect", "stress", "--every", "conforming", "--polygon", "0")
+    assert_refused(answer, "triangulations", "optimal")
 
 
-def test_gains_compare_times_with_bases(harness, block):
+GAINS = ("study", "gains", "run", "--out", "gains")
+
+
+@pytest.fixture
+def measure(harness, block):
+    """Return a function that measures triangulators of the block with the mock."""
+
+    def call(out: str, names: str, *options: str) -> None:
+        run = ("run", "--scene", str(block), "--out", out, "--triangulators", names, *MOCK)
+        require_ok(harness(*run, *options))
+
+    return call
+
+
+def test_gains_compare_times_with_bases(harness, measure):
     """The mock's times follow its counters, so the fastest triangulator is known."""
-    run = ("run", "--scene", str(block), "--resolution", "64,128", "--out", "run", *MOCK)
-    assert harness(*run, "--triangulators", "ear-clipping,delaunay,optimal")[0] == 0
-    require_ok(harness("study", "gains", "run", "--out", "gains"))
+    measure("run", "ear-clipping,delaunay,optimal", "--resolution", "64,128")
+    require_ok(harness(*GAINS))
     table = pd.read_csv("gains/gains.csv")
     assert set(table["base"]) == {"ear-clipping", "delaunay"}
     assert set(table["resolution"]) == {64, 128}
     assert (table[table["triangulator"] == table["base"]]["time_ratio"] == 1).all()
     names = [path.name for path in Path("gains/plots").iterdir()]
     assert any(name.startswith("gain-resolution-") for name in names)
-    out, _ = require_ok(
-        harness("study", "gains", "run", "--out", "gains", "--bases", "optimal,ear-clipping")
-    )
+    out, _ = require_ok(harness(*GAINS, "--bases", "optimal,ear-clipping"))
     table = pd.read_csv("gains/gains.csv")
     assert set(table["base"]) == {"optimal:overdraw", "ear-clipping"}
     for base in ("optimal:overdraw", "ear-clipping"):
         rows = table[table["base"] == base]
         beaten = rows[rows["verdict"] == "faster"]["resolution"].nunique()
         assert f"{base}: no triangulator is significantly faster in {2 - beaten} of 2 views" in out
-    assert_refused(
-        harness("study", "gains", "run", "--out", "gains", "--bases", "nothing"),
-        "unknown triangulator",
-    )
+    assert_refused(harness(*GAINS, "--bases", "nothing"), "unknown triangulator")
 
 
-def test_interrupted_gains_leave_existing_files(harness, block, monkeypatch):
-    run = ("run", "--scene", str(block), "--resolution", "64", "--out", "run", *MOCK)
-    assert harness(*run, "--triangulators", "ear-clipping,delaunay")[0] == 0
-    assert harness("study", "gains", "run", "--out", "gains")[0] == 0
+def test_interrupted_gains_leave_existing_files(harness, measure, monkeypatch):
+    measure("run", "ear-clipping,delaunay", "--resolution", "64")
+    require_ok(harness(*GAINS))
     before = {path: path.read_bytes() for path in Path("gains").rglob("*") if path.is_file()}
 
     def cut_off(_table, folder):
@@ -200,18 +201,16 @@ def test_interrupted_gains_leave_existing_files(harness, block, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("harness.study.gains.plot_gains", cut_off)
-    assert harness("study", "gains", "run", "--out", "gains", "--bases", "delaunay")[0] == 130
+    assert harness(*GAINS, "--bases", "delaunay")[0] == 130
     after = {path: path.read_bytes() for path in Path("gains").rglob("*") if path.is_file()}
     assert after == before
 
 
-def test_gains_are_drawn_over_varying_views(harness, block, monkeypatch):
+def test_gains_are_drawn_over_varying_views(harness, measure, monkeypatch):
     """Two runs: the second varies the rotation, the first has a single rotation."""
-    names = ("--triangulators", "ear-clipping,delaunay")
-    still = ("run", "--scene", str(block), "--resolution", "128", "--out", "still", *MOCK)
-    turned = ("run", "--scene", str(block), "--resolution", "64", "--out", "turned", *MOCK)
-    assert harness(*still, *names)[0] == 0
-    assert harness(*turned, "--rotation", "0,10,20", "--fit", "circle", *names)[0] == 0
+    turned = ("--resolution", "64", "--rotation", "0,10,20", "--fit", "circle")
+    measure("still", "ear-clipping,delaunay", "--resolution", "128")
+    measure("turned", "ear-clipping,delaunay", *turned)
     figures = {}
     monkeypatch.setattr(
         "harness.study.gains.draw_figure",
@@ -223,16 +222,13 @@ def test_gains_are_drawn_over_varying_views(harness, block, monkeypatch):
     assert list(line.get_xdata()) == [0, 10, 20]
 
 
-def test_gains_do_not_pair_times_of_different_runs(harness, block):
+def test_gains_do_not_pair_times_of_different_runs(harness, measure):
     """Three runs: a view twice, with other triangulators, and in another fit."""
-    names = {"one": "ear-clipping,delaunay", "again": "ear-clipping,optimal", "round": "delaunay"}
-    for out, triangulators in names.items():
-        run = ("run", "--scene", str(block), "--resolution", "64", "--out", out, *MOCK)
-        fit = ("--fit", "circle" if out == "round" else "box")
-        assert harness(*run, *fit, "--triangulators", triangulators)[0] == 0
-    out, _ = require_ok(
-        harness("study", "gains", *names, "--out", "gains", "--bases", "ear-clipping,delaunay")
-    )
+    measure("one", "ear-clipping,delaunay", "--resolution", "64")
+    measure("again", "ear-clipping,optimal", "--resolution", "64")
+    measure("round", "delaunay", "--resolution", "64", "--fit", "circle")
+    gains = ("study", "gains", "one", "again", "round", "--out", "gains")
+    out, _ = require_ok(harness(*gains, "--bases", "ear-clipping,delaunay"))
     table = pd.read_csv("gains/gains.csv")
     box = table[table["fit"] == "box"]
     assert set(box["triangulator"]) == {"ear-clipping", "delaunay"}
@@ -263,8 +259,8 @@ def test_two_runs_within_a_second_get_separate_folders(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("kind", ["scenes", "triangulators", "rasterisers", "criteria", "metrics"])
 def test_lists_are_available_as_json(harness, kind):
-    code, out, err = harness("list", kind, "--json")
-    assert (code, err) == (0, "")
+    out, err = require_ok(harness("list", kind, "--json"))
+    assert err == ""
     rows = json.loads(out)
     assert json.loads(harness("list", "--json")[1])[kind] == rows
     assert len(rows) >= 3
