@@ -44,6 +44,15 @@ def system_error(number: int) -> OSError:
     return OSError(number, os.strerror(number), "somewhere/file")
 
 
+def fail_with(error: BaseException, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make writing a report fail."""
+
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr("harness.report.page.write_report", fail)
+
+
 @pytest.mark.parametrize(
     ("error", "code", "parts"),
     [
@@ -59,15 +68,11 @@ def system_error(number: int) -> OSError:
     ],
 )
 def test_uncaught_errors_are_one_line(harness, stored, monkeypatch, error, code, parts):
-    def fail(*_: object, **__: object) -> None:
-        raise error
-
-    monkeypatch.setattr("harness.report.page.write_report", fail)
+    fail_with(error, monkeypatch)
     exit_code, _, err = harness("report", "run")
     assert exit_code == code
-    lines = [line for line in err.splitlines() if line.startswith("error:")]
-    assert len(lines) == 1
-    assert all(part in lines[0] for part in parts)
+    (line,) = (line for line in err.splitlines() if line.startswith("error:"))
+    assert all(part in line for part in parts)
     # Only an internal error has a traceback.
     assert ("Traceback" in err) == (code == 70)
 
@@ -103,9 +108,8 @@ def test_the_log_has_workers_retries_and_the_exit_code(harness):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_anywhere_is_130(harness, stored, monkeypatch, number):
-    monkeypatch.setattr(
-        "harness.report.page.write_report", lambda *_, **__: signal.raise_signal(number)
-    )
+    send = lambda *_, **__: signal.raise_signal(number)  # noqa: E731
+    monkeypatch.setattr("harness.report.page.write_report", send)
     before = signal.getsignal(number)
     code, _, err = harness("report", "run")
     assert code == 130
@@ -114,17 +118,16 @@ def test_a_signal_anywhere_is_130(harness, stored, monkeypatch, number):
 
 
 def test_commands_started_by_nohup_survive_the_terminal(harness, stored, monkeypatch):
+    def hang_up(run: Run, *_: object, **__: object) -> Path:
+        signal.raise_signal(signal.SIGHUP)
+        return run.path / "report.html"
+
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        monkeypatch.setattr("harness.report.page.write_report", _hang_up)
+        monkeypatch.setattr("harness.report.page.write_report", hang_up)
         assert harness("report", "run")[0] == 0
     finally:
         signal.signal(signal.SIGHUP, before)
-
-
-def _hang_up(run: Run, *_: object, **__: object) -> Path:
-    signal.raise_signal(signal.SIGHUP)
-    return run.path / "report.html"
 
 
 def test_a_wrong_option_is_one_line(harness):
@@ -138,10 +141,7 @@ def test_without_arguments_the_help_is_shown(harness):
 
 
 def test_a_full_disk_while_plotting_preserves_the_run(harness, block, monkeypatch):
-    def full(*_: object, **__: object) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr("harness.report.page.write_report", full)
+    fail_with(OSError(errno.ENOSPC, "No space left on device"), monkeypatch)
     code, out, err = harness("run", "--scene", str(block), "--out", "run", *MOCK)
     assert code == 2
     assert "ear-clipping" in out
@@ -164,13 +164,9 @@ def test_damaged_drawings_are_treated_as_missing(harness, stored, damage):
     for file in stored.rglob("*.npz"):
         content = file.read_bytes()
         middle = len(content) // 2
-        file.write_bytes(
-            {
-                "empty": b"",
-                "cut off": content[:middle],
-                "changed": content[: middle - 9] + bytes(18) + content[middle + 9 :],
-            }[damage]
-        )
+        changed = content[: middle - 9] + bytes(18) + content[middle + 9 :]
+        damaged = {"empty": b"", "cut off": content[:middle], "changed": changed}
+        file.write_bytes(damaged[damage])
     assert harness("report", "run")[0] == 0
     run = read_run(stored)
     view = View()
@@ -181,18 +177,12 @@ def test_damaged_drawings_are_treated_as_missing(harness, stored, damage):
     assert drawings.read(read_run(stored), view) is not None
 
 
-def program(
-    *arguments: str, hook: Path = ROOT, stdout: int | None = None
-) -> subprocess.Popen[bytes]:
+def program(*arguments: str, hook: Path = ROOT, stdout: int = subprocess.PIPE) -> subprocess.Popen:
     """Start the command line; the folder `hook` may have a sitecustomize.py."""
     paths = os.pathsep.join([str(hook), os.environ.get("PYTHONPATH", "")])
-    return subprocess.Popen(
-        [sys.executable, "-m", "harness", *arguments],
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": paths},
-        stdout=stdout,
-        stderr=subprocess.PIPE,
-    )
+    command, environment = [sys.executable, "-m", "harness"], {**os.environ, "PYTHONPATH": paths}
+    options = {"cwd": ROOT, "env": environment, "stdout": stdout, "stderr": subprocess.PIPE}
+    return subprocess.Popen([*command, *arguments], **options)
 
 
 @pytest.mark.parametrize("arguments", [["list", "criteria"], ["--help"]])
@@ -206,28 +196,28 @@ def test_a_closed_pipe_is_not_an_error(arguments):
     assert process.returncode == 141
 
 
+LOADING = """import sys, time
+class Slow:
+    def find_spec(self, name, *_):
+        if name == 'typer':
+            open({!r}, 'w').close()
+            try:
+                time.sleep(600)
+            except BaseException:
+                raise ImportError('caught')
+sys.meta_path.insert(0, Slow())
+"""
+EXITING = """import atexit, time
+atexit.register(lambda: (open({!r}, 'w').close(), time.sleep(600)))
+"""
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("when", ["loading", "after"])
 def test_signals_during_loading_and_exit_are_handled(tmp_path, number, when):
     """A hook makes the command line load for ever, while libraries may catch errors."""
-    (tmp_path / "sitecustomize.py").write_text(
-        "import sys, time\n"
-        "class Slow:\n"
-        "    def find_spec(self, name, *_):\n"
-        "        if name == 'typer':\n"
-        f"            open({str(tmp_path / 'loading')!r}, 'w').close()\n"
-        "            try:\n"
-        "                time.sleep(600)\n"
-        "            except BaseException:\n"
-        "                raise ImportError('caught')\n"
-        "sys.meta_path.insert(0, Slow())\n"
-        if when == "loading"
-        else "import atexit, time\n"
-        "def last():\n"
-        f"    open({str(tmp_path / 'loading')!r}, 'w').close()\n"
-        "    time.sleep(600)\n"
-        "atexit.register(last)\n"
-    )
+    hook = LOADING if when == "loading" else EXITING
+    (tmp_path / "sitecustomize.py").write_text(hook.format(str(tmp_path / "loading")))
     process = program("list", "scenes", hook=tmp_path)
     while not (tmp_path / "loading").exists() and process.poll() is None:
         time.sleep(0.01)
@@ -251,7 +241,7 @@ def test_signals_in_destructors_end_the_command(tmp_path, number):
         "            Dying()\n"
         "sys.meta_path.insert(0, Hook())\n"
     )
-    process = program("list", "scenes", hook=tmp_path, stdout=subprocess.PIPE)
+    process = program("list", "scenes", hook=tmp_path)
     _, err = process.communicate(timeout=60)
     assert (process.returncode, err.splitlines()[-1]) == (130, b"stopped")
 
@@ -260,7 +250,7 @@ def test_name_outside_the_encoding_of_the_output_is_escaped(tmp_path, monkeypatc
     monkeypatch.setenv("PYTHONIOENCODING", "ascii")
     file = tmp_path / "naïve.wkt"
     file.write_text("POLYGON ((0 0, 9 0, 0 9, 0 0))")
-    process = program("inspect", str(file), "--sizes", "16", stdout=subprocess.PIPE)
+    process = program("inspect", str(file), "--sizes", "16")
     out, err = process.communicate()
     assert (process.returncode, b"Traceback" in err) == (0, False)
     assert b"na\\xefve: ms" in out

@@ -17,9 +17,8 @@ from triangulators import vertices
 L_SHAPE = Polygon([(0, 0), (4, 0), (4, 1), (1, 1), (1, 3), (0, 3)])
 COURTYARD = box(10, 10, 20, 20).difference(box(12, 12, 18, 18))
 
-boxes = st.tuples(
-    st.floats(-1e6, 1e6), st.floats(-1e6, 1e6), st.floats(1e-3, 1e4), st.floats(1e-3, 1e4)
-).map(lambda t: box(t[0], t[1], t[0] + t[2], t[1] + t[3]))
+position, size = st.floats(-1e6, 1e6), st.floats(1e-3, 1e4)
+boxes = st.builds(lambda x, y, w, h: box(x, y, x + w, y + h), position, position, size, size)
 
 
 @given(
@@ -65,9 +64,8 @@ def test_rings_are_oriented_and_owned():
     frame = make_frame([COURTYARD, L_SHAPE], View(256))
     assert frame.polygons[0].exterior.is_ccw
     assert not frame.polygons[0].interiors[0].is_ccw
-    joined = frame.join_triangles(
-        [np.array([[0, 1, 4]], np.int32), np.array([[0, 1, 2], [0, 2, 3]])]
-    )
+    parts = [np.array([[0, 1, 4]], np.int32), np.array([[0, 1, 2], [0, 2, 3]])]
+    joined = frame.join_triangles(parts)
     assert frame.find_owners(joined).tolist() == [0, 1, 1]
     assert joined[1].tolist() == [8, 9, 10]
     assert frame.join_triangles([None, None]).shape == (0, 3)

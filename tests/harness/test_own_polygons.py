@@ -8,6 +8,7 @@ import pytest
 import shapely
 from pyarrow import parquet
 
+from harness.results.run_folder import read_run
 from scenes.projection import find_system
 from tests.conftest import assert_refused, make_geojson, require_ok, write_geojson
 from tests.harness.test_cli import MOCK
@@ -27,32 +28,20 @@ def town(tmp_path) -> str:
 
 
 def scene_of(folder: str) -> dict:
-    return json.loads(Path(folder, "run.json").read_text())["scene"]
-
-
-def read_cases(folder: str) -> list[dict]:
-    return [json.loads(line) for line in Path(folder, "cases.jsonl").read_text().splitlines()]
+    return read_run(Path(folder)).facts["scene"]
 
 
 def test_a_part_of_a_file(harness, town):
     condition = "height/2 > 1 AND name IN ('house 2', 'house 3')"
-    arguments = (
-        "--layer",
-        "houses",
-        "--where",
-        condition,
-        "--limit",
-        "1",
-        "--triangulators",
-        "fan",
-    )
-    require_ok(harness("run", "--scene", town, *arguments, "--out", "out", *LOUD))
+    part = ("--layer", "houses", "--where", condition, "--limit", "1")
+    run = ("run", "--scene", town, "--triangulators", "fan", "--out", "out", *LOUD)
+    require_ok(harness(*run, *part))
     scene = scene_of("out")
     assert scene["polygons"] == 1
     assert scene["parameters"] == {"layer": "houses", "where": condition, "limit": "1"}
-    (record,) = read_cases("out")
-    assert record["polygons"] == 1
-    assert record["scene"] == f"town.gpkg:layer=houses,where={condition},limit=1"
+    (record,) = read_run(Path("out")).records
+    assert record.polygons == 1
+    assert record.id.scene == f"town.gpkg:layer=houses,where={condition},limit=1"
 
 
 def test_inspect_takes_a_part_of_a_file(harness, town):
@@ -69,7 +58,7 @@ def test_one_line_describes_the_read_file(harness, town):
     assert scene_of("out")["polygons"] == 4
     assert scene_of("out")["notes"] == line.removeprefix("town: ").split("; ")
     assert harness("run", "--resume", "out", *LOUD)[0] == 0
-    assert len(read_cases("out")) == 1
+    assert len(read_run(Path("out")).records) == 1
     out, err = require_ok(harness("triangulate", town, "-o", "out.parquet"))
     assert "4 polygons" in out
     assert f"{town}: {line.removeprefix('town: ')}" in err
@@ -91,21 +80,22 @@ def test_geoparquet_names_the_reference_system(harness, tmp_path, crs, expected)
     degrees = [shapely.box(25, 60, 25.001, 60.001)]
     source = write(tmp_path / "in.gpkg", HOUSES if crs == "EPSG:3067" else degrees, crs=crs)
     assert harness("triangulate", source, "-o", "out.parquet")[0] == 0
-    geo = json.loads(parquet.read_schema("out.parquet").metadata[b"geo"])
-    column = geo["columns"]["geometry"]
+    column = read_geometry_column("out.parquet")
     assert ("crs" in column) is expected
     if expected:
         assert find_system(json.dumps(column["crs"])) == find_system(crs)
     assert harness("triangulate", "out.parquet", "-o", "again.parquet")[0] == 0
-    repeated = json.loads(parquet.read_schema("again.parquet").metadata[b"geo"])
-    assert repeated["columns"]["geometry"].get("crs") == column.get("crs")
+    assert read_geometry_column("again.parquet").get("crs") == column.get("crs")
+
+
+def read_geometry_column(file: str) -> dict:
+    return json.loads(parquet.read_schema(file).metadata[b"geo"])["columns"]["geometry"]
 
 
 def test_geoparquet_without_reference_system(harness, tmp_path):
     (tmp_path / "a.wkt").write_text(shapely.box(0, 0, 10, 10).wkt)
     assert harness("triangulate", "a.wkt", "-o", "out.parquet")[0] == 0
-    geo = json.loads(parquet.read_schema("out.parquet").metadata[b"geo"])
-    assert geo["columns"]["geometry"]["crs"] is None
+    assert read_geometry_column("out.parquet")["crs"] is None
 
 
 def test_skipped_features_are_named_ten_on_screen_all_in_the_run(harness):

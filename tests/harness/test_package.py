@@ -17,7 +17,7 @@ from harness.errors import UsageError
 from harness.history import find_noisy_changes
 from scenes import SceneError
 from scenes.projection import find_system
-from tests.paths import ROOT
+from tests.paths import ROOT, run_python
 
 PACKAGES = ("harness", "triangulators", "scenes")
 KINDS = ("", "-docs", "-test", "-data", "-setup")
@@ -30,30 +30,18 @@ def test_the_wheel_has_every_file_of_the_packages(tmp_path):
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, source)
     for package in PACKAGES:
-        shutil.copytree(
-            ROOT / package, source / package, ignore=shutil.ignore_patterns("__pycache__")
-        )
-    subprocess.run(
-        [*(sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "-q")]
-        + ["--wheel-dir", str(tmp_path), str(source)],
-        check=True,
-        capture_output=True,
-    )
+        ignored = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(ROOT / package, source / package, ignore=ignored)
+    pip = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "-q"]
+    command = [*pip, "--wheel-dir", tmp_path, source]
+    subprocess.run(command, check=True, capture_output=True)
     (wheel,) = tmp_path.glob("raster_harness-*.whl")
     with zipfile.ZipFile(wheel) as archive:
         held = set(archive.namelist())
-    expected = {
-        str(file.relative_to(source))
-        for package in PACKAGES
-        for file in (source / package).rglob("*")
-        if file.is_file()
-    }
-    assert expected <= held
-    licences = ("report/static/LICENSE-echarts", "report/static/LICENSE-d3")
-    assert {
-        *(f"harness/{name}.txt" for name in licences),
-        "scenes/tiles/LICENSE-helsinki.txt",
-    } <= held
+    files = (file for package in PACKAGES for file in (source / package).rglob("*"))
+    assert {str(file.relative_to(source)) for file in files if file.is_file()} <= held
+    licences = {f"harness/report/static/LICENSE-{name}.txt" for name in ("echarts", "d3")}
+    assert licences | {"scenes/tiles/LICENSE-helsinki.txt"} <= held
     assert any(name.endswith("entry_points.txt") for name in held)
 
 
@@ -68,12 +56,9 @@ def test_the_locks_pin_every_package_with_hashes_and_name_no_address():
 
 
 def test_measuring_needs_no_packages_of_tests_and_documents():
-    pinned = {
-        kind: set(
-            re.findall(r"^([a-z0-9._-]+)==", (ROOT / f"requirements{kind}.lock").read_text(), re.M)
-        )
-        for kind in KINDS
-    }
+    texts = {kind: (ROOT / f"requirements{kind}.lock").read_text() for kind in KINDS}
+    pattern = r"^([a-z0-9._-]+)=="
+    pinned = {kind: set(re.findall(pattern, text, re.M)) for kind, text in texts.items()}
     assert pinned[""] < pinned["-docs"] < pinned["-test"]
     extras = {"ruptures", "plyfile", "pyarrow", "dask", "bokeh", "wgpu", "manifold3d"}
     development = {"pytest", "hypothesis", "mypy", "ruff", "setuptools", "lxml"}
@@ -91,10 +76,8 @@ def test_all_files_name_one_version():
         "CHANGELOG.md": r"(?m)^## (\S+)",
         **{f"{name}/__init__.py": r'(?m)^__version__ = "(.*)"' for name in PACKAGES},
     }
-    versions = {
-        file: re.findall(pattern, (ROOT / file).read_text())[0]
-        for file, pattern in patterns.items()
-    }
+    texts = {file: (ROOT / file).read_text() for file in patterns}
+    versions = {file: re.findall(patterns[file], text)[0] for file, text in texts.items()}
     assert set(versions.values()) == {__version__}, versions
 
 
@@ -114,15 +97,9 @@ for line in sys.stdin:
 def run_without_extras(folder, *commands):
     """Run commands in a process without the packages of extras; return (exit code, errors) each."""
     (folder / "sitecustomize.py").write_text(WITHOUT_EXTRAS)
-    process = subprocess.run(
-        [sys.executable, "-c", RUN_COMMANDS],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": f"{folder}{os.pathsep}{ROOT}", "COLUMNS": "200"},
-        input="\n".join(commands),
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    environment = {"PYTHONPATH": f"{folder}{os.pathsep}{ROOT}", "COLUMNS": "200"}
+    text = "\n".join(commands)
+    process = run_python("-c", RUN_COMMANDS, cwd=folder, env=environment, input=text, check=True)
     pieces = re.split(r"exit code (\d+)\n", process.stderr)
     return [(int(code), error) for error, code in zip(pieces[:-1:2], pieces[1::2], strict=True)]
 
@@ -131,14 +108,8 @@ def test_base_measures_and_triangulates_without_extras(tmp_path):
     (tmp_path / "a.wkt").write_text("POLYGON ((0 0, 4 0, 4 4, 2 1, 0 4))")
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 4 0 0\nv 4 4 0\nv 0 4 0\nf 1 2 3 4\n")
     run = "run --scene city:buildings=3 --rasterisers reference --resolution 64 --quick --out city"
-    commands = [
-        run,
-        "report city",
-        "triangulate a.wkt -o a.glb",
-        "triangulate a.obj -o a.npz",
-        "list scenes",
-    ]
-    results = run_without_extras(tmp_path, *commands)
+    triangulate = ("triangulate a.wkt -o a.glb", "triangulate a.obj -o a.npz")
+    results = run_without_extras(tmp_path, run, "report city", *triangulate, "list scenes")
     assert [code for code, _ in results] == [0, 0, 0, 0, 0], results
     assert (tmp_path / "city" / "report.html").exists()
     assert not (tmp_path / "city" / "plots").exists()
@@ -180,19 +151,13 @@ MENTION = r"""(?:format_install_command|import_optional)\((?:[^()]*, )?["'](\w+)
 
 def test_mentioned_extras_are_declared():
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    named = {
-        extra
-        for package in PACKAGES
-        for file in (ROOT / package).rglob("*.py")
-        for extra in re.findall(MENTION, file.read_text())
-    }
+    files = (file for package in PACKAGES for file in (ROOT / package).rglob("*.py"))
+    named = {extra for file in files for extra in re.findall(MENTION, file.read_text())}
     assert {"gis", "history", "ply", "plots", "tiles"} <= named
     assert named <= set(declared["optional-dependencies"])
 
 
-@pytest.mark.parametrize(
-    "file", sorted((ROOT / "tests/benchmarks").glob("*.py")), ids=lambda f: f.stem
-)
-def test_benchmarks_can_be_imported(file):
+@pytest.mark.parametrize("name", sorted(f.stem for f in (ROOT / "tests/benchmarks").glob("*.py")))
+def test_benchmarks_can_be_imported(name):
     """Benchmarks run by hand only, so no other test would notice a missing name."""
-    importlib.import_module(f"tests.benchmarks.{file.stem}")
+    importlib.import_module(f"tests.benchmarks.{name}")
