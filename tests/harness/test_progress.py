@@ -8,6 +8,7 @@ from rich.console import Console
 from harness.progress import MAX_INTERVAL_S, MIN_INTERVAL_S, Reporter, Screen
 from harness.style import make_plain_table
 from tests.conftest import assert_refused
+from tests.harness.test_cli import MOCK
 
 
 class ScriptedReporter:
@@ -18,10 +19,6 @@ class ScriptedReporter:
         console = Console(file=self._file, width=120, force_terminal=terminal)
         self.now = 0.0
         self.reporter = Reporter(console=console, clock=lambda: self.now, **options)
-
-    @property
-    def text(self) -> str:
-        return self._file.getvalue()
 
     @property
     def lines(self) -> list[str]:
@@ -88,10 +85,8 @@ def test_names_between_colons_are_not_emoji(capsys, harness):
     pipe = io.StringIO()
     Screen(file=pipe).print(named)
     Reporter().warn(named)
-    assert [pipe.getvalue().strip(), capsys.readouterr().err.strip()] == [
-        named,
-        f"warning: {named}",
-    ]
+    assert pipe.getvalue().strip() == named
+    assert capsys.readouterr().err.strip() == f"warning: {named}"
     output = harness("census", "city", "-o", "there", "--triangulators", "theirs:hole")
     assert_refused(output, "theirs:hole: give two or more")
 
@@ -119,11 +114,9 @@ def test_quiet_prints_only_warnings():
 
 @pytest.mark.parametrize("verbose", [False, True])
 def test_verbose_shows_cases_and_tracebacks_of_plugins(harness, block, no_plots, verbose):
-    arguments = ("run", "--scene", str(block), "--out", "out", "--quick", "-q")
     names = ("--triangulators", "ear-clipping,tests.broken:raise_base_exception")
-    more = ("--verbose",) if verbose else ()
-    mock = ("--rasterisers", "tests.mock:MockRasteriser")
-    code, _, err = harness(*arguments, *names, *mock, *more)
+    run = ("run", "--scene", str(block), "--out", "out", *MOCK, *names)
+    code, _, err = harness(*run, *(["--verbose"] if verbose else []))
     assert code == 5
     assert ("in raise_base_exception" in err) == verbose
     assert ("ear-clipping, tests.mock:MockRasteriser on scripted: ok, " in err) == verbose
@@ -148,13 +141,14 @@ def test_a_terminal_shows_a_bar(monkeypatch):
     reporter = ScriptedReporter(terminal=True)
     with reporter.reporter.stage("counting", 2) as stage:
         stage.advance()
-    assert "counting" in reporter.text
-    assert "100%" in reporter.text
+    text = "\n".join(reporter.lines)
+    assert "counting" in text
+    assert "100%" in text
     with reporter.reporter.stage("triangulating", 4, "parts") as stage:
         for part in range(1, 5):
             reporter.now += 6.0
             stage.complete(part)
-    assert "100%, 0.17 parts/s" in reporter.text
+    assert "100%, 0.17 parts/s" in "\n".join(reporter.lines)
 
 
 def test_notice_of_a_long_step_is_repeated_until_it_ends():

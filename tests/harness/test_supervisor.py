@@ -13,7 +13,7 @@ import psutil
 import pytest
 
 from harness.machine import system
-from tests.paths import ROOT
+from tests.paths import ROOT, run_python
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="supervision is for Linux")
 
@@ -61,16 +61,11 @@ def shared():
 
 def start(shared: Path, hook: Path, *command: str) -> subprocess.Popen[str]:
     paths = os.pathsep.join([str(hook), str(ROOT)])
-    process = subprocess.Popen(
-        [sys.executable, *command],
-        env={**os.environ, "PYTHONPATH": paths, "TMPDIR": str(shared)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    STARTED.append(process)
-    return process
+    environment = {**os.environ, "PYTHONPATH": paths, "TMPDIR": str(shared)}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    start = [sys.executable, *command]
+    STARTED.append(subprocess.Popen(start, env=environment, start_new_session=True, **pipes))
+    return STARTED[-1]
 
 
 def start_stuck(shared: Path, folder: Path) -> tuple[subprocess.Popen[str], list[int], Path]:
@@ -79,10 +74,9 @@ def start_stuck(shared: Path, folder: Path) -> tuple[subprocess.Popen[str], list
     process = start(shared, folder, "-m", "harness", "list", "scenes")
     assert process.stdout is not None
     child, other, name = process.stdout.readline().split()
-    before = psutil.Process(int(child)).cpu_times().user
-    while (
-        psutil.Process(int(child)).cpu_times().user < before + 0.1
-    ):  # the program is in C code then
+    running = psutil.Process(int(child))
+    before = running.cpu_times().user
+    while running.cpu_times().user < before + 0.1:  # the program is in C code then
         time.sleep(0.01)
     return process, [int(child), int(other)], Path(name)
 
@@ -118,18 +112,11 @@ def test_next_start_removes_what_a_killed_program_left(shared, tmp_path):
     wait_for_end([child])  # the kernel ends it with its parent
     os.kill(other, signal.SIGKILL)
     assert file.exists()
-    without_lock = (
-        shared / f"{system.TEMPORARY_PREFIX}new"
-    )  # left by a parent that was killed before its child
+    # Left by a parent that was killed before its child.
+    without_lock = shared / f"{system.TEMPORARY_PREFIX}new"
     without_lock.mkdir()
-    assert (
-        subprocess.run(
-            [sys.executable, "-m", "harness", "list", "criteria"],
-            env={**os.environ, "TMPDIR": str(shared), "PYTHONPATH": str(ROOT)},
-            stdout=subprocess.DEVNULL,
-        ).returncode
-        == 0
-    )
+    done = run_python("-m", "harness", "list", "criteria", env={"TMPDIR": str(shared)})
+    assert done.returncode == 0
     assert not file.exists()
     assert len(list(shared.iterdir())) == 1  # the folder of the program that still runs
     without_lock.mkdir()  # as if its child were still exiting

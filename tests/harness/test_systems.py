@@ -1,6 +1,5 @@
 """Runs on systems without EGL, GLU, OSMesa and POSIX functions."""
 
-import json
 import os
 import subprocess
 import sys
@@ -10,6 +9,7 @@ import psutil
 import pytest
 
 from harness.machine import system
+from harness.results.run_folder import read_run
 from tests.paths import ROOT, run_python
 
 BARE = Path(__file__).parents[1] / "bare"
@@ -29,11 +29,9 @@ def test_webgpu_is_the_default_without_egl(tmp_path, block):
     assert "triangles.geojson" in out
     scene = ("--scene", str(block), "--triangulators", "fan,ear-clipping,refined")
     call("run", *scene, "--quick", "--out", "drawn", cwd=tmp_path)
-    records = [
-        json.loads(line) for line in (tmp_path / "drawn/cases.jsonl").read_text().splitlines()
-    ]
-    assert {record["rasteriser"] for record in records} == {"webgpu"}
-    assert all(record["status"] == "ok" for record in records), records
+    records = read_run(tmp_path / "drawn").records
+    assert {record.id.rasteriser for record in records} == {"webgpu"}
+    assert all(record.is_ok for record in records), records
     assert (tmp_path / "drawn/report.html").is_file()
     call("report", "drawn", cwd=tmp_path)
     assert "No regression" in call("compare", "drawn", "drawn", cwd=tmp_path)
@@ -56,11 +54,8 @@ def test_exit_codes_of_processes_are_described(code, expected):
 def test_process_trees_end_without_process_groups(monkeypatch):
     monkeypatch.delattr(os, "killpg")
     start = "import subprocess, sys; print(subprocess.Popen(['sleep', '60']).pid, flush=True)"
-    parent = subprocess.Popen(
-        [sys.executable, "-c", f"{start}; import time; time.sleep(60)"],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
+    command = [sys.executable, "-c", f"{start}; import time; time.sleep(60)"]
+    parent = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert parent.stdout is not None
     child = psutil.Process(int(parent.stdout.readline()))
     system.kill_group(parent.pid)

@@ -10,15 +10,8 @@ from harness.workers.worker import Worker
 from tests.conftest import assert_one_line
 from tests.paths import ROOT, run_python
 
-FOREIGN_MODULES = (
-    "typer",
-    "numpy",
-    "numba",
-    "pyarrow",
-    "multiprocessing",
-    "triangulators",
-    "scenes",
-)
+LIBRARIES = ("typer", "numpy", "numba", "pyarrow", "multiprocessing")
+FOREIGN_MODULES = (*LIBRARIES, "triangulators", "scenes")
 """Foreign modules in a data folder with names that the program imports."""
 
 INSTALLED = (

@@ -28,21 +28,10 @@ def test_counts_equal_those_of_runs(harness):
     """A city of 40 at five sizes: all counters, and the share in the sentence."""
     options = ("--triangulators", ",".join(NAMES), "--rasterisers", "reference", "--quick")
     scene = "city:buildings=40"
-    run = (
-        "run",
-        "--scene",
-        scene,
-        "--resolution",
-        "32,64,128,256,512",
-        *options,
-        "--out",
-        "run",
-        "-q",
-    )
-    assert harness(*run, "--budget", "0.01")[0] == 0
-    out, _ = require_ok(
-        harness("inspect", scene, "--sizes", "32-512", "--triangulator", ",".join(NAMES), "--json")
-    )
+    run = ("run", "--scene", scene, "--resolution", "32,64,128,256,512", *options, "-q")
+    require_ok(harness(*run, "--budget", "0.01", "--out", "run"))
+    inspect = ("inspect", scene, "--sizes", "32-512", "--triangulator", ",".join(NAMES))
+    out, _ = require_ok(harness(*inspect, "--json"))
     document = json.loads(out)
     by_size = {size["resolution"]: size["costs"] for size in document["sizes"]}
     assert list(by_size) == [32, 64, 128, 256, 512]
@@ -84,13 +73,10 @@ def test_laws_convert_counters_to_seconds(city_of_12):
         assert cost["draw"] == pytest.approx(2e-9 * number)
     cost = list_cost("sum", helper_lanes=1e-9)
     assert cost["draw"] == pytest.approx(1e-9 * cost["helper_lanes"])
-    stages = {"transformed_vertices": 6e-9, "covering": 9e-9, "fragments": 1e-10}
+    seconds = {"transformed_vertices": 6e-9, "covering_triangles": 9e-9, "fragments": 1e-10}
+    stages = {name.removesuffix("_triangles"): cost for name, cost in seconds.items()}
     cost = list_cost("maximum of three stages", **stages)
-    times = [
-        6e-9 * cost["transformed_vertices"],
-        9e-9 * cost["covering_triangles"],
-        1e-10 * cost["fragments"],
-    ]
+    times = [seconds[name] * cost[name] for name in seconds]
     assert cost["draw"] == pytest.approx(max(times))
     assert cost["stage"] == ("vertices", "triangles", "pixels")[int(np.argmax(times))]
     assert cost["draw_walk"] == pytest.approx(max(times[0] / 2, *times[1:]))
@@ -134,16 +120,12 @@ def test_the_sentence_has_the_range_of_sizes_that_matter():
 
     def cost(lanes: int, draw: float | None = None, cut: float = 0.0) -> sizes.Cost:
         counted = (sizes.MIN_PIXELS, lanes // 4, 1, 1, 1, 1, 3)
-        return {
-            **dict(zip(sizes.COST_TERMS, counted, strict=True)),
-            "triangulate_s": cut,
-            "draw": draw,
-        }
+        counters = dict(zip(sizes.COST_TERMS, counted, strict=True))
+        return {**counters, "triangulate_s": cut, "draw": draw}
 
     def size(px: int, lanes: int) -> sizes.Size:
-        return sizes.Size(
-            px, 1, 0, px / 2, {"a": cost(4000), "b": cost(lanes), "c": cost(lanes + 8)}
-        )
+        costs = {"a": cost(4000), "b": cost(lanes), "c": cost(lanes + 8)}
+        return sizes.Size(px, 1, 0, px / 2, costs)
 
     shares = {16: 4000, 32: 3800, 64: 3200, 128: 3980}
     result = sizes.Sizes("s", None, tuple(size(*numbers) for numbers in shares.items()))
@@ -157,9 +139,8 @@ def test_the_sentence_has_the_range_of_sizes_that_matter():
     assert "Next: use c, the cheapest triangulator with most" in sizes.format_next_step(result)
     assert "triangulate FILE -o OUT.glb --triangulator c" in sizes.format_next_step(result)
     timed = {"a": cost(4000, 4e-3, 1e-3), "b": cost(4000, 3e-3, 6.5e-3)}
-    result = sizes.Sizes(
-        "s", DeviceCosts("phone", np.zeros(0)), (sizes.Size(64, 1, 0, 32.0, timed),)
-    )
+    phone = DeviceCosts("phone", np.zeros(0))
+    result = sizes.Sizes("s", phone, (sizes.Size(64, 1, 0, 32.0, timed),))
     assert sizes.summarise(result) == (
         "The triangulator matters at 64 px, most at 64 px (32 px per polygon): b saves 25.0% of "
         "a's draw time on phone; break-even after 6 draws."
@@ -186,11 +167,8 @@ def test_contributed_profiles_are_found_by_name(harness):
     interval = r"\(95 % CI -?\d+\.\d to \d+\.\d%\) of ear-clipping's draw time on llvmpipe"
     assert re.search(interval, " ".join(out.split()))
     assert not list(Path().glob("l-sizes*"))  # charts are only written to --out
-    assert_refused(
-        harness(*command, "--profile", "opengl-lvmpipe"),
-        "--profile opengl-lvmpipe",
-        "did you mean 'opengl-llvmpipe'?",
-    )
+    answer = harness(*command, "--profile", "opengl-lvmpipe")
+    assert_refused(answer, "--profile opengl-lvmpipe", "did you mean 'opengl-llvmpipe'?")
     Path("none.json").write_text('{"terms": [], "device": {"name": "x"}}')
     assert_refused(harness(*command, "--profile", "none.json"), "none.json is not a profile")
     Path("none.json").write_text('{"unit": "cycles"}')

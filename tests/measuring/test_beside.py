@@ -27,15 +27,14 @@ from harness.workers.worker import TaskError
 from scenes import load
 from tests.conftest import assert_refused
 from tests.harness.test_environment import git
-from tests.inline import InlineWorker
+from tests.measuring.test_run import inline
 from tests.mock import MockRasteriser
 from tests.paths import ROOT
 from tests.records import get_rows
 from triangulators import registry
 
-MODULE = (
-    "from triangulators import triangulate\ndef cut(polygon): return triangulate(polygon, {!r})"
-)
+IMPORT = "from triangulators import triangulate\n"
+MODULE = f"{IMPORT}def cut(polygon): return triangulate(polygon, {{!r}})"
 GOOD, WORSE = MODULE.format("delaunay"), MODULE.format("ear-clipping")
 BROKEN = "def cut(polygon): raise RuntimeError('half done')\n"
 THEIRS, NEWER = Recipe("theirs:cut"), Recipe("newer:cut")
@@ -72,13 +71,8 @@ def measure(
     registry.load.cache_clear()
     MockRasteriser.begin_run()
     with open_other_version(reference, [recipe.base for recipe in plan.triangulators]) as other:
-        running.run(
-            plan,
-            Path(out),
-            Reporter(quiet=True),
-            running.RunOptions(resume=resume, baseline=replace(other, twice=twice)),
-            open_worker=lambda *_: InlineWorker(),
-        )
+        options = running.RunOptions(resume=resume, baseline=replace(other, twice=twice))
+        running.run(plan, Path(out), Reporter(quiet=True), options, open_worker=inline)
 
 
 def runs(out: Path | str):
@@ -184,8 +178,7 @@ def test_the_baseline_may_be_a_folder_or_an_environment(tmp_path, monkeypatch):
     (other / "theirs.py").write_text(WORSE)
     (environment / "bin").mkdir(parents=True)
     python = environment / "bin" / "python"
-    path = f"{other}:{ROOT}"
-    python.write_text(f'#!/bin/sh\nPYTHONPATH={path} exec {sys.executable} "$@"\n')
+    python.write_text(f'#!/bin/sh\nPYTHONPATH={other}:{ROOT} exec {sys.executable} "$@"\n')
     python.chmod(0o755)
     parts = []
     for reference in (str(other), str(environment)):

@@ -94,11 +94,8 @@ class Recorded(InlineWorker):
 
 def test_a_second_process_compiles_in_reverse_order_if_nothing_is_compiled(monkeypatch):
     recipes = parse_all(["fan", "refined", "optimal", "tests.broken:triangulate_clockwise"])
-    for is_cached, cores, expected in (
-        (False, 2, [(SECOND_PROCESS.name, ["optimal:overdraw", "refined:half-perimeter", "fan"])]),
-        (True, 2, []),
-        (False, 1, []),
-    ):
+    compiled = [(SECOND_PROCESS.name, ["optimal:overdraw", "refined:half-perimeter", "fan"])]
+    for is_cached, cores, expected in ((False, 2, compiled), (True, 2, []), (False, 1, [])):
         log: list[tuple[str, list[str]]] = []
         monkeypatch.setattr(measuring_pool, "is_cached", lambda _, is_cached=is_cached: is_cached)
         monkeypatch.setattr(measuring_pool, "count_usable_cores", lambda cores=cores: cores)

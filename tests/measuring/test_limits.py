@@ -44,24 +44,21 @@ def test_the_quickest_polygons_are_solved_within_the_budget(monkeypatch):
     monkeypatch.setattr(tasks, "MAX_SEARCH_S", seconds.sum() / 2)
     has_minimum = get_limits(frame)[MIN_QUADS] >= 0
     assert has_minimum.any()
-    assert seconds[has_minimum].max() <= seconds[~has_minimum].min()
-    assert (
-        seconds[has_minimum].sum()
-        <= seconds.sum() / 2
-        < seconds[has_minimum].sum() + seconds[~has_minimum].min()
-    )
+    solved, next_s = seconds[has_minimum], seconds[~has_minimum].min()
+    assert solved.max() <= next_s
+    assert solved.sum() <= seconds.sum() / 2 < solved.sum() + next_s
     monkeypatch.setattr(tasks, "MAX_SEARCH_S", 0.0)
     assert (get_limits(frame)[MIN_QUADS] == -1).all()
 
 
 def test_seconds_grow_with_height_vertices_and_holes():
+    def estimate(polygon: shapely.Polygon, size: int) -> float:
+        return tasks.estimate_search_seconds(make_frame([polygon], View(size))).item()
+
     square = shapely.box(0, 0, 100, 100)
-    one, larger = (
-        tasks.estimate_search_seconds(make_frame([square], View(size))).item() for size in (64, 640)
-    )
-    assert larger == pytest.approx(10 * one, rel=0.2)
+    assert estimate(square, 640) == pytest.approx(10 * estimate(square, 64), rel=0.2)
     with_hole = square.difference(shapely.box(40, 40, 60, 60))
-    assert tasks.estimate_search_seconds(make_frame([with_hole], View(64))).item() > 8 * one
+    assert estimate(with_hole, 64) > 8 * estimate(square, 64)
 
 
 class Failing(InlineWorker):
@@ -89,7 +86,7 @@ def test_regret_is_helper_lanes_above_the_minimum():
 
 
 def test_records_compare_polygons_with_a_minimum():
-    counters = {name: np.array(values) for name, values in COUNTED.items()}
+    counters = {"quads": np.array([10, 20, 40]), "fragments": np.array([30, 70, 110])}
     drawn = np.array([True, False, True])
     min_quads = np.array([9, 8, -1])
     expected = LeastQuads(polygons=1, quads=9, shaded=10, fragments=30)
@@ -97,9 +94,6 @@ def test_records_compare_polygons_with_a_minimum():
     assert records._sum_least_quads(drawn, {"fragments": counters["fragments"]}, min_quads) is None
     totals = {name: values.sum() for name, values in counters.items()}
     assert records._sum_least_quads(drawn, totals, min_quads) is None
-
-
-COUNTED = {"quads": [10, 20, 40], "fragments": [30, 70, 110]}
 
 
 def test_a_triangulators_timeout_does_not_limit_bounds():
@@ -117,9 +111,8 @@ def test_outline_quads_do_not_depend_on_the_triangulation(scene, name):
     frame = make_frame(load(scene).polygons, View(128))
     parts = [triangulate(polygon, name) for polygon in frame.polygons]
     x, y = np.meshgrid(np.arange(128) + 0.5, np.arange(128) + 0.5)
-    for polygon, count in zip(
-        frame.polygons, count_outline_quads(frame, parts).tolist(), strict=True
-    ):
+    counts = count_outline_quads(frame, parts).tolist()
+    for polygon, count in zip(frame.polygons, counts, strict=True):
         inside = shapely.contains_xy(polygon, x, y)
         quads = inside.reshape(64, 2, 64, 2).any(axis=(1, 3))
         edge = shapely.distance(shapely.points(x, y), polygon.boundary) == 0

@@ -22,14 +22,14 @@ from tests.records import get_rows
 pytestmark = pytest.mark.usefixtures("no_plots")
 
 
-def signal_while_timing(number: signal.Signals, patch: pytest.MonkeyPatch) -> None:
-    """Send a signal to the harness after counting and before timing."""
+def signal_in(step: str, number: signal.Signals, patch: pytest.MonkeyPatch) -> None:
+    """Send a signal to the harness at the start of a step; timing follows counting."""
 
     def stopped(*_: object) -> None:
         os.kill(os.getpid(), number)
         raise AssertionError("it went on")
 
-    patch.setattr(MeasuringPool, "time_drawings", stopped)
+    patch.setattr(MeasuringPool, step, stopped)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
@@ -37,7 +37,7 @@ def test_counters_of_a_run_stopped_while_timing_are_reused(block, tmp_path, monk
     complete = get_rows(measure(make_plan(block), tmp_path / "whole"))
     out = tmp_path / "out"
     with monkeypatch.context() as patch:
-        signal_while_timing(number, patch)
+        signal_in("time_drawings", number, patch)
         result = measure(make_plan(block), out)
     assert result.interrupted
     assert result.aborted
@@ -68,11 +68,7 @@ def test_counters_of_a_run_stopped_while_timing_are_reused(block, tmp_path, monk
 
 @pytest.mark.parametrize("step", ["triangulate", "draw_and_count"])
 def test_first_interrupt_stops_at_once_while_nothing_is_timed(block, tmp_path, monkeypatch, step):
-    def interrupt(*_: object) -> None:
-        os.kill(os.getpid(), signal.SIGINT)
-        raise AssertionError("it went on")
-
-    monkeypatch.setattr(MeasuringPool, step, interrupt)
+    signal_in(step, signal.SIGINT, monkeypatch)
     result = measure(make_plan(block), tmp_path / "out")
     assert result.interrupted
     assert result.aborted
@@ -104,7 +100,7 @@ def test_counted_cases_are_stored_at_once(block, tmp_path, monkeypatch):
 def test_force_counts_cases_of_other_code_again(block, tmp_path, monkeypatch):
     out = tmp_path / "out"
     with monkeypatch.context() as patch:
-        signal_while_timing(signal.SIGTERM, patch)
+        signal_in("time_drawings", signal.SIGTERM, patch)
         measure(make_plan(block), out)
     lines = (out / "counted.jsonl").read_text().replace('"quads": ', '"quads": 1')
     (out / "counted.jsonl").write_text(lines)

@@ -1,6 +1,7 @@
 """Runs on views of a model and on map tiles: separate views, and metrics as sums over views."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -41,13 +42,8 @@ def model(tmp_path) -> str:
 
 
 def plan(model: str, **changes: object) -> Plan:
-    names = parse_all(["delaunay", "optimal:edge-length"])
-    default_plan = Plan(
-        f"{model}:views=4,pixels=128",
-        triangulators=names,
-        rasterisers=("reference",),
-        timing=FAST,
-    )
+    scene, names = f"{model}:views=4,pixels=128", parse_all(["delaunay", "optimal:edge-length"])
+    default_plan = Plan(scene, triangulators=names, rasterisers=("reference",), timing=FAST)
     return replace(default_plan, **changes)  # type: ignore[arg-type]
 
 
@@ -83,9 +79,8 @@ def test_the_original_triangles_are_the_base_and_views_add_up(model, tmp_path):
 
 
 def test_with_a_depth_test_the_outline_is_no_bound(model, tmp_path):
-    records = get_rows(
-        measure(plan(model, scene=f"{model}:views=4,pixels=128,depth=front"), tmp_path / "out")
-    )
+    with_depth = plan(model, scene=f"{model}:views=4,pixels=128,depth=front")
+    records = get_rows(measure(with_depth, tmp_path / "out"))
     for record in records:
         assert record["outline_quads"] is None
         assert record["counters"]["depth_ties"] == 0
@@ -120,18 +115,17 @@ def test_faces_are_triangulated_once_for_all_views(model, tmp_path, monkeypatch)
 def test_depth_ties_are_reported():
     views = {"names": ["a", "b"], "helper_lanes": [4, 5], "quads": [2, 3]}
 
-    def last_line(*ties: int) -> str:
-        counted = [
-            {"helper_lanes": 9, "quads": 5, "depth_ties": ties_in_view} for ties_in_view in ties
-        ]
+    def last_line(**ties: int) -> str:
+        counters = {"helper_lanes": 9, "quads": 5}
         records = [
-            make_record(name, counters=counters, views=views)
-            for name, counters in zip(("original", "delaunay"), counted, strict=True)
+            make_record(name, counters={**counters, "depth_ties": count}, views=views)
+            for name, count in ties.items()
         ]
         return describe_views(make_group(records, base="original"))[-1]
 
-    assert last_line(1234, 1) == "1,234 depth tests of original are ties: rounding decides them"
-    assert "ties" not in last_line(0, 1)
+    tied = "1,234 depth tests of original are ties: rounding decides them"
+    assert last_line(original=1234, delaunay=1) == tied
+    assert "ties" not in last_line(original=0, delaunay=1)
 
 
 def test_a_view_of_another_kind_is_refused(model, tmp_path, harness):
@@ -165,10 +159,8 @@ def test_unknown_view_options_are_reported_in_one_line(model, harness):
         ("views=4,limit=3", "has no parameter 'limit'"),
     ):
         assert_refused(harness("run", "--scene", f"{model}:{text}", "--quick"), reason)
-    assert_refused(
-        harness("inspect", f"{model}:views=4", "--sizes", "64-128", "--out", "a.png"),
-        "unsupported for a model's views; set the resolution by pixels=",
-    )
+    answer = harness("inspect", f"{model}:views=4", "--sizes", "64-128", "--out", "a.png")
+    assert_refused(answer, "unsupported for a model's views; set the resolution by pixels=")
     out, _ = require_ok(harness("inspect", f"{model}:views=4", "--out", "a.png"))
     assert "picture: a.png" in out
 
@@ -182,20 +174,21 @@ def test_models_have_default_triangulators(model, harness, tmp_path):
     assert "flat faces with a choice of diagonals, 100% of the area; 4 views" in err
 
 
-@pytest.mark.parametrize("view", [View(128, 0.0, "view"), View(512, 0.0, "tile")], ids=str)
-def test_runs_with_views_can_be_resumed_but_not_exported_as_pages(model, tmp_path, view):
+@pytest.mark.parametrize(
+    ("view", "base", "noun"),
+    [
+        (View(128, 0.0, "view"), "original", "a model's views"),
+        (View(512, 0.0, "tile"), "ear-clipping", "map tiles"),
+    ],
+)
+def test_runs_with_views_can_be_resumed_but_not_exported(model, tmp_path, view, base, noun):
     out = tmp_path / "out"
-    expected, noun = (
-        (plan(model), "a model's views") if view.fit == "view" else (OF_TILES, "map tiles")
-    )
-    first = measure(expected, out)
+    first = measure(plan(model) if view.fit == "view" else OF_TILES, out)
     stored = Plan.from_json(read_run(out).facts["plan"])
     assert stored.views == (view,)
-    assert str(stored.triangulators[0]) == ("original" if view.fit == "view" else "ear-clipping")
+    assert str(stored.triangulators[0]) == base
     resumed = measure(stored, out, resume=True)
-    assert [record["key"] for record in get_rows(resumed)] == [
-        record["key"] for record in get_rows(first)
-    ]
+    assert [r["key"] for r in get_rows(resumed)] == [r["key"] for r in get_rows(first)]
     with pytest.raises(InputError, match=f"pages do not support {noun}"):
         make_page_content(read_run(out))
 
@@ -220,14 +213,9 @@ def test_counters_are_sums_over_separately_drawn_tiles(scene, tmp_path, monkeypa
     assert record["coverage_error"] == 0
     polygons = read_arrays(read_run(out), record["key"])
     tile_sums = []
-    for name, start, stop in zip(
-        scene.tiling.names, scene.tiling.first, scene.tiling.first[1:], strict=False
-    ):
-        one = replace(
-            scene,
-            polygons=scene.polygons[start:stop],
-            tiling=replace(scene.tiling, names=(name,), first=np.array([0, stop - start])),
-        )
+    for name, (start, stop) in zip(scene.tiling.names, pairwise(scene.tiling.first), strict=True):
+        tiling = replace(scene.tiling, names=(name,), first=np.array([0, stop - start]))
+        one = replace(scene, polygons=scene.polygons[start:stop], tiling=tiling)
         frame = make_scene_frame(one, get_scene_view(one))
         parts = triangulate_polygons(parse(record["triangulator"]), frame.polygons).parts
         rows = frame.join_triangles(parts)
@@ -251,10 +239,9 @@ def test_minimum_quads_exclude_polygons_cut_by_a_tiles_edge(scene):
 
 
 def test_a_tile_is_upright_and_of_even_pixels():
+    problem = "fit tile: requires rotation 0 and an even resolution"
     for wrong in ((511, 0.0), (512, 30.0)):
-        with pytest.raises(
-            UsageError, match="fit tile: requires rotation 0 and an even resolution"
-        ):
+        with pytest.raises(UsageError, match=problem):
             View(*wrong, fit="tile")
 
 
