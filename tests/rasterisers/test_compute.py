@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from harness.errors import UsageError
 from harness.rasterisers import Options, Rasteriser
 from harness.rasterisers.compute import JOB_PIXELS, LANES, split_into_jobs
 from tests.rasterisers.conftest import loose_triangles, random_triangles
-from tests.rasterisers.test_opengl import anywhere, half_pixel
+from tests.rasterisers.test_opengl import WITH_FIXTURES, any_corners
 
 
 @pytest.fixture(params=["bounding-box", "scanline"])
@@ -31,17 +31,12 @@ def test_dispatch_splits_more_triangles_than_one_dimension_allows(opened):
     assert counted["bbox_tests"].tolist() == [4] * 70_000
 
 
-@settings(
-    suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=50
-)
-@given(st.lists(half_pixel | anywhere, min_size=3, max_size=3))
+@settings(WITH_FIXTURES, max_examples=50)
+@given(any_corners)
 def test_hits_of_any_triangle_equal_the_reference(walker, reference, corners):
-    frame, triangles = loose_triangles(corners, 32)
-    drawn = walker.draw_and_count(frame, triangles, Options())["hits"]
-    assert (
-        drawn.tolist()
-        == reference.draw_and_count(frame, triangles, Options())["fragments"].tolist()
-    )
+    case = (*loose_triangles(corners, 32), Options())
+    exact = reference.draw_and_count(*case)["fragments"]
+    assert walker.draw_and_count(*case)["hits"].tolist() == exact.tolist()
 
 
 def test_scanline_counts_the_rows_of_the_box(opened):
@@ -51,10 +46,9 @@ def test_scanline_counts_the_rows_of_the_box(opened):
 
 def test_multisampling_and_work_are_refused(walker):
     frame, triangles = random_triangles(seed=1, size=64, number=2, grid=1)
+    problem = "neither multisampling nor fragment work nor textures"
     for options in (Options(samples=4), Options(work=3), Options(texture=1)):
-        with pytest.raises(
-            UsageError, match="neither multisampling nor fragment work nor textures"
-        ):
+        with pytest.raises(UsageError, match=problem):
             walker.draw_and_count(frame, triangles, options)
 
 
@@ -74,7 +68,5 @@ def test_jobs_cover_each_row_once_and_are_small(corners):
         rows = [row for _, start, stop, _ in mine for row in range(start, stop + 1)]
         assert rows == list(range(low[1], high[1] + 1))
         width = max(high[0] - low[0] + 1, 1)
-        assert all(
-            (stop - start + 1) * width <= max(JOB_PIXELS, LANES * width)
-            for _, start, stop, _ in mine
-        )
+        max_rows = max(JOB_PIXELS / width, LANES)
+        assert all(stop - start + 1 <= max_rows for _, start, stop, _ in mine)

@@ -8,11 +8,11 @@ from shapely import Polygon, make_valid
 
 from harness.frame import View, make_frame
 from harness.rasterisers import Options
-from harness.rasterisers.reference import find_disagreements
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load
 from tests.paths import find_shared_data
+from tests.rasterisers.conftest import find_errors
 
 # A long roof with vertex 1 in the middle of its side 0-2.
 ROOF = Polygon([(0, 0), (40, 3), (80, 6), (78, 30), (3, 25)])
@@ -35,11 +35,10 @@ def test_t_junction_causes_a_coverage_error_under_rotation(llvmpipe, reference):
         frame = make_frame([ROOF], View(1024, angle))
         conforming = fragments(llvmpipe, frame, CONFORMING[0])
         assert fragments(llvmpipe, frame, CONFORMING[1]) == conforming
-        with_t_junction = fragments(llvmpipe, frame, WITH_T_JUNCTION)
-        assert with_t_junction - conforming == fragments(
-            reference, frame, WITH_T_JUNCTION
-        ) - fragments(reference, frame, CONFORMING[0])
-        errors.append(with_t_junction - conforming)
+        error = fragments(llvmpipe, frame, WITH_T_JUNCTION) - conforming
+        exact = [fragments(reference, frame, t) for t in (WITH_T_JUNCTION, CONFORMING[0])]
+        assert error == exact[0] - exact[1]
+        errors.append(error)
     assert sum(error != 0 for error in errors) >= 3
     # A sliver of at most 1/256 px by the length of the side.
     assert max(abs(error) for error in errors) <= 1024 / 128
@@ -55,11 +54,7 @@ def helsinki() -> list[Polygon]:
     return [polygon for polygon in repaired if isinstance(polygon, Polygon)]
 
 
-def city() -> list[Polygon]:
-    return load("city").polygons
-
-
-@pytest.mark.parametrize("polygons", [city, helsinki])
+@pytest.mark.parametrize("polygons", [lambda: load("city").polygons, helsinki])
 @pytest.mark.parametrize("resolution", [256, 1024])
 def test_every_triangulation_of_real_polygons_covers_the_same_pixels(
     llvmpipe, reference, polygons, resolution
@@ -69,14 +64,13 @@ def test_every_triangulation_of_real_polygons_covers_the_same_pixels(
     for name in TRIANGULATORS:
         result = triangulate_polygons(parse(name), frame.polygons)
         assert result.failed == []
-        counted = llvmpipe.draw_and_count(frame, frame.join_triangles(result.parts), Options())
+        triangles = frame.join_triangles(result.parts)
+        counted = llvmpipe.draw_and_count(frame, triangles, Options())
         fragments, quads = counted["fragments"], counted["quads"]
         assert (4 * quads == fragments + counted["helper_lanes"]).all()
-        exact = reference.draw_and_count(frame, frame.join_triangles(result.parts), Options())
-        assert find_disagreements(frame, counted, exact) == []
-        conforming = np.array(
-            [p is not None and not t for p, t in zip(result.parts, result.t_junctions, strict=True)]
-        )
+        assert find_errors(reference, counted, frame, triangles) == []
+        parts = zip(result.parts, result.t_junctions, strict=True)
+        conforming = np.array([part is not None and not t for part, t in parts])
         if name != "fan":
             assert conforming.sum() > 0.98 * len(frame.polygons)
         if expected is None:

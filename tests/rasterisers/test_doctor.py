@@ -63,6 +63,5 @@ def test_fix_names_variables_that_hide_drivers_and_capabilities_of_a_container(
     assert "NVIDIA_DRIVER_CAPABILITIES=graphics" in doctor._find_remedy(kind, "gpu0")
     assert doctor._find_remedy(kind, "llvmpipe") == kind.remedy("llvmpipe")
     monkeypatch.setenv("LIBGL_DRIVERS_PATH", "/nowhere")
-    assert doctor._find_remedy(kind, "llvmpipe").startswith(
-        "unset LIBGL_DRIVERS_PATH, which may hide"
-    )
+    remedy = doctor._find_remedy(kind, "llvmpipe")
+    assert remedy.startswith("unset LIBGL_DRIVERS_PATH, which may hide")

@@ -18,14 +18,15 @@ from tests.rasterisers.conftest import loose_triangles, random_triangles
 
 half_pixel = st.tuples(*[st.integers(2, 60).map(lambda v: v * 128)] * 2)
 anywhere = st.tuples(*[st.integers(256, 31 * 256)] * 2)
+any_corners = st.lists(half_pixel | anywhere, min_size=3, max_size=3)
+WITH_FIXTURES = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
-@given(st.lists(half_pixel | anywhere, min_size=3, max_size=3))
+@WITH_FIXTURES
+@given(any_corners)
 def test_counters_of_any_triangle_equal_the_reference(llvmpipe, reference, corners):
-    frame, triangles = loose_triangles(corners, 32)
-    drawn = llvmpipe.draw_and_count(frame, triangles, Options())
-    exact = reference.draw_and_count(frame, triangles, Options())
+    case = (*loose_triangles(corners, 32), Options())
+    drawn, exact = (rasteriser.draw_and_count(*case) for rasteriser in (llvmpipe, reference))
     assert [drawn[name].tolist() for name in SHADED] == [exact[name].tolist() for name in SHADED]
 
 
@@ -55,17 +56,13 @@ def test_too_many_samples_are_refused_with_the_maximum(llvmpipe):
 
 def test_fragment_work_changes_no_pixel(llvmpipe):
     frame, triangles = random_triangles(seed=10, size=256, number=30, grid=64)
-    hard = Options(work=200)
-    assert np.array_equal(
-        pictures.read_image(llvmpipe, frame, triangles, Options()),
-        pictures.read_image(llvmpipe, frame, triangles, hard),
-    )
-    with llvmpipe.prepare(frame, triangles, hard) as drawing:
-        drawing.sample(1)
-        assert drawing.program["work"].value == 200
-    with llvmpipe.prepare(frame, triangles, Options()) as drawing:
-        drawing.sample(1)
-        assert drawing.program["work"].value == 0
+    images = []
+    for work in (200, 0):
+        images.append(pictures.read_image(llvmpipe, frame, triangles, Options(work=work)))
+        with llvmpipe.prepare(frame, triangles, Options(work=work)) as drawing:
+            drawing.sample(1)
+            assert drawing.program["work"].value == work
+    assert np.array_equal(*images)
 
 
 def test_textured_pixels_are_as_bright_as_the_mean_of_the_texture(llvmpipe):
@@ -92,11 +89,9 @@ def test_every_repeat_is_drawn(llvmpipe, monkeypatch, software, calls):
     frame, triangles = loose_triangles([[256, 256], [255 * 256, 256], [256, 255 * 256]] * 3, 256)
     with llvmpipe.prepare(frame, triangles, Options()) as drawing:
         drawing.software = software
-        drawn = []
-        draw = drawing.draw_rows
-        monkeypatch.setattr(
-            drawing, "draw_rows", lambda rows, n=1: [drawn.append(n), draw(rows, n)]
-        )
+        drawn, draw = [], drawing.draw_rows
+        record = lambda rows, n=1: [drawn.append(n), draw(rows, n)]  # noqa: E731
+        monkeypatch.setattr(drawing, "draw_rows", record)
         assert drawing.sample(10).wall > 0
     assert drawn == calls
 
@@ -120,9 +115,8 @@ def test_two_rasterisers_share_a_process(opened, reference):
 
 def test_driver_statistics_are_of_one_draw(llvmpipe, monkeypatch):
     angles = np.linspace(0, 2 * np.pi, 100, endpoint=False)
-    frame = make_bare_frame(
-        64, (8192 + 7000 * np.column_stack([np.cos(angles), np.sin(angles)])).astype("i4")
-    )
+    points = 8192 + 7000 * np.column_stack([np.cos(angles), np.sin(angles)])
+    frame = make_bare_frame(64, points.astype("i4"))
     fan = np.array([(0, k, k + 1) for k in range(1, 99)], np.int32)
     whole = llvmpipe.draw_and_count(frame, fan, Options())
     assert whole["clipping_input_primitives"] == 98

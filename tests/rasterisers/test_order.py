@@ -10,11 +10,7 @@ from tests.rasterisers.conftest import loose_triangles, random_triangles
 
 
 @settings(deadline=None)
-@given(
-    st.integers(0, 60),
-    st.sampled_from(ORDERS),
-    st.integers(0, 2**32),
-)
+@given(st.integers(0, 60), st.sampled_from(ORDERS), st.integers(0, 2**32))
 def test_orders_permute_triangles_without_changing_them(number, order, seed):
     frame, triangles = random_triangles(seed=1, size=512, number=max(number, 1), grid=1)
     triangles = triangles[:number]
@@ -28,9 +24,8 @@ def test_orders_permute_triangles_without_changing_them(number, order, seed):
 def test_native_order_is_unchanged_and_seeds_differ():
     frame, triangles = random_triangles(seed=1, size=512, number=60, grid=1)
     assert np.array_equal(order_submission(frame, triangles, Options()), triangles)
-    one, two = (
-        order_submission(frame, triangles, Options(order="shuffled", seed=seed)) for seed in (1, 2)
-    )
+    options = (Options(order="shuffled", seed=seed) for seed in (1, 2))
+    one, two = (order_submission(frame, triangles, shuffled) for shuffled in options)
     assert not np.array_equal(one, two)
 
 

@@ -14,9 +14,9 @@ from harness.rasterisers.base import Triangles, order_submission
 from harness.rasterisers.pyrender import extrude_polygons
 from harness.rasterisers.reference import Reference
 from harness.triangulating.carrying import make_original_triangulation
-from harness.workers.worker import Worker
 from tests.models.various import make_solid
 from tests.rasterisers import pictures
+from tests.rasterisers.conftest import open_on, time_draws
 from triangulators import triangulate
 
 COURT = box(0, 0, 30, 20).difference(box(8, 6, 20, 14))
@@ -32,33 +32,20 @@ def joined(frame: Frame, triangulator: str) -> Triangles:
     return frame.join_triangles([triangulate(polygon, triangulator) for polygon in frame.polygons])
 
 
-def seconds_of_frames(device, frame, triangles, repeats) -> float:
-    rasteriser = get("pyrender")(device)
-    with rasteriser.prepare(frame, triangles, Options()) as drawing:
-        seconds = drawing.sample(repeats).wall
-    rasteriser.close()
-    return seconds
-
-
 @pytest.mark.parametrize("name", ["llvmpipe", "osmesa"])
 def test_it_draws_and_times_but_does_not_count(frame, name):
     if name not in [device.name for device in get("pyrender").devices()]:
-        with pytest.raises(
-            NoRasteriserError, match=r"run: (apt-get|python -m pip) install"
-        ) as error:
+        command = r"run: (apt-get|python -m pip) install"
+        with pytest.raises(NoRasteriserError, match=command) as error:
             find_device("pyrender", name)
         pytest.skip(str(error.value))
-    device = find_device("pyrender", name)
-    triangles = joined(frame, "delaunay")
-    with Worker(name, device.environment) as worker:
-        arguments = ("pyrender", device, frame, triangles, Options())
-        picture = worker.call(pictures.draw_image, *arguments, timeout_s=120)
-        other = worker.call(
-            pictures.draw_image, "pyrender", device, frame, joined(frame, "ear-clipping"), Options()
-        )
-        assert worker.call(tasks.draw_and_count, *arguments) == {}
+    one, other = ((frame, joined(frame, name)) for name in ("delaunay", "ear-clipping"))
+    with open_on("pyrender", name) as call:
+        picture = call(pictures.draw_image, *one, Options())
+        other = call(pictures.draw_image, *other, Options())
+        assert call(tasks.draw_and_count, *one, Options()) == {}
         assert get("pyrender").counters == ()
-        assert worker.call(seconds_of_frames, device, frame, triangles, 2, timeout_s=120) > 0
+        assert call(time_draws, one) > 0
     assert picture.shape == (128, 128, 4)
     sky = np.rint(np.array(pyrender.SKY) * 255)
     built = (abs(picture - sky).max(axis=2) > 2).mean()
@@ -115,16 +102,14 @@ def test_views_of_a_model_are_drawn_in_projection(tmp_path):
         scene = read(str(tmp_path / "plate.glb"), views=2, pixels=128, depth=depth)
         frames[depth] = make_scene_frame(scene, get_scene_view(scene))
     frame = frames["file"]
-    device = find_device("pyrender", "llvmpipe")
-    rows = order_submission(
-        frame, frame.join_triangles(make_original_triangulation(frame).parts), Options()
-    )
-    with Worker("llvmpipe", device.environment) as worker:
+    triangles = frame.join_triangles(make_original_triangulation(frame).parts)
+    rows = order_submission(frame, triangles, Options())
+    with open_on("pyrender", "llvmpipe") as call:
         with pytest.raises(UsageError, match="pyrender always tests depth; add depth=file"):
-            worker.call(pictures.draw_image, "pyrender", device, frames["none"], rows, Options())
-        picture = worker.call(pictures.draw_image, "pyrender", device, frame, rows, Options())
-        assert worker.call(seconds_of_frames, device, frame, rows, 2, timeout_s=120) > 0
-        assert worker.call(seconds_of_frames, device, frame, rows[:0], 2, timeout_s=120) > 0
+            call(pictures.draw_image, frames["none"], rows, Options())
+        picture = call(pictures.draw_image, frame, rows, Options())
+        assert call(time_draws, (frame, rows)) > 0
+        assert call(time_draws, (frame, rows[:0])) > 0
     exact = pictures.read_image(Reference(), frame, rows[frame.split_by_draw(rows)[-1]], Options())
     drawn = exact[..., 3] > 0
     sky = np.rint(np.array(pyrender.SKY) * 255)

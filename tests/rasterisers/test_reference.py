@@ -69,21 +69,17 @@ def test_image_has_one_pixel_a_fragment_and_the_polygons_colour(reference):
 
 def test_no_triangles_have_zero_counters(reference):
     frame, _ = loose_triangles([[256, 256], [2560, 512], [768, 2048]], SIZE)
-    nothing = np.empty((0, 3), np.int32)
-    assert all(
-        values.tolist() == [0]
-        for values in reference.draw_and_count(frame, nothing, Options()).values()
-    )
-    assert not pictures.read_image(reference, frame, nothing, Options()).any()
+    case = (frame, np.empty((0, 3), np.int32), Options())
+    counters = reference.draw_and_count(*case)
+    assert all(values.tolist() == [0] for values in counters.values())
+    assert not pictures.read_image(reference, *case).any()
 
 
 def test_every_repeat_is_drawn(reference, monkeypatch):
     frame, triangles = random_triangles(seed=4, size=64, number=20, grid=1)
     drawn = []
     with reference.prepare(frame, triangles, Options()) as drawing:
-        monkeypatch.setattr(
-            spans, "fill_picture", lambda _, triangles, *more: drawn.append(triangles)
-        )
+        monkeypatch.setattr(spans, "fill_picture", lambda _, rows, *more: drawn.append(rows))
         drawing.sample(10)
     assert len(drawn) == 10
     assert all(item is triangles for item in drawn)
@@ -110,9 +106,8 @@ def test_invalid_triangle_arrays_are_refused(reference, triangles, message):
         reference.draw_and_count(frame, triangles, Options())
 
 
-of_tiles = st.tuples(*[st.integers(0, 64)] * 2) | st.tuples(
-    *[st.integers(0, 4).map(lambda v: v * 16)] * 2
-)
+on_edges = st.integers(0, 4).map(lambda v: v * 16)
+of_tiles = st.tuples(*[st.integers(0, 64)] * 2) | st.tuples(on_edges, on_edges)
 
 
 @settings(deadline=None)  # the first call compiles

@@ -24,10 +24,9 @@ def test_missing_gpu_is_an_error_without_fallback(monkeypatch):
 
 def test_missing_opengl_gets_an_install_command(monkeypatch):
     monkeypatch.setattr(devices, "list_egl_devices", lambda: ((), ("no libEGL",)))
+    command = "apt-get install -y libegl1 libgl1 libgl1-mesa-dri"
     for name in (None, "llvmpipe"):
-        with pytest.raises(
-            NoRasteriserError, match="apt-get install -y libegl1 libgl1 libgl1-mesa-dri"
-        ):
+        with pytest.raises(NoRasteriserError, match=command):
             find_device("opengl", name)
 
 
@@ -102,35 +101,25 @@ def test_first_working_environment_is_used(monkeypatch):
         "first": {"devices": [{"renderer": "llvmpipe", "egl_index": 0}], "problems": []},
         "second": {"devices": [{"renderer": "zink (x)", "egl_index": 0}], "problems": []},
     }
-    kinds = [
-        devices.DeviceKind("zink", {"WAY": name}, ("egl", "software"))
-        for name in ("first", "second", "second")
-    ]
+    names = ("first", "second", "second")
+    kinds = [devices.DeviceKind("zink", {"WAY": name}, ("egl", "software")) for name in names]
+    answer = lambda probes: [answers[environment["WAY"]] for _, environment in probes]  # noqa: E731
     monkeypatch.setattr(devices, "_list_egl_kinds", lambda: kinds)
-    monkeypatch.setattr(
-        devices,
-        "run_probes",
-        lambda probes: [answers[environment["WAY"]] for _, environment in probes],
-    )
+    monkeypatch.setattr(devices, "run_probes", answer)
     working, problems = devices.list_egl_devices.__wrapped__()
     assert [(device.name, device.environment["WAY"]) for device in working] == [("zink", "second")]
     assert problems == ("zink: EGL opened 'llvmpipe' instead",)
 
 
 def test_two_gpus_are_numbered(monkeypatch):
-    cards = [
-        {"renderer": name, "egl_index": k}
-        for k, name in enumerate(["NVIDIA A", "llvmpipe", "AMD B"])
-    ]
-    monkeypatch.setattr(
-        devices, "_list_egl_kinds", lambda: [devices.DeviceKind("gpu", {}, ("egl", "hardware"))]
-    )
+    names = enumerate(["NVIDIA A", "llvmpipe", "AMD B"])
+    cards = [{"renderer": name, "egl_index": k} for k, name in names]
+    kinds = [devices.DeviceKind("gpu", {}, ("egl", "hardware"))]
+    monkeypatch.setattr(devices, "_list_egl_kinds", lambda: kinds)
     monkeypatch.setattr(devices, "run_probes", lambda probes: [{"devices": cards, "problems": []}])
     gpus, problems = devices.list_egl_devices.__wrapped__()
-    assert [(d.name, d.details["egl_index"], d.software) for d in gpus] == [
-        ("gpu0", 0, False),
-        ("gpu1", 2, False),
-    ]
+    facts = [(device.name, device.details["egl_index"], device.software) for device in gpus]
+    assert facts == [("gpu0", 0, False), ("gpu1", 2, False)]
     assert problems == ()
 
 

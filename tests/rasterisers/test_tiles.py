@@ -40,16 +40,11 @@ def test_counters_and_pictures_equal_the_reference(on_device, tiles, reference):
     for options in (NATIVE, Options(order="shuffled", seed=1)):
         require_reference_counts(on_device, reference, *tiles, options)
     # Later triangles hide earlier ones, so that pictures depend on the order, too.
-    assert np.array_equal(
-        call(pictures.draw_image, *tiles, NATIVE), pictures.read_image(reference, *tiles, NATIVE)
-    )
     # Without a scissor the picture has the size of the viewport again, and vice versa.
-    unclipped = replace(tiles[0], scissor=None)
-    image = call(pictures.draw_image, unclipped, tiles[1], NATIVE)
-    assert np.array_equal(image, pictures.read_image(reference, unclipped, tiles[1], NATIVE))
-    assert np.array_equal(
-        call(pictures.draw_image, *tiles, NATIVE), pictures.read_image(reference, *tiles, NATIVE)
-    )
+    frame, triangles = tiles
+    for case in (frame, replace(frame, scissor=None), frame):
+        image = call(pictures.draw_image, case, triangles, NATIVE)
+        assert np.array_equal(image, pictures.read_image(reference, case, triangles, NATIVE))
 
 
 def test_reference_counts_only_pixels_of_the_window(reference, tiles):
@@ -114,11 +109,9 @@ def test_hidden_tiles_are_drawn(llvmpipe, monkeypatch):
     frame, triangles = loose_triangles(layer * 3, 256)
     cut = replace(frame, scissor=(64, 64, 128, 128), tiles=np.array([0, 1, 2, 3]))
     assert llvmpipe.draw_and_count(cut, triangles, NATIVE)["samples_passed"] == 3 * 128**2
-    calls: list[slice] = []
-    draw = Mesh.draw_rows
-    monkeypatch.setattr(
-        Mesh, "draw_rows", lambda mesh, rows, *more: (calls.append(rows), draw(mesh, rows))
-    )
+    calls, draw = [], Mesh.draw_rows
+    record = lambda mesh, rows, *more: (calls.append(rows), draw(mesh, rows))  # noqa: E731
+    monkeypatch.setattr(Mesh, "draw_rows", record)
     with llvmpipe.prepare(cut, triangles, NATIVE) as drawing:
         drawing.sample(2)
     assert calls == 2 * [slice(0, 1), slice(1, 2), slice(2, 3)]
@@ -141,9 +134,8 @@ def test_rasterisers_without_scissor_refuse_tiles(tiles):
     rasteriser: Rasteriser = UnclippedRasteriser()
     with pytest.raises(UsageError, match="pyrender does not support map tiles"):
         rasteriser.draw_and_count(*tiles, NATIVE)
-    assert (
-        rasteriser._check_and_order(replace(tiles[0], scissor=None), tiles[1], NATIVE) is not None
-    )
+    unclipped = replace(tiles[0], scissor=None)
+    assert rasteriser._check_and_order(unclipped, tiles[1], NATIVE) is not None
 
 
 def test_record_has_the_sum_of_each_counter_by_tile(tiles):

@@ -64,16 +64,14 @@ def index_buffers(count: int) -> list[np.ndarray]:
     buffers = []
     for seed in range(count):
         rng = np.random.default_rng(seed)
-        vertices = int(rng.integers(3, 300))
-        size = int(rng.integers(1, 600))
+        vertices, size = int(rng.integers(3, 300)), int(rng.integers(1, 600))
         if seed % 2:
             rows = np.array([rng.permutation(vertices)[:3] for _ in range(size)])
         else:  # triangles with near neighbours
             rows = (np.sort(rng.integers(0, vertices, size))[:, None] + [0, 1, 2]) % vertices
-        triangles = rows.astype(np.int32)
+        buffers.append(rows.astype(np.int32))
         if seed % 4 == 0:
-            triangles = sort_for_vertex_cache(triangles, vertices, int(rng.integers(4, 33)))
-        buffers.append(triangles)
+            buffers[-1] = sort_for_vertex_cache(buffers[-1], vertices, int(rng.integers(4, 33)))
     return buffers
 
 
@@ -101,12 +99,9 @@ def test_meshoptimizer_counts_the_same():
 
 def test_records_count_the_order_as_drawn(tmp_path, monkeypatch):
     monkeypatch.setattr(MockRasteriser, "draws_indexed", True)
-    plan = make_plan(
-        "city:buildings=40",
-        triangulators=("delaunay",),
-        rasterisers=(MOCK, "binning"),
-        options=tuple(Options(order=order) for order in ORDERS),
-    )
+    options = tuple(Options(order=order) for order in ORDERS)
+    both = {"rasterisers": (MOCK, "binning"), "options": options}
+    plan = make_plan("city:buildings=40", triangulators=("delaunay",), **both)
     outcome = measure(plan, tmp_path / "out")
     frame = make_scene_frame(load(plan.scene), plan.views[0])
     parts = triangulate_polygons(parse("delaunay"), frame.polygons).parts

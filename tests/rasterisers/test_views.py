@@ -13,7 +13,6 @@ from harness.frame import Frame, get_scene_view, make_bare_frame, make_scene_fra
 from harness.measuring import tasks
 from harness.models.seen import read
 from harness.rasterisers import Options, get
-from harness.rasterisers.reference import find_disagreements
 from harness.triangulating.carrying import carry_to_views, make_original_triangulation
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
@@ -21,6 +20,7 @@ from harness.viewing import Viewing
 from tests.models.various import make_solid
 from tests.rasterisers import pictures
 from tests.rasterisers.conftest import (
+    find_errors,
     open_on,
     require_covering_triangles,
     require_reference_counts,
@@ -106,7 +106,7 @@ def test_pictures_with_depth_equal_the_reference_except_ties(on_device, depth_vi
     # A later draw without depths has no depth test.
     flat = replace(frame, viewing=replace(frame.viewing, depths=None))
     counted = call(tasks.draw_and_count, flat, rows, NATIVE)
-    assert find_disagreements(flat, counted, reference.draw_and_count(flat, rows, NATIVE)) == []
+    assert find_errors(reference, counted, flat, rows) == []
 
 
 def test_views_are_timed_with_depths_too(on_device, views, depth_views):
@@ -122,17 +122,11 @@ def make_sheets(depths: list[int]) -> tuple[Frame, np.ndarray]:
     count = len(depths)
     frame = make_bare_frame(16, np.tile(square, (count, 1)), 4)
     rows = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
-    viewing = Viewing(
-        pixels=16,
-        names=("",),
-        pieces=frame.grid,
-        depths=np.repeat(np.array(depths, np.int32), 4),
-        source=np.arange(count),
-        piece_offsets=np.array([0, count]),
-        polygon_triangles=(rows,) * count,
-        other_triangles={},
-        ranks=np.arange(2 * count),
-    )
+    pieces = {"pieces": frame.grid, "piece_offsets": np.array([0, count])}
+    triangles = {"polygon_triangles": (rows,) * count, "other_triangles": {}}
+    order = {"source": np.arange(count), "ranks": np.arange(2 * count)}
+    depths = np.repeat(np.array(depths, np.int32), 4)
+    viewing = Viewing(pixels=16, names=("",), depths=depths, **pieces, **triangles, **order)
     frame = replace(frame, tiles=viewing.piece_offsets, viewing=viewing)
     return frame, frame.join_triangles([rows] * count)
 
@@ -182,12 +176,10 @@ def make_partly_hidden() -> tuple[Frame, np.ndarray]:
 
 
 def test_hidden_pixels_of_a_quad_are_not_counted(reference, llvmpipe):
-    frame, rows = make_partly_hidden()
-    drawn, exact = (
-        rasteriser.draw_and_count(frame, rows, NATIVE) for rasteriser in (llvmpipe, reference)
-    )
+    case = make_partly_hidden()
+    drawn = llvmpipe.draw_and_count(*case, NATIVE)
     assert drawn["fragments"].tolist() == [144, 196 - 144]
-    assert find_disagreements(frame, drawn, exact) == []
+    assert find_errors(reference, drawn, *case) == []
 
 
 def test_drivers_with_late_depth_test_or_without_helper_lanes_are_refused(llvmpipe, monkeypatch):

@@ -1,5 +1,6 @@
 """WebGPU on the adapters of this machine, in separate processes, compared with the reference."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -7,13 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 
+from harness import rasterisers
 from harness.errors import NoRasteriserError, UsageError
 from harness.grid import round_points
 from harness.measuring import tasks
 from harness.rasterisers import Device, Options, devices, find_device, get
-from harness.rasterisers.reference import SHADED, find_disagreements
+from harness.rasterisers.reference import SHADED
 from tests.rasterisers import pictures
-from tests.rasterisers.conftest import Call, loose_triangles, open_on, random_triangles
+from tests.rasterisers.conftest import (
+    Call,
+    find_errors,
+    loose_triangles,
+    open_on,
+    random_triangles,
+)
 
 DEVICES = ("llvmpipe", "lavapipe")
 
@@ -25,16 +33,14 @@ def on_device(request: pytest.FixtureRequest) -> Iterator[Call]:
 
 
 def test_options_change_no_count_and_no_picture(on_device, reference):
-    frame, triangles = random_triangles(seed=250, size=250, number=150, grid=1)
-    exact = reference.draw_and_count(frame, triangles, Options())
+    case = random_triangles(seed=250, size=250, number=150, grid=1)
     for options in (Options(), Options(work=50), Options(order="shuffled", seed=3)):
-        drawn = on_device(tasks.draw_and_count, frame, triangles, options)
+        drawn = on_device(tasks.draw_and_count, *case, options)
         assert set(drawn) == set(SHADED)
-        assert find_disagreements(frame, drawn, exact) == []
-        drawn = on_device(pictures.draw_image, frame, triangles, options)
-        assert np.array_equal(
-            drawn, pictures.read_image(reference, frame, triangles, replace(options, work=0))
-        )
+        assert find_errors(reference, drawn, *case) == []
+        drawn = on_device(pictures.draw_image, *case, options)
+        expected = pictures.read_image(reference, *case, replace(options, work=0))
+        assert np.array_equal(drawn, expected)
 
 
 def test_long_slivers_need_more_than_32_bits(on_device, reference):
@@ -45,10 +51,7 @@ def test_long_slivers_need_more_than_32_bits(on_device, reference):
     apexes = np.clip(ends[:, :1] + rng.integers(-300, 300, (40, 1, 2)), 256, (size - 1) * 256)
     frame, triangles = loose_triangles(np.concatenate([ends, apexes], axis=1), size)
     drawn = on_device(tasks.draw_and_count, frame, triangles, Options())
-    assert (
-        find_disagreements(frame, drawn, reference.draw_and_count(frame, triangles, Options()))
-        == []
-    )
+    assert find_errors(reference, drawn, frame, triangles) == []
     assert drawn["fragments"].sum() > 50_000
 
 
@@ -115,10 +118,7 @@ def test_coarse_grid_is_detected_and_used(on_device, reference):
     step, counted, picture = on_device(count_on_coarse_grid, frame, triangles, Options())
     assert step == 16
     coarse = frame.with_points(round_points(frame.points, 16))
-    assert (
-        find_disagreements(coarse, counted, reference.draw_and_count(coarse, triangles, Options()))
-        == []
-    )
+    assert find_errors(reference, counted, coarse, triangles) == []
     assert np.array_equal(picture, pictures.read_image(reference, coarse, triangles, Options()))
     assert on_device(tasks.open_device).details["subpixel_bits"] == 8
 
@@ -131,10 +131,7 @@ def test_swiftshader_counters_equal_the_reference_on_its_grid(reference):
         assert (details["step"], details["subpixel_bits"]) == (16, 4)
         counted = call(tasks.draw_and_count, frame, triangles, Options())
         picture = call(pictures.draw_image, frame, triangles, Options())
-    assert (
-        find_disagreements(moved, counted, reference.draw_and_count(moved, triangles, Options()))
-        == []
-    )
+    assert find_errors(reference, counted, moved, triangles) == []
     assert np.array_equal(picture, pictures.read_image(reference, moved, triangles, Options()))
 
 
@@ -148,9 +145,17 @@ def test_unsupported_options_are_refused(on_device):
         on_device(count_with_limit_of_32_px, frame, triangles, Options())
 
 
-def make_adapter(device: str, backend: str, kind: str = "DiscreteGPU") -> dict[str, str]:
-    empty = dict.fromkeys(("vendor", "architecture", "description"), "")
-    return {**empty, "device": device, "adapter_type": kind, "backend_type": backend}
+def make_adapter(name: str) -> dict[str, str]:
+    """Return the facts of an adapter, "<kind>: <device> on <backend>"."""
+    kind, device, backend = re.split(": | on ", name)
+    facts = {"device": device, "adapter_type": kind, "backend_type": backend}
+    return dict.fromkeys(("vendor", "architecture", "description"), "") | facts
+
+
+H100 = "DiscreteGPU: NVIDIA H100 on Vulkan, DiscreteGPU: NVIDIA H100/PCIe/SSE2 on OpenGL"
+LLVMPIPE = "CPU: llvmpipe (LLVM 15) on Vulkan, CPU: llvmpipe (LLVM 15) on OpenGL"
+RTX = "DiscreteGPU: NVIDIA RTX on D3D12, CPU: Microsoft Basic Render on D3D12"
+MALI, M3 = "IntegratedGPU: Mali-G52 (Panfrost) on OpenGL", "IntegratedGPU: Apple M3 on Metal"
 
 
 @pytest.mark.parametrize(
@@ -158,40 +163,22 @@ def make_adapter(device: str, backend: str, kind: str = "DiscreteGPU") -> dict[s
     [
         (
             "linux",
-            [
-                make_adapter("NVIDIA H100", "Vulkan"),
-                make_adapter("AMD Radeon", "Vulkan"),
-                make_adapter("NVIDIA H100/PCIe/SSE2", "OpenGL"),
-                make_adapter("llvmpipe (LLVM 15)", "Vulkan", "CPU"),
-                make_adapter("llvmpipe (LLVM 15)", "OpenGL", "CPU"),
-            ],
+            f"{H100}, DiscreteGPU: AMD Radeon on Vulkan, {LLVMPIPE}",
             ["gpu0: NVIDIA H100 on Vulkan", "gpu1: AMD Radeon on Vulkan"],
         ),
-        (
-            "linux",
-            [make_adapter("Mali-G52 (Panfrost)", "OpenGL", "IntegratedGPU")],
-            ["gpu0: Mali-G52 (Panfrost) on OpenGL"],
-        ),
-        (
-            "darwin",
-            [make_adapter("Apple M3", "Metal", "IntegratedGPU")],
-            ["gpu0: Apple M3 on Metal"],
-        ),
+        ("linux", MALI, ["gpu0: Mali-G52 (Panfrost) on OpenGL"]),
+        ("darwin", M3, ["gpu0: Apple M3 on Metal"]),
         (
             "win32",
-            [
-                make_adapter("NVIDIA RTX", "D3D12"),
-                make_adapter("Microsoft Basic Render Driver", "D3D12", "CPU"),
-                make_adapter("NVIDIA RTX", "Vulkan"),
-            ],
-            ["gpu0: NVIDIA RTX on D3D12", "warp: Microsoft Basic Render Driver on D3D12"],
+            f"{RTX}, DiscreteGPU: NVIDIA RTX on Vulkan",
+            ["gpu0: NVIDIA RTX on D3D12", "warp: Microsoft Basic Render on D3D12"],
         ),
     ],
 )
 def test_gpu_is_listed_once_for_several_drivers(monkeypatch, system, adapters, names):
     monkeypatch.setattr(devices.sys, "platform", system)
     monkeypatch.setattr(devices, "find_vulkan_environment", lambda patterns: None)
-    answer = {"devices": adapters, "problems": []}
+    answer = {"devices": [make_adapter(name) for name in adapters.split(", ")], "problems": []}
     monkeypatch.setattr(devices, "run_probes", lambda probes: [answer for _ in probes])
     listed, problems = devices.list_webgpu_devices.__wrapped__()
     described = [
@@ -200,24 +187,19 @@ def test_gpu_is_listed_once_for_several_drivers(monkeypatch, system, adapters, n
         if device.name != "llvmpipe"
     ]
     assert described == names
-    assert [device.software for device in listed] == [
-        not device.name.startswith("gpu") for device in listed
-    ]
+    assert all(device.software != device.name.startswith("gpu") for device in listed)
     assert problems == ()
 
 
 def test_missing_wgpu_gets_an_install_command(monkeypatch):
-    monkeypatch.setattr(
-        devices, "list_webgpu_devices", lambda: ((), ("gpu: No module named 'wgpu'",))
-    )
+    answer = (), ("gpu: No module named 'wgpu'",)
+    monkeypatch.setattr(devices, "list_webgpu_devices", lambda: answer)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(NoRasteriserError, match=r"pip install .*\[webgpu\]"):
         find_device("webgpu")
 
 
 def test_default_rasteriser(monkeypatch):
-    from harness import rasterisers
-
     assert rasterisers.choose_default_rasteriser() == "opengl"
     monkeypatch.setattr(get("opengl"), "devices", classmethod(lambda cls: []))
     assert rasterisers.choose_default_rasteriser() == "webgpu"
