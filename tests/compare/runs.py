@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from harness.results.run_folder import Run, read_run
+from tests.records import CASE
 
 TRIANGULATORS = {
     "fan": (70_373, 99_275, 3.0e-3),
@@ -34,17 +35,11 @@ def make_case(
     quads, helpers, seconds = TRIANGULATORS[triangulator]
     times = make_time_without_median(f"{triangulator} {seed}", seconds / speed, noise)
     return {
+        **CASE,
         "key": f"{list(TRIANGULATORS).index(triangulator):016x}",
-        "scene": "city",
-        "scene_hash": "c17c17c17c17c17c",
         "triangulator": triangulator,
-        "rasteriser": "opengl",
-        "device": "llvmpipe",
-        "resolution": 1024,
-        "rotation": 0.0,
         "fit": "box",
         "options": {"samples": 1, "work": 0, "order": "native", "seed": 0},
-        "status": "ok",
         "reason": None,
         "polygons": 500,
         "vertices": 5_000,
@@ -103,20 +98,14 @@ def write_run(
                 edits[key](entry)
         lines.append(json.dumps(entry))
     (path / "cases.jsonl").write_text("".join(f"{line}\n" for line in lines))
+    git = {"commit": f"{seed:02d}" * 20, "dirty": False}
+    details = {"renderer": "llvmpipe (LLVM 15.0.6, 256 bits)", "version": "4.5"}
     content = {
         "schema_version": 1,
         "created": f"2026-01-{seed:02d}T12:00:00Z",
         "plan": make_plan(leave_out),
-        "environment": {
-            "harness": "0.1.0",
-            "git": {"commit": f"{seed:02d}" * 20, "dirty": False},
-            **machine,
-        },
-        "devices": {
-            "opengl on llvmpipe": {
-                "details": {"renderer": "llvmpipe (LLVM 15.0.6, 256 bits)", "version": "4.5"}
-            }
-        },
+        "environment": {"harness": "0.1.0", "git": git, **machine},
+        "devices": {"opengl on llvmpipe": {"details": details}},
         "warnings": [],
         **(facts or {}),
     }
@@ -166,10 +155,8 @@ def pair_rounds(share: float = 0.0) -> Edit:
 
     def edit(entry: dict[str, Any]) -> None:
         generator = random.Random(f"{entry['triangulator']} {share}")
-        timing = entry["time"]
-        timing["samples_s"] = [
-            round(s * (1 + share) * (1 + generator.gauss(0, 0.005)), 9) for s in timing["samples_s"]
-        ]
+        growth = lambda: (1 + share) * (1 + generator.gauss(0, 0.005))  # noqa: E731
+        entry["time"]["samples_s"] = [round(s * growth(), 9) for s in entry["time"]["samples_s"]]
 
     return edit
 

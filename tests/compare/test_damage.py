@@ -61,20 +61,6 @@ def test_invalid_number_skips_the_record(name, value):
     assert run.problems[0].endswith("; record ignored")
 
 
-def test_damaged_record_is_reported_with_its_line(harness):
-    def damage(entry):
-        entry["counters"] = {"quads": "many"}
-
-    write_pair(edits={"delaunay": damage})
-    code, out, _ = harness("compare", "base", "head")
-    assert code == 1
-    problem = "counters.quads: Input should be a valid integer; record ignored"
-    assert f"HEAD: head/cases.jsonl, line 3: {problem}" in out
-    assert out.startswith(
-        "Regression: delaunay, city 1024 px, opengl on llvmpipe: measured in BASE"
-    )
-
-
 @pytest.mark.parametrize("content", ["[]", "3", '"text"', "null", "{", '{"devices": 3}'])
 def test_a_damaged_run_json_is_reported(harness, content):
     write_pair()

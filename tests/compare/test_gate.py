@@ -18,7 +18,7 @@ from harness.compare.wording import build_tables, format_headline
 from harness.errors import IncompatibleRunsError, UsageError
 from harness.metrics.groups import IDENTIFYING_CRITERIA
 from harness.rasterisers.reference import Binning
-from harness.results.run_folder import Run, read_run
+from harness.results.run_folder import read_run
 from scripts.repeated_runs import compare_repeated
 from tests.compare.runs import (
     SCENARIOS,
@@ -61,12 +61,11 @@ def compare(tmp_path: Path, base: Edit, head: Edit, settings: Settings = COUNTER
     ],
 )
 def test_fields_of_the_identity_distinguish_cases(field, value):
-    make_edited = {"fit": "box", **make_case("delaunay", seed=1)}
-    name, other, same = (
-        make_record(**make_edited | change).id for change in ({}, {field: value}, {"polygons": 3})
+    case = make_case("delaunay", seed=1)
+    changed, recounted = (
+        make_record(**case | change) for change in ({field: value}, {"polygons": 3})
     )
-    assert name != other
-    assert name == same
+    assert changed.id != make_record(**case).id == recounted.id
 
 
 def test_counters_of_the_binner_and_of_the_order_are_gated(tmp_path):
@@ -247,10 +246,8 @@ def test_planned_rasteriser_without_records_is_a_regression(tmp_path):
 
     facts = {"plan": make_plan(rasterisers=["opengl", "theirs"])}
     cases = [make_case(name, seed=1) for name in TRIANGULATORS]
-    theirs = [
-        case | {"key": f"f{case['key'][1:]}", "rasteriser": "theirs", "device": "asic"}
-        for case in cases
-    ]
+    asic = {"rasteriser": "theirs", "device": "asic"}
+    theirs = [{**case, "key": f"f{case['key'][1:]}", **asic} for case in cases]
     base, head = make_run([*cases, *theirs], **facts), make_run(cases, **facts)
     comparison = compare_runs(base, head)
     assert {case.id.rasteriser for case in comparison.list_regressed_cases()} == {"theirs"}
@@ -337,11 +334,10 @@ def test_one_case_on_another_device_is_detected():
 
 def test_missing_case_is_a_regression_only_with_require_all():
     name = make_record("fan").id
+    cases = (CaseChange(name, "only-base"), CaseChange(name, "only-head"))
     for require_all, expected in ((True, [True, False]), (False, [False, False])):
-        comparison = compare_without_baseline(
-            "base", Run(Path("head"), {}, []), Settings(require_all=require_all)
-        )
-        cases = (CaseChange(name, "only-base"), CaseChange(name, "only-head"))
+        settings = Settings(require_all=require_all)
+        comparison = compare_without_baseline("base", make_run([]), settings)
         assert [comparison.is_regressed(case) for case in cases] == expected
 
 
@@ -355,11 +351,11 @@ def test_driver_version_may_change_and_device_may_not():
 
 def test_devices_of_every_rasteriser_are_compared(tmp_path):
     """The runs share the device of opengl; those of webgpu differ, so its cases have no pair."""
-    first, second = (
-        {"fan": lambda record, to=device: record.update(rasteriser="webgpu", device=to)}
-        for device in ("lavapipe", "swiftshader")
-    )
-    runs = read_pair(tmp_path, {"edits": first}, edits=second)
+
+    def on(device: str) -> dict[str, Edit]:
+        return {"fan": lambda record: record.update(rasteriser="webgpu", device=device)}
+
+    runs = read_pair(tmp_path, {"edits": on("lavapipe")}, edits=on("swiftshader"))
     with pytest.raises(IncompatibleRunsError, match=r"webgpu: BASE ran on lavapipe and HEAD on sw"):
         compare_runs(*runs, Settings())
     assert len(compare_runs(*runs, Settings(across_devices=True)).cases) == len(TRIANGULATORS)

@@ -48,13 +48,10 @@ def year(tmp_path) -> Path:
     return tmp_path
 
 
-def test_runs_are_ordered_by_creation(year):
-    runs = find_runs([year, year / "run-98"])[0]
+def test_changes_have_positions_in_the_order_of_creation(year):
+    runs = find_runs([year, year / "run-98"])[0]  # the first run, twice
     assert [run.path.name for run in runs] == [f"run-{99 - number}" for number in range(1, 17)]
-
-
-def test_changes_have_the_expected_positions(year):
-    series = read_series(find_runs([year])[0])
+    series = read_series(runs)
     changes = {(s.metric, s.id.name): s.changes for s in series if s.changes}
     assert changes == {
         ("quads", "ear-clipping"): (5,),

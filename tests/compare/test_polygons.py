@@ -79,10 +79,8 @@ def test_growths_are_in_descending_order(monkeypatch):
     arrays = {name: {"quads": np.array(array)} for name, array in counts.items()}
     monkeypatch.setattr(polygons, "_read_counters", lambda run, _: arrays[run])
     record = make_record()
-    assert list(polygons._find_growths("base", "head", Match("", record, record))) == [
-        ("quads", 2, 7, 10),
-        ("quads", 0, 5, 6),
-    ]
+    growths = polygons._find_growths("base", "head", Match("", record, record))
+    assert list(growths) == [("quads", 2, 7, 10), ("quads", 0, 5, 6)]
 
 
 def test_polygons_of_several_cases_are_sorted_by_growth(runs, monkeypatch):
@@ -126,12 +124,8 @@ def test_polygon_is_drawn_alone_near_the_origin(monkeypatch):
 
 
 def test_columns_that_are_not_counters_are_ignored(monkeypatch):
-    columns = {
-        "helper_lanes": np.array([3.0, 4.0]),
-        "quads": np.ones((2, 2)),
-        "bbox_tests": np.array(["1", "2"]),
-        "fragments": np.array([5, 6]),
-    }
+    columns = {"helper_lanes": np.array([3.0, 4.0]), "quads": np.ones((2, 2))}
+    columns |= {"bbox_tests": np.array(["1", "2"]), "fragments": np.array([5, 6])}
     monkeypatch.setattr("harness.compare.polygons.read_arrays", lambda *_: columns)
     counters = _read_counters(Run(Path("run"), {}, []), make_record())
     assert {name: column.tolist() for name, column in counters.items()} == {"helper_lanes": [3, 4]}

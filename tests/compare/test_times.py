@@ -164,10 +164,8 @@ def test_difference_between_processes_is_inconclusive():
     rng = np.random.default_rng(11)
     base = np.exp(0.001 * rng.standard_normal(60))
     times = {"timer": "wall", "reference_s": [1e-3] * 60, "epochs": [5] * 12, "processes": [30, 30]}
-    records = [
-        make_record(time={**times, "samples_s": samples.tolist()})
-        for samples in (base, base * np.exp(level))
-    ]
+    samples = (base.tolist(), (base * np.exp(level)).tolist())
+    records = [make_record(time={**times, "samples_s": samples_s}) for samples_s in samples]
     pair = read_pair(*records, same_work=True)
     assert isinstance(pair, Pair)
     changes, drift = compare([pair, pair])
@@ -358,9 +356,8 @@ def test_equal_drawings_are_not_tested():
     equal = [replace(case, head=case.base, same_drawing=True) for case in cases[1:]]
     changes, drift = compare([cases[0], *equal])
     assert changes[0].q_value == changes[0].p_value == single[0].p_value
-    assert {(c.outcome, c.against, c.ratio, c.q_value) for c in changes[1:]} == {
-        ("unchanged", "same-triangles", None, None)
-    }
+    shared = {(c.outcome, c.against, c.ratio, c.q_value) for c in changes[1:]}
+    assert shared == {("unchanged", "same-triangles", None, None)}
     assert drift is None
     _, drift = compare([*cases[:2], *equal])
     assert drift.cases == 2

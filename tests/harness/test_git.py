@@ -50,10 +50,9 @@ def test_git_starts_no_program_of_the_repository(project, tmp_path):
     git(project, "commit", "-q", "-m", "second")
     for kind in ("clean", "smudge", "process"):
         git(project, "config", f"filter.theirs.{kind}", str(program))
+    for setting in ("core.fsmonitor", "diff.external", "core.sshCommand"):
+        git(project, "config", setting, str(program))
     git(project, "config", "filter.theirs.required", "true")
-    git(project, "config", "core.fsmonitor", str(program))
-    git(project, "config", "diff.external", str(program))
-    git(project, "config", "core.sshCommand", str(program))
     git(project, "config", "remote.origin.url", "ssh://host/repository")
     git(project, "config", "remote.origin.promisor", "true")
     marker.unlink(missing_ok=True)
@@ -90,6 +89,5 @@ def test_paths_of_any_bytes(name, tmp_path, monkeypatch):
     assert state == {"name": name.decode(errors="replace"), "commit": commit, "dirty": False}
     with check_out(folder, commit) as copy:
         assert copy.name == folder.name
-    assert (
-        subprocess.run(["git", "worktree", "prune", "-n", "-v"], capture_output=True).stderr == b""
-    )
+    pruned = subprocess.run(["git", "worktree", "prune", "-n", "-v"], capture_output=True)
+    assert pruned.stderr == b""

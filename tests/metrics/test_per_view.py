@@ -108,8 +108,7 @@ def test_statistics_are_sums_with_intervals_over_views():
 )
 def test_few_tiles_have_no_interval(tiles, note):
     base, other = (
-        record(fields["triangulator"], fields[VIEWS]["helper_lanes"][:tiles])
-        for fields in (BASE, OTHER)
+        record(case["triangulator"], case[VIEWS]["helper_lanes"][:tiles]) for case in (BASE, OTHER)
     )
     line = describe([base, other])[0]
     assert f"({note} too few for intervals): flips:l1 0." in line

@@ -70,9 +70,8 @@ def test_threads_that_wait_for_each_other_are_not_disturbed():
 
 def test_few_drawings_with_two_modes_do_not_disturb_a_run():
     rng = np.random.default_rng(12)
-    one, another = (
-        simulate_run(rng, machine, (1.0,))[0] for machine in (machines.two_speeds, machines.quiet)
-    )
+    kinds = (machines.two_speeds, machines.quiet)
+    one, another = (simulate_run(rng, machine, (1.0,))[0] for machine in kinds)
     many = [another.with_id(triangulator=str(number)) for number in range(11)]
     assert assess_records([one, *many[:8]]).state == DISTURBED
     assert assess_records([one, *many]).state == QUIET

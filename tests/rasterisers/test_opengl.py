@@ -100,15 +100,13 @@ def test_two_rasterisers_share_a_process(opened, reference):
     """Each makes its own context current, also while the other's drawings are alive."""
     frame, triangles = random_triangles(seed=13, size=128, number=30, grid=1)
     exact = reference.draw_and_count(frame, triangles, Options())
-    with (
-        opened("opengl").prepare(frame, triangles, Options()) as drawn,
-        opened("bounding-box").prepare(frame, triangles, Options()) as walked,
-    ):
+    opengl, boxes = opened("opengl"), opened("bounding-box")
+    case = (frame, triangles, Options())
+    with opengl.prepare(*case) as drawn, boxes.prepare(*case) as walked:
         for _ in range(3):
             assert drawn.sample(1).wall > 0
             assert walked.sample(1).wall > 0
-        counted = opened("opengl").draw_and_count(frame, triangles, Options())
-        tested = opened("bounding-box").draw_and_count(frame, triangles, Options())
+        counted, tested = opengl.draw_and_count(*case), boxes.draw_and_count(*case)
     assert np.array_equal(counted["fragments"], exact["fragments"])
     assert np.array_equal(tested["bbox_tests"], exact["bbox_tests"])
 

@@ -14,9 +14,8 @@ from tests.rasterisers.conftest import loose_triangles, random_triangles
 def test_orders_permute_triangles_without_changing_them(number, order, seed):
     frame, triangles = random_triangles(seed=1, size=512, number=max(number, 1), grid=1)
     triangles = triangles[:number]
-    ordered, again = (
-        order_submission(frame, triangles, Options(order=order, seed=seed)) for _ in range(2)
-    )
+    case = (frame, triangles, Options(order=order, seed=seed))
+    ordered, again = (order_submission(*case) for _ in range(2))
     assert sorted(map(tuple, ordered)) == sorted(map(tuple, triangles))
     assert np.array_equal(ordered, again)
 

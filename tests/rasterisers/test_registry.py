@@ -98,8 +98,8 @@ def test_third_party_rasteriser_that_fails_to_load_is_refused(plugin, value, mes
 def test_first_working_environment_is_used(monkeypatch):
     """Of two environments for zink, only the second opens zink."""
     answers = {
-        "first": {"devices": [{"renderer": "llvmpipe", "egl_index": 0}], "problems": []},
-        "second": {"devices": [{"renderer": "zink (x)", "egl_index": 0}], "problems": []},
+        name: {"devices": [{"renderer": renderer, "egl_index": 0}], "problems": []}
+        for name, renderer in (("first", "llvmpipe"), ("second", "zink (x)"))
     }
     names = ("first", "second", "second")
     kinds = [devices.DeviceKind("zink", {"WAY": name}, ("egl", "software")) for name in names]

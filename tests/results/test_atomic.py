@@ -163,9 +163,8 @@ def test_standard_output_is_written_into(tmp_path, to_file):
     code += "write_atomically(Path('/dev/stdout'), 'text')"
     target = tmp_path / "out"
     with target.open("wb") as file:
-        done = subprocess.run(
-            [sys.executable, "-c", code], stdout=file if to_file else subprocess.PIPE, check=True
-        )
+        stdout = file if to_file else subprocess.PIPE
+        done = subprocess.run([sys.executable, "-c", code], stdout=stdout, check=True)
     assert (target.read_bytes() if to_file else done.stdout) == b"text"
 
 

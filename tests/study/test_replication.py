@@ -48,10 +48,8 @@ def gains(triangulator: str, base: str, ratio: float, lanes: float = 0.9) -> pd.
 
 
 def get_verdicts(evidence: Evidence) -> dict[str, bool | None]:
-    return {
-        claim.sentence: None if figure is None else figure.holds
-        for claim, figure in evaluate_claims(evidence)
-    }
+    findings = evaluate_claims(evidence)
+    return {claim.sentence: finding and finding.holds for claim, finding in findings}
 
 
 EAR_CLIPPING = {"overdraw": 0.86, "half_perimeter": 0.98, "expected_quads": 0.99}
@@ -230,9 +228,8 @@ def test_study_with_failed_parts_is_inconclusive(harness, monkeypatch):
     monkeypatch.setattr("harness.measuring.run.run", lambda *_: None)
     monkeypatch.setattr("harness.results.run_folder.read_run", lambda folder: folder)
     asked = []
-    monkeypatch.setattr(
-        "harness.commands.study_gains.write_gains", lambda runs, *_: asked.extend(runs)
-    )
+    write_gains = lambda runs, *_: asked.extend(runs)  # noqa: E731
+    monkeypatch.setattr("harness.commands.study_gains.write_gains", write_gains)
     tables = make_good_evidence()
     monkeypatch.setattr("harness.study.replication.read_evidence", lambda folder: tables)
     code, out, err = harness("study", "all", "city", "--out", "out")
