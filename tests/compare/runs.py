@@ -155,8 +155,10 @@ def pair_rounds(share: float = 0.0) -> Edit:
 
     def edit(entry: dict[str, Any]) -> None:
         generator = random.Random(f"{entry['triangulator']} {share}")
-        growth = lambda: (1 + share) * (1 + generator.gauss(0, 0.005))  # noqa: E731
-        entry["time"]["samples_s"] = [round(s * growth(), 9) for s in entry["time"]["samples_s"]]
+        entry["time"]["samples_s"] = [
+            round(s * (1 + share) * (1 + generator.gauss(0, 0.005)), 9)
+            for s in entry["time"]["samples_s"]
+        ]
 
     return edit
 

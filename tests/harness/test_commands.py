@@ -130,8 +130,9 @@ def test_profile_reports_webgpu_in_place_of_opengl(harness, monkeypatch):
 
 def test_inspect_numbers_polygons_as_the_scene_does(harness, block, monkeypatch):
     names = []
-    draw = lambda frame, *_: names.extend(frame.source.tolist())  # noqa: E731
-    monkeypatch.setattr("harness.heatmaps.draw_heatmaps", draw)
+    monkeypatch.setattr(
+        "harness.heatmaps.draw_heatmaps", lambda frame, *_: names.extend(frame.source.tolist())
+    )
     code, out, _ = harness("inspect", str(block), "--polygon", "2")
     assert (code, names) == (0, [2])
     assert "counted from 0" not in out

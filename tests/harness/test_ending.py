@@ -24,6 +24,7 @@ from tests.measuring.test_run import make_plan, measure
 from tests.paths import ROOT
 
 pytestmark = pytest.mark.usefixtures("no_plots")
+WRITE_REPORT = "harness.report.page.write_report"
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +51,7 @@ def fail_with(error: BaseException, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object, **__: object) -> None:
         raise error
 
-    monkeypatch.setattr("harness.report.page.write_report", fail)
+    monkeypatch.setattr(WRITE_REPORT, fail)
 
 
 @pytest.mark.parametrize(
@@ -108,8 +109,7 @@ def test_the_log_has_workers_retries_and_the_exit_code(harness):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_anywhere_is_130(harness, stored, monkeypatch, number):
-    send = lambda *_, **__: signal.raise_signal(number)  # noqa: E731
-    monkeypatch.setattr("harness.report.page.write_report", send)
+    monkeypatch.setattr(WRITE_REPORT, lambda *_, **__: signal.raise_signal(number))
     before = signal.getsignal(number)
     code, _, err = harness("report", "run")
     assert code == 130
@@ -124,7 +124,7 @@ def test_commands_started_by_nohup_survive_the_terminal(harness, stored, monkeyp
 
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        monkeypatch.setattr("harness.report.page.write_report", hang_up)
+        monkeypatch.setattr(WRITE_REPORT, hang_up)
         assert harness("report", "run")[0] == 0
     finally:
         signal.signal(signal.SIGHUP, before)

@@ -241,8 +241,9 @@ def test_steal_and_other_load_are_measured_over_the_rounds(monkeypatch, others):
     drawings, clock, _ = scripted({"a": 2e-3})
     clock.now = 7.0
     monkeypatch.setattr("harness.machine.system.read_steal_time_s", lambda: 3.0 + 0.5 * clock())
-    read_others = lambda: 7.0 + others * clock()  # noqa: E731
-    monkeypatch.setattr("harness.machine.system.read_other_processes_s", read_others)
+    monkeypatch.setattr(
+        "harness.machine.system.read_other_processes_s", lambda: 7.0 + others * clock()
+    )
     times = time_together(drawings, TimingSettings(), WALL, clock=clock)["a"]
     assert times.timing_s == pytest.approx(clock() - 7.0)
     assert times.stolen_s == pytest.approx(0.5 * times.timing_s)

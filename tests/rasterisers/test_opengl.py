@@ -84,14 +84,13 @@ def test_textured_pixels_are_as_bright_as_the_mean_of_the_texture(llvmpipe):
 
 
 @pytest.mark.parametrize(("software", "calls"), [(True, [1] * 10), (False, [10])])
-def test_every_repeat_is_drawn(llvmpipe, monkeypatch, software, calls):
+def test_every_repeat_is_drawn(llvmpipe, software, calls):
     """A CPU has a call for each repeat, a GPU instances of one call; llvmpipe can use both."""
     frame, triangles = loose_triangles([[256, 256], [255 * 256, 256], [256, 255 * 256]] * 3, 256)
     with llvmpipe.prepare(frame, triangles, Options()) as drawing:
         drawing.software = software
         drawn, draw = [], drawing.draw_rows
-        record = lambda rows, n=1: [drawn.append(n), draw(rows, n)]  # noqa: E731
-        monkeypatch.setattr(drawing, "draw_rows", record)
+        drawing.draw_rows = lambda rows, n=1: [drawn.append(n), draw(rows, n)]
         assert drawing.sample(10).wall > 0
     assert drawn == calls
 
@@ -100,13 +99,13 @@ def test_two_rasterisers_share_a_process(opened, reference):
     """Each makes its own context current, also while the other's drawings are alive."""
     frame, triangles = random_triangles(seed=13, size=128, number=30, grid=1)
     exact = reference.draw_and_count(frame, triangles, Options())
-    opengl, boxes = opened("opengl"), opened("bounding-box")
+    drawer, boxes = opened("opengl"), opened("bounding-box")
     case = (frame, triangles, Options())
-    with opengl.prepare(*case) as drawn, boxes.prepare(*case) as walked:
+    with drawer.prepare(*case) as drawn, boxes.prepare(*case) as walked:
         for _ in range(3):
             assert drawn.sample(1).wall > 0
             assert walked.sample(1).wall > 0
-        counted, tested = opengl.draw_and_count(*case), boxes.draw_and_count(*case)
+        counted, tested = drawer.draw_and_count(*case), boxes.draw_and_count(*case)
     assert np.array_equal(counted["fragments"], exact["fragments"])
     assert np.array_equal(tested["bbox_tests"], exact["bbox_tests"])
 

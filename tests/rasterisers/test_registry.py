@@ -103,9 +103,10 @@ def test_first_working_environment_is_used(monkeypatch):
     }
     names = ("first", "second", "second")
     kinds = [devices.DeviceKind("zink", {"WAY": name}, ("egl", "software")) for name in names]
-    answer = lambda probes: [answers[environment["WAY"]] for _, environment in probes]  # noqa: E731
     monkeypatch.setattr(devices, "_list_egl_kinds", lambda: kinds)
-    monkeypatch.setattr(devices, "run_probes", answer)
+    monkeypatch.setattr(
+        devices, "run_probes", lambda probes: [answers[variables["WAY"]] for _, variables in probes]
+    )
     working, problems = devices.list_egl_devices.__wrapped__()
     assert [(device.name, device.environment["WAY"]) for device in working] == [("zink", "second")]
     assert problems == ("zink: EGL opened 'llvmpipe' instead",)

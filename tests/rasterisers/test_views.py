@@ -187,9 +187,8 @@ def test_drivers_with_late_depth_test_or_without_helper_lanes_are_refused(llvmpi
         late.setattr(llvmpipe.context, "read_query", lambda query: result(query) - 1)
         with pytest.raises(NoRasteriserError, match="does not test depth before shading"):
             llvmpipe.draw_and_count(*case)
-    without_helpers = lambda *mesh: count(*mesh) - [0, 0, 1, 0, 0]  # noqa: E731
     with monkeypatch.context() as patch:
-        patch.setattr(llvmpipe, "_count_per_polygon", without_helpers)
+        patch.setattr(llvmpipe, "_count_per_polygon", lambda *mesh: count(*mesh) - [0, 0, 1, 0, 0])
         with pytest.raises(NoRasteriserError, match="does not report helper invocations"):
             llvmpipe.draw_and_count(*case)
 

@@ -228,8 +228,9 @@ def test_study_with_failed_parts_is_inconclusive(harness, monkeypatch):
     monkeypatch.setattr("harness.measuring.run.run", lambda *_: None)
     monkeypatch.setattr("harness.results.run_folder.read_run", lambda folder: folder)
     asked = []
-    write_gains = lambda runs, *_: asked.extend(runs)  # noqa: E731
-    monkeypatch.setattr("harness.commands.study_gains.write_gains", write_gains)
+    monkeypatch.setattr(
+        "harness.commands.study_gains.write_gains", lambda runs, *_: asked.extend(runs)
+    )
     tables = make_good_evidence()
     monkeypatch.setattr("harness.study.replication.read_evidence", lambda folder: tables)
     code, out, err = harness("study", "all", "city", "--out", "out")
