@@ -10,16 +10,9 @@ import pytest
 from lxml import etree
 from markdown_it import MarkdownIt
 
+from harness.compare import outputs
 from harness.compare.comparison import compare_runs, compare_without_baseline
 from harness.compare.model import Settings
-from harness.compare.outputs import (
-    MARKER,
-    MAX_COMMENT_LENGTH,
-    to_html,
-    to_json,
-    to_junit,
-    to_markdown,
-)
 from harness.compare.wording import format_headline
 from harness.results.run_folder import read_run
 from tests.chromium import LOADED
@@ -76,7 +69,7 @@ def valid_junit(text: str) -> etree._Element:
 
 
 def test_junit_is_valid_and_inconclusive_times_are_skipped_tests(comparison):
-    tree = valid_junit(to_junit(comparison))
+    tree = valid_junit(outputs.to_junit(comparison))
     for suite in tree:
         assert int(suite.get("tests")) == len(suite.findall("testcase"))
     troubled = tree.findall(".//failure") + tree.findall(".//error")
@@ -91,7 +84,7 @@ def test_junit_is_valid_and_inconclusive_times_are_skipped_tests(comparison):
 
 
 def test_json_follows_its_schema(comparison):
-    content = json.loads(json.dumps(to_json(comparison), allow_nan=False))
+    content = json.loads(json.dumps(outputs.to_json(comparison), allow_nan=False))
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
     jsonschema.Draft202012Validator(SCHEMA).validate(content)
     assert content["exit_code"] == comparison.exit_code
@@ -103,7 +96,7 @@ def render(markdown: str) -> etree._Element:
 
 
 def test_markdown_renders_with_the_verdict_first(comparison):
-    text = to_markdown(comparison)
+    text = outputs.to_markdown(comparison)
     page = render(text)
     first = "".join(page[0].itertext()).strip()
     assert page[0].tag == "p"
@@ -112,19 +105,19 @@ def test_markdown_renders_with_the_verdict_first(comparison):
         widths = {len(row) for row in table.iter("tr")}
         assert len(widths) == 1
     assert text.count("<details>") == len(page.findall(".//details"))
-    assert text.rstrip().endswith(MARKER)
+    assert text.rstrip().endswith(outputs.MARKER)
 
 
 def test_markup_in_names_and_reasons_stays_text(markup_comparison):
-    page = render(to_markdown(markup_comparison))
+    page = render(outputs.to_markdown(markup_comparison))
     assert not list(page.iter("img", "script"))
     cells = " ".join("".join(cell.itertext()) for cell in page.iter("td"))
     assert "a|b`c" in cells
     assert "<img src=x onerror=alert(1)>" in cells
     assert "*bold* [x](y)" in cells
-    assert not re.search("[\x00-\x09\x0b-\x1f]", to_markdown(markup_comparison))
-    valid_junit(to_junit(markup_comparison))
-    html = to_html(markup_comparison)
+    assert not re.search("[\x00-\x09\x0b-\x1f]", outputs.to_markdown(markup_comparison))
+    valid_junit(outputs.to_junit(markup_comparison))
+    html = outputs.to_html(markup_comparison)
     assert "<script" not in html
     assert "<img" not in html
 
@@ -143,22 +136,23 @@ def test_markdown_fits_a_comment_and_counts_omitted_tables(tmp_path):
         (folder / "cases.jsonl").write_text("\n".join(entries) + "\n")
         runs.append(read_run(folder))
     comparison = compare_runs(*runs)
-    text = to_markdown(comparison, limit=20_000)
-    full_text = to_markdown(comparison)
-    assert len(text) <= 20_000 < len(full_text) <= MAX_COMMENT_LENGTH
+    text = outputs.to_markdown(comparison, limit=20_000)
+    full_text = outputs.to_markdown(comparison)
+    assert len(text) <= 20_000 < len(full_text) <= outputs.MAX_COMMENT_LENGTH
     omitted = full_text.count("<details>") - text.count("<details>")
     assert f"{omitted} tables omitted" in text
     # The limit leaves room for the line about omitted tables.
-    limit = len(full_text) + 200 - len(f"\n\n{MARKER}\n")
-    assert to_markdown(comparison, limit) == full_text
-    assert "1 table omitted" in to_markdown(comparison, limit - 1)
-    assert all(len(to_markdown(comparison, size)) <= size for size in range(3000, 20_000, 600))
+    limit = len(full_text) + 200 - len(f"\n\n{outputs.MARKER}\n")
+    assert outputs.to_markdown(comparison, limit) == full_text
+    assert "1 table omitted" in outputs.to_markdown(comparison, limit - 1)
+    sizes = range(3000, 20_000, 600)
+    assert all(len(outputs.to_markdown(comparison, size)) <= size for size in sizes)
     assert text.startswith("**Regression:** fan, city 100 px, opengl on llvmpipe: helper lanes")
     assert len(list(render(text).iter("table"))) > 10
 
 
 def test_html_makes_no_requests(comparison):
-    page = to_html(comparison)
+    page = outputs.to_html(comparison)
     # Names of XML namespaces are not requests.
     attributes = re.findall(r'\b(?:src|href|action|poster|data|srcset)\s*=\s*"([^"]*)"', page)
     assert all(value.startswith(("#", "data:")) for value in attributes)
@@ -174,7 +168,7 @@ def test_markdown_escapes_mentions_and_control_characters(tmp_path):
         entry.update(triangulator=name, scene=name)
 
     edits = {next(iter(TRIANGULATORS)): rename}
-    text = to_markdown(compare_runs(*read_pair(tmp_path, {"edits": edits}, edits=edits)))
+    text = outputs.to_markdown(compare_runs(*read_pair(tmp_path, {"edits": edits}, edits=edits)))
     assert text.count("someone") >= 2
     assert "@someone" not in text
     assert "#7" not in text.replace("\\#7", "")
@@ -188,7 +182,7 @@ def test_html_plots_times_with_intervals(tmp_path):
 
     runs = read_pair(tmp_path, edits={"optimal:overdraw": add_time(0.4), "fan": untimed})
     comparison = compare_runs(*runs, Settings(thresholds={"time": 0.25}))
-    page = to_html(comparison)
+    page = outputs.to_html(comparison)
     drawn = {}
     pattern = r'band" x="(.*?)" width="(.*?)".*?M80 .*?M(.*?) 6H(.*?)"/>.*?cx="(.*?)"'
     for row in re.findall('<tr class="[a-z]+"><td>([^<]+)</td>(.*?)</tr>', page, re.DOTALL):
@@ -208,7 +202,7 @@ def test_html_plots_times_with_intervals(tmp_path):
 
 def test_html_opens_without_errors_or_requests(browser, tmp_path):
     page = tmp_path / "page.html"
-    page.write_text(to_html(compare_runs(*read_pair(tmp_path, edits=REAL_REGRESSION))))
+    page.write_text(outputs.to_html(compare_runs(*read_pair(tmp_path, edits=REAL_REGRESSION))))
     browser.open(page, LOADED)
     assert browser.errors == []
     assert browser.requests == [page.as_uri()]

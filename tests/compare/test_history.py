@@ -7,15 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.history import (
-    GROUP_NAME,
-    MAX_SERIES,
-    MIN_STEP,
-    find_exact_changes,
-    find_noisy_changes,
-    find_runs,
-    read_series,
-)
+from harness import history
 from tests.compare.runs import add_cost, add_time, write_run
 from tests.conftest import assert_refused, require_ok
 
@@ -26,7 +18,7 @@ def write_runs(folder: Path, count: int, edits, numbers, **options) -> list:
     """Write `count` runs, of which `numbers` are edited; return the series of their metrics."""
     for number in range(1, count + 1):
         write_run(folder / str(number), seed=number, edits=edits if number in numbers else {})
-    return read_series(find_runs([folder])[0], **options)
+    return history.read_series(history.find_runs([folder])[0], **options)
 
 
 def read_rows(folder: str) -> list[dict[str, str]]:
@@ -49,16 +41,16 @@ def year(tmp_path) -> Path:
 
 
 def test_changes_have_positions_in_the_order_of_creation(year):
-    runs = find_runs([year, year / "run-98"])[0]  # the first run, twice
+    runs = history.find_runs([year, year / "run-98"])[0]  # the first run, twice
     assert [run.path.name for run in runs] == [f"run-{99 - number}" for number in range(1, 17)]
-    series = read_series(runs)
+    series = history.read_series(runs)
     changes = {(s.metric, s.id.name): s.changes for s in series if s.changes}
     assert changes == {
         ("quads", "ear-clipping"): (5,),
         ("helper_lanes", "ear-clipping"): (5,),
         ("time", "delaunay"): (9,),
     }
-    together = next(s for s in series if s.id.name == GROUP_NAME)
+    together = next(s for s in series if s.id.name == history.GROUP_NAME)
     assert together.metric == "time"
     assert np.ptp(np.log(together.values)) > 0.05
 
@@ -76,7 +68,8 @@ def test_missing_runs_are_not_changes(tmp_path):
     for number in range(1, 5):
         leave_out = ("fan",) if number == 2 else ()
         write_run(tmp_path / str(number), seed=number, leave_out=leave_out)
-    fan = next(s for s in read_series(find_runs([tmp_path])[0]) if s.id.name == "fan")
+    runs, _ = history.find_runs([tmp_path])
+    fan = next(series for series in history.read_series(runs) if series.id.name == "fan")
     assert np.isnan(fan.values).tolist() == [False, True, False, False]
     assert fan.changes == ()
 
@@ -111,7 +104,7 @@ def test_the_command_draws_and_lists(harness, year):
 def test_largest_changes_are_shown_and_other_series_counted(harness, year):
     out, _ = require_ok(harness("history", str(year), "--out", "plots"))
     series = {(row["metric"], row["triangulator"]) for row in read_rows("plots")}
-    assert len(series) == MAX_SERIES
+    assert len(series) == history.MAX_SERIES
     counters = {("quads", "ear-clipping"), ("helper_lanes", "ear-clipping")}
     assert counters | {("time", "delaunay")} < series
     assert "16 runs, 12 series: plots; 4 more series: --all, or choose by --scene" in out
@@ -126,10 +119,10 @@ def test_studies_and_base_runs_are_skipped(harness, year):
         environment = {"command": ["harness", "study", name, "--scene", "city"]}
         write_run(year / name, seed=3, facts={"environment": environment})
     write_run(year / "run-98/base", seed=3, facts={"beside": {"is_base": True}})
-    runs, studies = find_runs([year])
+    runs, studies = history.find_runs([year])
     assert (len(runs), studies) == (16, 2)
-    assert len(find_runs([year], studies=True)[0]) == 18
-    assert len(find_runs([year / "pareto"])[0]) == 1  # a folder given by name is read
+    assert len(history.find_runs([year], studies=True)[0]) == 18
+    assert len(history.find_runs([year / "pareto"])[0]) == 1  # a folder given by name is read
     out, _ = require_ok(harness("history", str(year), "--out", "plots"))
     assert out.startswith("skipped: 2 studies; see --all")
 
@@ -159,7 +152,7 @@ def test_bad_usage(harness, arguments, code, parts):
 
 @given(st.lists(st.integers(0, 3), min_size=1, max_size=30))
 def test_exact_changes_are_all_differences(values):
-    changes = find_exact_changes(np.array(values, float))
+    changes = history.find_exact_changes(np.array(values, float))
     assert changes == [n for n in range(1, len(values)) if values[n] != values[n - 1]]
 
 
@@ -169,11 +162,11 @@ def test_a_level_series_with_outliers_has_no_changes(seed, runs):
     logs = rng.normal(0, 0.006, runs)
     logs[rng.random(runs) < 0.05] += 0.7  # a busy machine
     lonely = np.convolve(logs > 0.3, np.ones(2 * 3), mode="same").max(initial=0) <= 1
-    assert not lonely or find_noisy_changes(logs) == []
+    assert not lonely or history.find_noisy_changes(logs) == []
 
 
 @given(seed=st.integers(0, 2**32), index=st.integers(5, 15), sign=st.sampled_from([-1, 1]))
 def test_step_is_detected_at_its_index(seed, index, sign):
     logs = np.random.default_rng(seed).normal(0, 0.006, 20)
-    logs[index:] += sign * 3 * MIN_STEP
-    assert find_noisy_changes(logs) == [index]
+    logs[index:] += sign * 3 * history.MIN_STEP
+    assert history.find_noisy_changes(logs) == [index]

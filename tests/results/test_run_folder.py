@@ -174,11 +174,6 @@ def test_later_record_of_a_case_is_used(tmp_path):
     assert [(r["key"], r["status"]) for r in records] == [(B, "ok"), (A, "ok")]
 
 
-def test_a_single_file_of_records_is_a_run(tmp_path):
-    (tmp_path / "cases.jsonl").write_text(json.dumps(record("a")) + "\n")
-    assert [r["key"] for r in get_rows(read_run(tmp_path / "cases.jsonl"))] == [A]
-
-
 def test_a_folder_that_holds_a_run_is_not_overwritten(tmp_path):
     RunFolder.create(tmp_path).close()  # killed at once: there is nothing to lose
     with RunFolder.create(tmp_path) as store:

@@ -11,15 +11,7 @@ from harness.frame import View, make_frame
 from harness.measuring.run import ScenePart
 from harness.results.run_folder import read_run
 from harness.stats.intervals import add_run_scatter, compute_paired_ratio
-from harness.study.pareto import (
-    MAX_POINTS,
-    SWEEP,
-    WITH_C,
-    list_compared,
-    make_parts,
-    make_triangulation_table,
-    mark_undominated,
-)
+from harness.study import pareto
 from harness.triangulating.recipes import parse_all
 from scenes import load
 from tests.conftest import assert_refused, require_ok
@@ -50,7 +42,7 @@ def study(harness, tmp_path):
 
 def test_a_and_d_agree_on_the_papers_polygon(study):
     _, table, fronts, out = study("paper")
-    everything = make_triangulation_table(load("paper").polygons[0], "conforming")
+    everything = pareto.make_triangulation_table(load("paper").polygons[0], "conforming")
     best = everything["overdraw"].argmin()
     assert best == everything["shape"].argmin()
     frame = make_frame(load("paper").polygons, View(512))
@@ -59,10 +51,10 @@ def test_a_and_d_agree_on_the_papers_polygon(study):
     assert fronts["shape"][0] == pytest.approx(everything["shape"][best], rel=1e-3)
     assert out.split("fastest triangulator")[1].split()[:4] == ["0", "reference", "1", "0"]
     costs = table.drop_duplicates("triangulator").set_index("triangulator")
-    pair = costs.loc[["optimal:mixed=1/1/0", WITH_C], ["overdraw", "shape"]].to_numpy()
+    pair = costs.loc[["optimal:mixed=1/1/0", pareto.WITH_C], ["overdraw", "shape"]].to_numpy()
     assert (pair[0] == pair[1]).all()  # C is the same for all
     sweep = table[table["kind"] == "sweep"]
-    assert set(sweep["triangulator"]) == {*SWEEP, WITH_C}
+    assert set(sweep["triangulator"]) == {*pareto.SWEEP, pareto.WITH_C}
     assert sweep["same_as_end"].all()
     assert table.loc[table["kind"] == "front", "triangulator"].unique().tolist() == ["pareto#0"]
     assert table["overdraw_over_area"].min() == pytest.approx(56 / 46, rel=1e-3)
@@ -78,21 +70,21 @@ def test_fronts_of_a_city_are_those_of_all_triangulations(study):
         costs = front[["overdraw", "shape"]].to_numpy()
         measured = table[(table["polygon"] == str(number)) & (table["rasteriser"] == "reference")]
         front_rows = measured[measured["kind"] == "front"]
-        assert len(front_rows) == min(MAX_POINTS, len(front)) == front["measured"].sum()
+        assert len(front_rows) == min(pareto.MAX_POINTS, len(front)) == front["measured"].sum()
         assert {0, len(front) - 1} <= set(front_rows["triangulator"].str[7:].astype(int))
         assert front_rows["undominated"].all()
         if len(polygon.exterior.coords) <= 13:
-            every = make_triangulation_table(polygon, "conforming")
+            every = pareto.make_triangulation_table(polygon, "conforming")
             listed = np.column_stack((every["overdraw"], every["shape"]))
-            assert mark_undominated(costs, listed).all()
-            undominated = listed[mark_undominated(listed, listed)]
+            assert pareto.mark_undominated(costs, listed).all()
+            undominated = listed[pareto.mark_undominated(listed, listed)]
             assert np.ptp(undominated[:, 0]) == pytest.approx(np.ptp(costs[:, 0]))
             assert len(np.unique(undominated.round(6), axis=0)) == len(costs)
             compared += 1
     assert compared >= 1
     complete = table[(table["polygon"] == "all") & (table["rasteriser"] == "reference")]
     sweep = complete[(complete["kind"] == "sweep") & (complete["gamma"] == 0)]
-    steps = sweep.set_index("triangulator").loc[list(SWEEP)]
+    steps = sweep.set_index("triangulator").loc[list(pareto.SWEEP)]
     assert (np.diff(steps["overdraw_over_area"]) >= -1e-9).all()
     assert (np.diff(steps["shape_a_triangle"]) <= 1e-9).all()
     # Both skip polygons with holes, so their sums are over fewer polygons.
@@ -111,15 +103,15 @@ def test_rows_have_the_records_ratios_and_the_study_resumes(study, harness):
     assert row["helper_lanes"] == record["counters"]["helper_lanes"]
     assert row["bbox_tests"] == record["counters"]["bbox_tests"]
     assert row["overdraw"] == pytest.approx(record["predicted"]["overdraw"])
-    end = records[CITY, SWEEP[0], "reference"]
+    end = records[CITY, pareto.SWEEP[0], "reference"]
     times, samples_s = record["time"], end["time"]["samples_s"]
     ratio = add_run_scatter(compute_paired_ratio(times["samples_s"], samples_s, times["epochs"]))
     values = tuple(row[["time_ratio", "ci_low", "ci_high"]])
     assert values == pytest.approx((ratio.value, ratio.low, ratio.high))
     # The scripted rasteriser's time depends only on the number of triangles.
     timed = rows.xs(MOCK, level="rasteriser")
-    assert (timed.loc[list(SWEEP), "time_ratio"] == 1).all()
-    assert (timed.loc[list(SWEEP), "verdict"] == "not significant").all()
+    assert (timed.loc[list(pareto.SWEEP), "time_ratio"] == 1).all()
+    assert (timed.loc[list(pareto.SWEEP), "verdict"] == "not significant").all()
     assert set(run.facts["plan"]["triangulators"]) == {r["triangulator"] for r in get_rows(run)}
     cases = (folder / "cases.jsonl").read_text()
     (folder / "pareto.csv").unlink()
@@ -129,22 +121,22 @@ def test_rows_have_the_records_ratios_and_the_study_resumes(study, harness):
 
 
 def test_long_front_is_sampled_evenly():
-    parts, fronts = make_parts("city", load("city"), 6, View(512))
+    parts, fronts = pareto.make_parts("city", load("city"), 6, View(512))
     label, front = max(fronts.items(), key=lambda entry: len(entry[1]))
     assert len(front) > 100
     steps = front["k"][front["measured"]].tolist()
-    assert len(steps) == MAX_POINTS
+    assert len(steps) == pareto.MAX_POINTS
     assert np.ptp(np.diff(steps)) <= 1
     part = next(part for part in parts if part.label == label)
-    expected = [*(f"pareto#{k}" for k in steps), *list_compared()]
+    expected = [*(f"pareto#{k}" for k in steps), *pareto.list_compared()]
     assert [str(recipe) for recipe in part.triangulators] == expected
     assert parts[-1].label == "city"
 
 
 def test_names_of_the_sweep_are_full_names():
-    for name in (*SWEEP, WITH_C):
+    for name in (*pareto.SWEEP, pareto.WITH_C):
         assert full_name(name) == name
-    assert len(set(SWEEP)) == 11
+    assert len(set(pareto.SWEEP)) == 11
 
 
 @pytest.mark.parametrize(

@@ -8,18 +8,6 @@ from rich.console import Console
 from harness.stats.intervals import MIN_VALUES, compute_mean_interval
 from harness.study import regret
 from harness.study.correlations import get_measure_title
-from harness.study.regret import (
-    COLUMNS,
-    SUMMARY,
-    compute_regret_interval,
-    estimate_regret,
-    format_regret,
-    print_regret,
-    select_printed_measures,
-    summarise_regret,
-    write_paper_table,
-    write_regret,
-)
 from tests.records import make_record
 
 NAMES = ("optimal:exact-quads", "optimal:half-perimeter", "random#0", "random#1", "worst:overdraw")
@@ -85,7 +73,7 @@ def test_minimum_of_quads_is_known_with_a_proof_for_one_sample_per_pixel():
 
 def test_families_count_once_per_polygon():
     records = make_cases("a") + make_cases("b", 2.0) + make_cases("c", 3.0)
-    table = summarise_regret(make_table(records))
+    table = regret.summarise_regret(make_table(records))
     random = get_row(table, name="random", measure="quads")
     assert random["polygons"] == 3
     assert random["mean"] == pytest.approx(0.15)
@@ -111,7 +99,7 @@ def test_equal_times_show_no_regret():
     assert abs(timed["regret_low"].mean()) < 0.006
     assert timed["regret_high"].mean() > 0.01
     assert (timed["regret_high"] >= 0).all()
-    summary = summarise_regret(timed)
+    summary = regret.summarise_regret(timed)
     assert len(summary) == 2
     assert summary["ci_low"].between(0, 0.001).all(), "a regret is at least 0"
     assert summary["ci_high"].between(0.005, 0.05).all()
@@ -124,7 +112,7 @@ def test_a_slower_choice_is_found():
         noise = rng.lognormal(0.0, 0.02, (len(NAMES), 24))
         noise[1] *= 1.05  # what half-perimeter chooses
         records += make_cases(f"polygon {polygon}", seconds=noise)
-    table = summarise_regret(make_table(records))
+    table = regret.summarise_regret(make_table(records))
     row = get_row(table, name="half-perimeter", measure="time_work_0")
     assert row["ci_low"] < 0.05 < row["ci_high"]
     assert 0.04 < row["mean"] < 0.06
@@ -160,7 +148,7 @@ def test_missing_interval_is_explained(values, text):
     records = [r for k in range(len(values)) for r in make_cases(f"p{k}")]
     table = make_table(records).query("measure == 'quads' and name == 'overdraw'").copy()
     table = table.assign(**dict.fromkeys(("regret", "regret_low", "regret_high"), values))
-    assert format_regret(summarise_regret(table).iloc[0]) == text
+    assert regret.format_regret(regret.summarise_regret(table).iloc[0]) == text
 
 
 @pytest.mark.parametrize(
@@ -173,7 +161,7 @@ def test_missing_interval_is_explained(values, text):
 )
 def test_quads_or_the_main_counter_and_all_times_are_printed(names, expected):
     times = [name for name in names if name.startswith("time")]
-    assert select_printed_measures(names) == expected + times
+    assert regret.select_printed_measures(names) == expected + times
 
 
 def test_counter_missing_from_one_drawing_has_no_regret():
@@ -232,7 +220,7 @@ def test_rounds_missing_from_one_drawing_are_ignored():
 def test_summary_has_median_95th_percentile_and_maximum():
     (row,) = make_table(make_cases("a")).query("name == 'overdraw'").to_dict("records")
     table = pd.DataFrame([{**row, "polygon": str(k), "regret": k / 100} for k in range(101)])
-    summary = summarise_regret(table).iloc[0]
+    summary = regret.summarise_regret(table).iloc[0]
     assert (summary["median"], summary["p95"], summary["worst"]) == pytest.approx((0.5, 0.95, 1.0))
 
 
@@ -244,12 +232,12 @@ def sum_two_views(polygons: int = 1) -> pd.DataFrame:
                 lanes = 3 * record["counters"]["quads"]
                 counters = {**record["counters"], "helper_lanes": lanes}
                 records.append({**record, "resolution": size, "counters": counters})
-    return summarise_regret(make_table(records))
+    return regret.summarise_regret(make_table(records))
 
 
 def test_printed_regrets_are_of_criteria_in_order():
     console = Console(file=io.StringIO(), width=200)
-    print_regret(sum_two_views(), console)
+    regret.print_regret(sum_two_views(), console)
     text = console.file.getvalue()
     assert text.index(" 64 px") < text.index("128 px")
     titles = [text.index(get_measure_title(name)) for name in ("helper_lanes", "quads")]
@@ -260,9 +248,10 @@ def test_printed_regrets_are_of_criteria_in_order():
 
 
 def test_written_tables_have_the_documented_columns(tmp_path):
-    write_regret([make_record(**fields) for fields in make_cases("a")], tmp_path)
-    for name, columns in (("regret.csv", SUMMARY), ("regret_by_polygon.csv", COLUMNS)):
-        assert tuple(pd.read_csv(tmp_path / name)) == columns
+    regret.write_regret([make_record(**fields) for fields in make_cases("a")], tmp_path)
+    tables = {"regret": regret.SUMMARY, "regret_by_polygon": regret.COLUMNS}
+    for name, columns in tables.items():
+        assert tuple(pd.read_csv(tmp_path / f"{name}.csv")) == columns
 
 
 def test_paper_table_has_criteria_by_rank_correlation_in_markdown_and_latex(tmp_path):
@@ -274,7 +263,7 @@ def test_paper_table_has_criteria_by_rank_correlation_in_markdown_and_latex(tmp_
         | {"ci_low": 0.25 if name == "overdraw" else np.nan, "ci_high": 0.625}
         for name, value in values.items()
     )
-    write_paper_table(ranks, regrets, tmp_path)
+    regret.write_paper_table(ranks, regrets, tmp_path)
     heading, _, *rows = (tmp_path / "criteria.md").read_text().splitlines()
     assert heading.endswith("| mean regret at 64 px (95 % CI) | mean regret at 128 px (95 % CI) |")
     cells = [row.split(" | ")[2:4] for row in rows]
@@ -295,10 +284,10 @@ def test_regret_needs_two_triangulations():
 def test_interval_uses_the_outer_ends():
     rng = np.random.default_rng(4)
     low, high = rng.exponential(0.01, (2, 24)) + np.array([[0.0], [0.02]])
-    interval = compute_regret_interval(low, high)
+    interval = regret.compute_regret_interval(low, high)
     assert interval == (compute_mean_interval(low)[0], compute_mean_interval(high)[1])
-    assert compute_regret_interval(low - 0.05, high)[0] == 0.0, "a regret is at least 0"
-    assert np.isnan(compute_regret_interval(low, np.zeros(24))).all()
+    assert regret.compute_regret_interval(low - 0.05, high)[0] == 0.0, "a regret is at least 0"
+    assert np.isnan(regret.compute_regret_interval(low, np.zeros(24))).all()
 
 
 @pytest.mark.parametrize("blocks", [2, 4])
@@ -313,4 +302,4 @@ def test_estimates_use_the_other_blocks_and_all_blocks(blocks):
             crossed.append(logs[candidate, block] - logs[int(np.argmin(sums)), block])
         means = logs.mean(axis=1)
         ends = np.expm1([np.mean(crossed), means[candidate] - means.min()])
-        assert estimate_regret(np.exp(logs), candidate) == pytest.approx(tuple(ends))
+        assert regret.estimate_regret(np.exp(logs), candidate) == pytest.approx(tuple(ends))
