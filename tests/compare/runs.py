@@ -207,7 +207,6 @@ def write_pair(
 
 
 def read_pair(folder: Path, base: Mapping[str, Any] | None = None, **head: Any) -> list[Run]:
-    """Write BASE and HEAD into the folder and read them."""
     return [read_run(path) for path in write_pair(base, folder, **head)]
 
 

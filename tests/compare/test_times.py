@@ -59,16 +59,12 @@ def compare(cases, settings=SETTINGS, machines_differ=False):
 
 
 @pytest.mark.parametrize("drift", [0.8, 1.0, 1.25])
-def test_slower_case_regresses_at_any_machine_drift(drift):
-    changes, together = compare(pairs(np.random.default_rng(1), [0, 0, 0.1, 0, 0], drift=drift))
-    assert [c.outcome for c in changes] == [*["unchanged"] * 2, "regressed", *["unchanged"] * 2]
-    assert changes[2].low < 1.1 < changes[2].high
+@pytest.mark.parametrize(("growth", "outcome"), [(0.1, "regressed"), (-0.1, "improved")])
+def test_one_changed_case_is_detected_at_any_machine_drift(drift, growth, outcome):
+    changes, together = compare(pairs(np.random.default_rng(1), [0, 0, growth, 0, 0], drift=drift))
+    assert [c.outcome for c in changes] == [*["unchanged"] * 2, outcome, *["unchanged"] * 2]
+    assert changes[2].low < 1 + growth < changes[2].high
     assert together.outcome != "regressed"
-
-
-def test_faster_case_improves():
-    changes, _ = compare(pairs(np.random.default_rng(2), [0, -0.1, 0, 0, 0]))
-    assert [c.outcome for c in changes] == ["unchanged", "improved", *["unchanged"] * 3]
 
 
 @pytest.mark.parametrize("noise", [0.005, 0.02, 0.1, 0.5])

@@ -208,7 +208,6 @@ def test_interrupted_gains_leave_existing_files(harness, measure, monkeypatch):
 
 
 def test_gains_are_drawn_over_varying_views(harness, measure, monkeypatch):
-    """Two runs: the second varies the rotation, the first has a single rotation."""
     turned = ("--resolution", "64", "--rotation", "0,10,20", "--fit", "circle")
     measure("still", "ear-clipping,delaunay", "--resolution", "128")
     measure("turned", "ear-clipping,delaunay", *turned)

@@ -46,8 +46,6 @@ def system_error(number: int) -> OSError:
 
 
 def fail_with(error: BaseException, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Make writing a report fail."""
-
     def fail(*_: object, **__: object) -> None:
         raise error
 

@@ -25,7 +25,6 @@ NAMES = ("ear-clipping", "flips:l1", "optimal:half-perimeter")
 
 @pytest.mark.usefixtures("no_plots", "in_process")
 def test_counts_equal_those_of_runs(harness):
-    """A city of 40 at five sizes: all counters, and the share in the sentence."""
     options = ("--triangulators", ",".join(NAMES), "--rasterisers", "reference", "--quick")
     scene = "city:buildings=40"
     run = ("run", "--scene", scene, "--resolution", "32,64,128,256,512", *options, "-q")

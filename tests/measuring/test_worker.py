@@ -28,12 +28,8 @@ def shout_and_die() -> None:
     ctypes.string_at(0)
 
 
-def raise_value_error() -> None:
-    raise ValueError("two\nlines")
-
-
-def raise_no_rasteriser() -> None:
-    raise NoRasteriserError("no such device")
+def raise_error(error: type[Exception], message: str) -> None:
+    raise error(message)
 
 
 def leave_a_child(path: str, code: int | None) -> int:
@@ -75,16 +71,8 @@ def print_for_ever() -> None:
         sys.stdout.write("x" * (1 << 16))
 
 
-def raise_at_length() -> None:
-    raise ValueError("x" * 5_000_000)
-
-
 class TheirError(NoRasteriserError):
     """A third-party error, which this process would have to import."""
-
-
-def raise_theirs() -> None:
-    raise TheirError("y" * 5_000_000)
 
 
 def send_to(who: str, number: int) -> None:
@@ -117,11 +105,18 @@ def test_a_crash_is_reported_with_the_last_output(worker):
     assert worker.call(read_variable, "MOCK_SETTING")[0] == "17"
 
 
-@pytest.mark.parametrize("task", [print_and_die, print_for_ever, raise_at_length, raise_theirs])
-def test_output_and_errors_are_truncated(task):
+LONG = "x" * 5_000_000
+
+
+@pytest.mark.parametrize(
+    ("task", "arguments"),
+    [(print_and_die, ()), (print_for_ever, ())]
+    + [(raise_error, (error, LONG)) for error in (ValueError, TheirError)],
+)
+def test_output_and_errors_are_truncated(task, arguments):
     with Worker("a plugin", limits=Limits(file_bytes=10_000_000)) as printing:
         with pytest.raises(TaskError) as caught:
-            printing.call(task)
+            printing.call(task, *arguments)
         assert len(str(caught.value)) < 800
         assert len(caught.value.detail) <= MAX_TRACEBACK
         assert printing._output.stat().st_size <= 10_000_000
@@ -162,15 +157,15 @@ def test_a_hang_is_stopped(worker):
 @pytest.mark.parametrize("code", [0, 3])
 def test_errors_and_exits_are_reported_in_one_line(worker, code):
     with pytest.raises(TaskError, match=r"^ValueError: two lines$") as failure:
-        worker.call(raise_value_error)
-    assert "in raise_value_error" in failure.value.detail
+        worker.call(raise_error, ValueError, "two\nlines")
+    assert "in raise_error" in failure.value.detail
     with pytest.raises(TaskError, match=rf"^SystemExit: {code}$"):
         worker.call(sys.exit, code)
 
 
 def test_harness_errors_keep_their_class(worker):
     with pytest.raises(NoRasteriserError, match="no such device"):
-        worker.call(raise_no_rasteriser)
+        worker.call(raise_error, NoRasteriserError, "no such device")
 
 
 def test_ticks_report_the_waiting_time(worker):

@@ -96,7 +96,6 @@ def test_third_party_rasteriser_that_fails_to_load_is_refused(plugin, value, mes
 
 
 def test_first_working_environment_is_used(monkeypatch):
-    """Of two environments for zink, only the second opens zink."""
     answers = {
         name: {"devices": [{"renderer": renderer, "egl_index": 0}], "problems": []}
         for name, renderer in (("first", "llvmpipe"), ("second", "zink (x)"))

@@ -153,7 +153,6 @@ def test_hidden_pixels_and_ties(reference, llvmpipe, depths, fragments, ties):
 
 
 def test_intersecting_planes_hide_half_of_each_other(reference, llvmpipe):
-    """Of two intersecting sheets, each is nearer on one half."""
     frame, rows = make_sheets([8 << 20, 8 << 20])
     sloping = frame.viewing.depths.copy()
     sloping[4:] = [4 << 20, 12 << 20, 12 << 20, 4 << 20]
