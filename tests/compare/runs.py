@@ -70,6 +70,19 @@ def make_time_without_median(seed: str, seconds: float, noise: float) -> list[fl
     ]
 
 
+def make_cases(
+    seed: int, edits: Mapping[str, Edit] | None = None, without: tuple[str, ...] = (), **more: float
+) -> list[dict[str, Any]]:
+    """Return the records of all triangulators except `without`; see `write_run`."""
+    names = [name for name in TRIANGULATORS if name not in without]
+    cases = [make_case(name, seed=seed, **more) for name in names]
+    for name, case in zip(names, cases, strict=True):
+        for key in ("*", name):
+            if edits and key in edits:
+                edits[key](case)
+    return cases
+
+
 def write_run(
     path: Path,
     *,
@@ -88,16 +101,8 @@ def write_run(
     edits : triangulator -> edit of the record; "*" is all triangulators
     """
     path.mkdir(parents=True)
-    lines = []
-    for name in TRIANGULATORS:
-        if name in leave_out or name in cut_short:
-            continue
-        entry = make_case(name, seed=seed, noise=noise, speed=speed)
-        for key in ("*", name):
-            if edits and key in edits:
-                edits[key](entry)
-        lines.append(json.dumps(entry))
-    (path / "cases.jsonl").write_text("".join(f"{line}\n" for line in lines))
+    cases = make_cases(seed, edits, (*leave_out, *cut_short), noise=noise, speed=speed)
+    (path / "cases.jsonl").write_text("".join(f"{json.dumps(case)}\n" for case in cases))
     git = {"commit": f"{seed:02d}" * 20, "dirty": False}
     details = {"renderer": "llvmpipe (LLVM 15.0.6, 256 bits)", "version": "4.5"}
     content = {

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from harness.compare.comparison import compare_runs
 from harness.compare.outputs import to_json, to_markdown
 from harness.errors import HarnessError
-from tests.compare.runs import TRIANGULATORS, make_case, read_back, write_pair
+from tests.compare.runs import TRIANGULATORS, make_case, make_cases, read_back, write_pair
 from tests.conftest import require_ok
 from tests.fuzz.damage import JSON
 
@@ -20,17 +20,13 @@ FIELDS = sorted(make_case("fan", seed=1))
 FACTS = ("plan", "environment", "devices", "warnings", "created", "interrupted")
 
 
-def make_all(seed: int) -> list[dict]:
-    return [make_case(name, seed=seed) for name in TRIANGULATORS]
-
-
 @settings(deadline=None, max_examples=60)
 @given(field=st.sampled_from([f for f in FIELDS if f != "key"]), value=JSON)
 def test_any_value_in_any_field_is_reported_or_compared(field, value):
-    damaged = make_all(2)
+    damaged = make_cases(2)
     damaged[1] = {**damaged[1], field: value}
     try:
-        comparison = compare_runs(read_back({}, make_all(1)), read_back({}, damaged))
+        comparison = compare_runs(read_back({}, make_cases(1)), read_back({}, damaged))
     except HarnessError:
         return  # e.g. all devices of a rasteriser differ
     json.dumps(to_json(comparison), allow_nan=False)
@@ -42,7 +38,7 @@ def test_any_value_in_any_field_is_reported_or_compared(field, value):
 @given(facts=st.dictionaries(st.sampled_from(FACTS), JSON))
 @example(facts={"devices": {"opengl on llvmpipe": None}})
 def test_any_facts_are_read(facts):
-    comparison = compare_runs(*(read_back(facts, make_all(1)) for _ in range(2)))
+    comparison = compare_runs(*(read_back(facts, make_cases(1)) for _ in range(2)))
     assert comparison.verdict == "good"
     json.dumps(to_json(comparison), allow_nan=False)
 
@@ -53,7 +49,7 @@ NUMBERS = ("vertices", "triangles", "polygons", "triangulate_s", "proven", "cove
 @pytest.mark.parametrize("name", [*NUMBERS, "time"])
 @pytest.mark.parametrize("value", [[], "many", {"epochs": [3, "x"]}, True, 10**400])
 def test_invalid_number_skips_the_record(name, value):
-    damaged = make_all(1)
+    damaged = make_cases(1)
     damaged[0][name] = value
     run = read_back({}, damaged)
     assert len(run.records) == len(damaged) - 1
@@ -92,7 +88,7 @@ def test_repeated_case_is_reported_and_the_later_record_is_used(harness):
 
 
 def test_deeply_nested_fields_skip_the_record():
-    damaged = make_all(1)
+    damaged = make_cases(1)
     damaged[0]["options"] = {}
     for _ in range(700):
         damaged[0]["options"] = {"a": damaged[0]["options"]}

@@ -22,11 +22,12 @@ from tests.compare.runs import (
     TRIANGULATORS,
     add_cost,
     add_time,
+    make_cases,
     read_pair,
     set_failed,
-    write_run,
 )
 from tests.paths import ROOT
+from tests.records import make_run
 
 SCHEMA = json.loads((ROOT / "docs/ci/compare.schema.json").read_text())
 XSD = etree.XMLSchema(etree.parse(Path(__file__).parent / "junit.xsd"))
@@ -122,19 +123,14 @@ def test_markup_in_names_and_reasons_stays_text(markup_comparison):
     assert "<img" not in html
 
 
-def test_markdown_fits_a_comment_and_counts_omitted_tables(tmp_path):
+def test_markdown_fits_a_comment_and_counts_omitted_tables():
     runs = []
-    for name, seed in (("base", 1), ("head", 2)):
-        folder = write_run(tmp_path / name, seed=seed, edits={"fan": add_cost(0.1 * (seed - 1))})
-        lines = (folder / "cases.jsonl").read_text().splitlines()
-        entries = []
-        for size in range(40):
-            for line in lines:
-                entry = json.loads(line)
-                entry |= {"resolution": 100 + size, "key": f"{len(entries):016x}"}
-                entries.append(json.dumps(entry))
-        (folder / "cases.jsonl").write_text("\n".join(entries) + "\n")
-        runs.append(read_run(folder))
+    for seed, edits in ((1, {}), (2, {"fan": add_cost(0.1)})):
+        cases = make_cases(seed, edits)
+        for case in cases:
+            del case["key"]
+        views = [{**case, "resolution": 100 + size} for size in range(40) for case in cases]
+        runs.append(make_run(views))
     comparison = compare_runs(*runs)
     text = outputs.to_markdown(comparison, limit=20_000)
     full_text = outputs.to_markdown(comparison)

@@ -27,6 +27,7 @@ from tests.compare.runs import (
     add_cost,
     add_time,
     make_case,
+    make_cases,
     make_plan,
     pair_rounds,
     read_pair,
@@ -46,10 +47,11 @@ def set_counters(counters: dict[str, int]) -> Edit:
     return edit
 
 
-def compare(tmp_path: Path, base: Edit, head: Edit, settings: Settings = COUNTERS):
-    facts = {"plan": make_plan(rasterisers=["theirs"])}
-    first = {"edits": {"*": base}, "facts": facts}
-    return compare_runs(*read_pair(tmp_path, first, edits={"*": head}, facts=facts), settings)
+def compare(base: Edit, head: Edit, settings: Settings = COUNTERS):
+    plan = make_plan(rasterisers=["theirs"])
+    edits = {1: {"*": base}, 2: {"*": head}}
+    runs = (make_run(make_cases(seed, edits[seed]), plan=plan) for seed in edits)
+    return compare_runs(*runs, settings)
 
 
 @pytest.mark.parametrize(
@@ -68,12 +70,12 @@ def test_fields_of_the_identity_distinguish_cases(field, value):
     assert changed.id != make_record(**case).id == recounted.id
 
 
-def test_counters_of_the_binner_and_of_the_order_are_gated(tmp_path):
+def test_counters_of_the_binner_and_of_the_order_are_gated():
     names = (*Binning.counters, "vertex_batches", "transformed_vertices")
     before = {name: 1000 + number for number, name in enumerate(names)}
     for name in before:
         after = before | {name: round(before[name] * 1.5)}
-        comparison = compare(tmp_path / name, set_counters(before), set_counters(after))
+        comparison = compare(set_counters(before), set_counters(after))
         assert comparison.exit_code == 1
         assert f"{name.replace('_', ' ')} {before[name]:,} → " in format_headline(comparison)
         assert all(case.list_regressed_counters()[0].metric == name for case in comparison.cases)
@@ -97,51 +99,51 @@ def test_headline_names_the_largest_growth_of_counters_or_times(tmp_path, share,
     assert format_headline(comparison).startswith(f"Regression: {worst}, city")
 
 
-def test_regressed_counters_have_the_first_columns(tmp_path):
+def test_regressed_counters_have_the_first_columns():
     before = {"quads": 100, "spills": 100, "stalls": 100}
     after = before | {"spills": 150, "stalls": 150}
-    (group,) = build_tables(compare(tmp_path, set_counters(before), set_counters(after)))
+    (group,) = build_tables(compare(set_counters(before), set_counters(after)))
     assert group.heading[1:4] == ("spills", "stalls", "quads")
 
 
 @pytest.mark.parametrize("name", ["spills", "overdraw", "draw_ms", "half_perimeter"])
-def test_unregistered_counters_are_gated(tmp_path, name):
-    comparison = compare(tmp_path, set_counters({name: 100}), set_counters({name: 101}))
+def test_unregistered_counters_are_gated(name):
+    comparison = compare(set_counters({name: 100}), set_counters({name: 101}))
     assert comparison.exit_code == 1
     assert "+1.0 %" in format_headline(comparison)
     assert "101 (+1.0 %)" in str(build_tables(comparison)[0].rows[0].cells)
-    back = compare(tmp_path / "back", set_counters({name: 101}), set_counters({name: 100}))
+    back = compare(set_counters({name: 101}), set_counters({name: 100}))
     assert back.exit_code == 0
     assert "5 improved" in format_headline(back)
 
 
-def test_a_threshold_may_name_any_counter_of_the_runs(tmp_path):
+def test_a_threshold_may_name_any_counter_of_the_runs():
     edits = set_counters({"spills": 100}), set_counters({"spills": 101})
     loose = Settings(gates=("counters",), thresholds={"spills": 0.02})
-    assert compare(tmp_path, *edits, loose).exit_code == 0
+    assert compare(*edits, loose).exit_code == 0
 
 
 @pytest.mark.parametrize("shared", ["fragments", "hits", "samples_passed"])
 @pytest.mark.parametrize("after", [999, 1001])
-def test_shared_counters_are_gated_in_both_directions(tmp_path, shared, after):
-    comparison = compare(tmp_path, set_counters({shared: 1000}), set_counters({shared: after}))
+def test_shared_counters_are_gated_in_both_directions(shared, after):
+    comparison = compare(set_counters({shared: 1000}), set_counters({shared: after}))
     assert comparison.exit_code == 1
     assert f"covers other pixels: {shared.replace('_', ' ')}" in str(build_tables(comparison))
 
 
 @pytest.mark.parametrize("after", [{"vertex_shader_invocations": 1001}, {}])
-def test_driver_statistics_are_not_gated(tmp_path, after):
+def test_driver_statistics_are_not_gated(after):
     before = set_counters({"vertex_shader_invocations": 1000, "hits": 9})
-    comparison = compare(tmp_path, before, set_counters({**after, "hits": 9}))
+    comparison = compare(before, set_counters({**after, "hits": 9}))
     assert comparison.exit_code == 0
     assert "no counter differs" in format_headline(comparison)
     with pytest.raises(UsageError, match="no change of vertex_shader_invocations is better"):
         parse_threshold("vertex_shader_invocations=5%")
 
 
-def test_missing_counter_is_a_regression(tmp_path):
+def test_missing_counter_is_a_regression():
     before = set_counters({"spills": 100, "hits": 9})
-    comparison = compare(tmp_path, before, set_counters({"hits": 9}))
+    comparison = compare(before, set_counters({"hits": 9}))
     assert comparison.exit_code == 1
     assert "spills no longer counted" in format_headline(comparison)
 
@@ -198,10 +200,10 @@ def test_drift_in_common_rounds_is_gated(tmp_path):
     assert compare_runs(base, head, COUNTERS).exit_code == 0
 
 
-def test_drift_equal_to_the_threshold_is_tolerated(tmp_path):
+def test_drift_equal_to_the_threshold_is_tolerated():
     runs = []
     for sample_s in (1.0, 1.25):
-        cases = [make_case(name, seed=1) for name in TRIANGULATORS]
+        cases = make_cases(1)
         for case in cases:
             case["time"]["samples_s"] = [sample_s] * 30
         runs.append(make_run(cases))
@@ -241,11 +243,11 @@ def test_missing_case_without_a_matching_plan_is_a_regression(tmp_path, plan):
     assert [case.id.name for case in comparison.list_regressed_cases()] == ["fan"]
 
 
-def test_planned_rasteriser_without_records_is_a_regression(tmp_path):
+def test_planned_rasteriser_without_records_is_a_regression():
     """The second rasteriser of the plan has no record, so its device is unknown."""
 
     facts = {"plan": make_plan(rasterisers=["opengl", "theirs"])}
-    cases = [make_case(name, seed=1) for name in TRIANGULATORS]
+    cases = make_cases(1)
     asic = {"rasteriser": "theirs", "device": "asic"}
     theirs = [{**case, "key": f"f{case['key'][1:]}", **asic} for case in cases]
     base, head = make_run([*cases, *theirs], **facts), make_run(cases, **facts)
@@ -255,11 +257,11 @@ def test_planned_rasteriser_without_records_is_a_regression(tmp_path):
     assert compare_runs(base, narrower).exit_code == 0
 
 
-def test_200000_samples_are_compared(tmp_path):
+def test_200000_samples_are_compared():
     """Very short draws have 200,000 samples; comparing all pairs would take gigabytes."""
     rng, runs = np.random.default_rng(1), []
     for _ in ("base", "head"):
-        cases = [make_case(name, seed=1) for name in TRIANGULATORS]
+        cases = make_cases(1)
         for case in cases:
             for name in ("samples_s", "reference_s", "empty_s"):
                 samples = 1e-6 * (1 + np.abs(rng.normal(0, 0.05, 200_000)))

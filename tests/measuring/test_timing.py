@@ -82,25 +82,11 @@ def test_the_minimum_share_of_the_budget_is_always_used():
     assert all(entry.precision_reached for entry in times.values())
 
 
-class Alternating:
-    """Draws of 1 ms, alternately longer and shorter by the share `share`."""
-
-    def __init__(self, share: float, clock: Clock) -> None:
-        self._share = share
-        self._clock = clock
-        self._calls = 0
-
-    def sample(self, repeats: int) -> Sample:
-        self._calls += 1
-        cost = 1e-3 * (1 + self._share * (-1) ** self._calls)
-        return Sample(wall=self._clock.spend(repeats * cost))
-
-
 @pytest.mark.parametrize(("share", "reached"), [(0.008, True), (0.012, False)])
 def test_precision_is_the_half_width_of_the_interval(share, reached):
-    clock = Clock()
-    settings = TimingSettings(precision=0.01, budget_s=0.1, warm_up_s=0.0)
-    entry = time_together({"a": Alternating(share, clock)}, settings, WALL, clock=clock)["a"]
+    """Draws of 1 ms are alternately longer and shorter by `share`."""
+    alternating = ScriptedSeconds(lambda number: 1e-3 * (1 - share * (-1) ** number))
+    entry = alternating.time(precision=0.01, budget_s=0.1)
     low, high = entry.ci95_s
     assert (high - low) / 2 == pytest.approx(share * 1e-3)
     assert entry.precision_reached is reached

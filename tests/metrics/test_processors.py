@@ -32,10 +32,9 @@ def test_software_devices_are_recognised_by_renderer_or_name(device, renderer, d
     details = {} if renderer is None else {"details": {"renderer": renderer}}
     name, _, host = device.partition("@")
     record = make_record(device=name, host=host or None)
-    for facts in ({}, {"devices": None}, {"devices": {f"opengl on {device}": details}}):
-        if "details" in details and not facts.get("devices"):
-            continue
-        assert is_drawn_in_software(Run(Path("run"), facts, []), record) is drawn
+    listed = {"devices": {f"opengl on {device}": details}}
+    for facts in [listed] if details else [listed, {}, {"devices": None}]:
+        assert is_drawn_in_software(make_run([], **facts), record) is drawn
 
 
 def make_runs(*labels: str) -> list[Run]:

@@ -1,5 +1,6 @@
 """Pictures of drawings, (height, width, 4) RGBA, and an independent evaluation of coverage."""
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -94,18 +95,15 @@ def find_covered(corners) -> np.ndarray:
     area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
     if area == 0:
         return np.zeros((SIZE, SIZE), bool)
-    ring = [a, b, c] if area > 0 else [a, c, b]
-
-    def inside(x, y):
-        for k in range(3):
-            (x0, y0), (x1, y1) = ring[k], ring[(k + 1) % 3]
-            dx, dy = x1 - x0, y1 - y0
-            side = dx * (256 * y + 128 - y0) - dy * (256 * x + 128 - x0)
-            if side < 0 or (side == 0 and not (dy < 0 or (dy == 0 and dx > 0))):
-                return False
-        return True
-
-    return np.array([[inside(x, y) for x in range(SIZE)] for y in range(SIZE)])
+    ring = [a, b, c, a] if area > 0 else [a, c, b, a]
+    y, x = 256 * np.indices((SIZE, SIZE)) + 128
+    covered = np.ones((SIZE, SIZE), bool)
+    for (x0, y0), (x1, y1) in pairwise(ring):
+        dx, dy = x1 - x0, y1 - y0
+        side = dx * (y - y0) - dy * (x - x0)
+        is_top_or_left = dy < 0 or (dy == 0 and dx > 0)
+        covered &= side >= 0 if is_top_or_left else side > 0
+    return covered
 
 
 def count_blocks(mask: np.ndarray, side: int) -> int:

@@ -60,7 +60,7 @@ def record_instances(name: str, device: Device, software: bool) -> tuple[list[in
     from wgpu.backends import wgpu_native as wgpu
 
     opened = tasks._get_rasteriser(name, device)
-    frame, triangles = loose_triangles(np.array([[256, 256], [9000, 256], [256, 9000]]), 64)
+    case = (*loose_triangles(np.array([[256, 256], [9000, 256], [256, 9000]]), 64), Options())
     instances_drawn: list[int] = []
     draw = wgpu.GPURenderPassEncoder.draw_indexed
 
@@ -68,24 +68,19 @@ def record_instances(name: str, device: Device, software: bool) -> tuple[list[in
         instances_drawn.append(instances)
         draw(self, count, instances, *arguments)
 
-    with opened.prepare(frame, triangles, Options()) as drawing:
+    with opened.prepare(*case) as drawing, pytest.MonkeyPatch.context() as patch:
         drawing.one_pass = not software
-        wgpu.GPURenderPassEncoder.draw_indexed = record
-        try:
-            sample = drawing.sample(10)
-        finally:
-            wgpu.GPURenderPassEncoder.draw_indexed = draw
+        patch.setattr(wgpu.GPURenderPassEncoder, "draw_indexed", record)
+        sample = drawing.sample(10)
     return instances_drawn, [sample.wall, sample.gpu or 1.0]
 
 
 def count_with_limit_of_32_px(name: str, device: Device, *case: Any) -> None:
     """Count in the worker with a maximum viewport of 32 px."""
     opened = tasks._get_rasteriser(name, device)
-    before, opened.max_size = opened.max_size, 32
-    try:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(opened, "max_size", 32)
         opened.draw_and_count(*case)
-    finally:
-        opened.max_size = before
 
 
 @pytest.mark.parametrize(("software", "drawn"), [(True, [1] * 10), (False, [10])])
@@ -103,14 +98,11 @@ def count_on_coarse_grid(name: str, device: Device, *case: Any) -> tuple[int, An
     def coarse(frame: Any, part: Any) -> Any:
         return tally(frame.with_points(round_points(frame.points, 16)), part)
 
-    opened._count_batch = coarse
-    try:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(opened, "_count_batch", coarse)
         step = opened._find_step()
-        opened._step = step
+        patch.setattr(opened, "_step", step)
         return step, opened.draw_and_count(*case), pictures.read_image(opened, *case)
-    finally:
-        opened._step = 1
-        del opened._count_batch
 
 
 def test_coarse_grid_is_detected_and_used(on_device, reference):
