@@ -64,10 +64,8 @@ def compare(base: Edit, head: Edit, settings: Settings = COUNTERS):
 )
 def test_fields_of_the_identity_distinguish_cases(field, value):
     case = make_case("delaunay", seed=1)
-    changed, recounted = (
-        make_record(**case | change) for change in ({field: value}, {"polygons": 3})
-    )
-    assert changed.id != make_record(**case).id == recounted.id
+    recounted = make_record(**case | {"polygons": 3})
+    assert make_record(**case | {field: value}).id != make_record(**case).id == recounted.id
 
 
 def test_counters_of_the_binner_and_of_the_order_are_gated():
@@ -115,12 +113,8 @@ def test_unregistered_counters_are_gated(name):
     back = compare(set_counters({name: 101}), set_counters({name: 100}))
     assert back.exit_code == 0
     assert "5 improved" in format_headline(back)
-
-
-def test_a_threshold_may_name_any_counter_of_the_runs():
-    edits = set_counters({"spills": 100}), set_counters({"spills": 101})
-    loose = Settings(gates=("counters",), thresholds={"spills": 0.02})
-    assert compare(*edits, loose).exit_code == 0
+    loose = Settings(gates=("counters",), thresholds={name: 0.02})
+    assert compare(set_counters({name: 100}), set_counters({name: 101}), loose).exit_code == 0
 
 
 @pytest.mark.parametrize("shared", ["fragments", "hits", "samples_passed"])
@@ -172,19 +166,14 @@ def test_regression_is_reported_only_with_exit_code_1(tmp_path, name, gates):
         assert ("not gated" in to_junit(comparison)) == timed
 
 
-def test_drift_of_separate_runs_is_reported_and_not_gated(tmp_path):
+def test_largest_drift_of_separate_runs_is_reported_and_not_gated():
     """A program that starts between two runs slows the reference draw less than the cases."""
-    comparison = compare_runs(*read_pair(tmp_path, edits={"*": add_time(0.55)}))
-    assert comparison.exit_code == 0
+    runs = make_run(make_cases(1)), make_run(make_cases(2, {"*": add_time(0.55)}))
+    comparison = compare_runs(*runs)
     (drift,) = comparison.drifts
-    assert drift.outcome == "regressed"
-    assert not drift.gated
-    (group,) = build_tables(comparison)
-    assert group.drift.startswith("all cases together: time 1.5")
-    assert "all cases together took +55.0 % time (not gated)" in format_headline(comparison)
+    assert (comparison.exit_code, drift.outcome, drift.gated) == (0, "regressed", False)
     less = replace(drift, ratio=1.2)
     assert format_headline(replace(comparison, drifts=(less, drift))) == format_headline(comparison)
-    assert "does not affect the verdict" in group.drift
 
 
 def test_drift_in_common_rounds_is_gated(tmp_path):

@@ -348,13 +348,9 @@ def test_scatter_of_either_time_widens_the_interval():
 @pytest.mark.parametrize(
     ("factor", "seconds", "written"),
     [
-        (0.8, 1.49, "after 50 draws (48 to 51)"),
-        (0.8, 0.4, "at once"),
-        (0.8, 0.5, "at once"),
-        (1.0, 1.5, "not significant"),
-        (1.0, 0.4, "not significant"),
-        (1.25, 1.5, "never (slower)"),
-        (1.25, 0.5, "never (slower)"),
+        *((0.8, 1.49, "after 50 draws (48 to 51)"), (0.8, 0.4, "at once"), (0.8, 0.5, "at once")),
+        *((1.0, 1.5, "not significant"), (1.0, 0.4, "not significant")),
+        *((1.25, 1.5, "never (slower)"), (1.25, 0.5, "never (slower)")),
         (1.25, 0.24, "up to 10 draws (10 to 11)"),
     ],
 )

@@ -64,7 +64,6 @@ def test_ratio_interval_equals_the_studentised_bootstrap():
     ("values", "base"),
     [
         ([1.0] * 5, [2.0] * 5),
-        ([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [2.0, 4.0, 6.0, 8.0, 10.0, 12.0]),
         ([1.0, 2.0, 3.0, 4.0, 5.0, 7.0], [0.0] * 6),
         # Lanes of a plate from six sides: three pairs, each of two that are nearly alike.
         ([498.2, 561.3, 555.1, 497.3, 486.6, 425.9], [498.2, 469.9, 472.6, 497.2, 440.3, 425.8]),

@@ -19,13 +19,9 @@ from tests.records import make_record, make_run
 @pytest.mark.parametrize(
     ("device", "renderer", "drawn"),
     [
-        ("llvmpipe", None, True),
-        ("cpu", None, True),
-        ("zink@host", None, True),
+        *(("llvmpipe", None, True), ("cpu", None, True), ("zink@host", None, True)),
         ("gpu0", "llvmpipe (LLVM 15.0.6, 256 bits)", True),
-        ("gpu0", "NVIDIA H100", False),
-        ("gpu0", "", False),
-        ("gpu0", None, False),
+        *(("gpu0", "NVIDIA H100", False), ("gpu0", "", False), ("gpu0", None, False)),
     ],
 )
 def test_software_devices_are_recognised_by_renderer_or_name(device, renderer, drawn):

@@ -40,8 +40,7 @@ def test_cases_are_sorted_by_number():
 @pytest.mark.parametrize(
     ("name", "parts"),
     [
-        ("fan", ("fan", None, False)),
-        ("pareto#0", ("pareto", 0, False)),
+        *(("fan", ("fan", None, False)), ("pareto#0", ("pareto", 0, False))),
         ("random#12@0", ("random", 12, True)),
         ("optimal:overdraw@0", ("optimal:overdraw", None, True)),
         ("mine:cut", ("mine:cut", None, False)),

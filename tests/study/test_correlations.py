@@ -76,16 +76,6 @@ def test_a_constant_criterion_has_no_correlation():
     assert np.isnan(estimate.value)
 
 
-def test_median_interval_covers_the_median():
-    covered = 0
-    for seed in range(60):
-        values = np.random.default_rng(seed).normal(0.5, 0.1, 25)
-        estimate = estimate_median(values)
-        covered += estimate.low <= 0.5 <= estimate.high
-        assert estimate.low <= estimate.value <= estimate.high
-    assert covered >= 54
-
-
 def test_a_polygon_in_several_views_counts_once():
     """Two views of four polygons are four polygons, too few for an interval."""
     views = polygons(4, 0.1)

@@ -142,7 +142,6 @@ def test_names_of_the_sweep_are_full_names():
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
-        (["--scene", "citty"], ["citty", "city"]),
         (["--scene", "paper", "--resolution", "3"], ["--resolution", "8"]),
         (["--scene", "paper", "--out", "a", "--resume", "b"], ["--out", "--resume"]),
         (["--scene", "paper", "--rasterisers", "opngl"], ["opngl", "opengl"]),
