@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import get_args
 
 import pytest
+from shapely import Polygon, box
 
 from harness.commands.index import COMMANDS, load_command
 from harness.frame import FIXED_VIEWS
 from harness.results.run_folder import read_run
 from harness.settings import CHOSEN_FITS, Fit
-from tests.conftest import assert_one_line, assert_refused, make_geojson, require_ok
+from tests.conftest import assert_one_line, assert_refused, require_ok, write_geojson
 from tests.paths import ROOT, run_python
 
 MOCK = ["--rasterisers", "tests.mock:MockRasteriser", "--quick", "--quiet"]
@@ -21,14 +22,6 @@ MOCK = ["--rasterisers", "tests.mock:MockRasteriser", "--quick", "--quiet"]
 def write(name: str, content: str) -> str:
     Path(name).write_text(content)
     return name
-
-
-def features(*rings: list[list[float]]) -> str:
-    return make_geojson({"type": "Polygon", "coordinates": [ring]} for ring in rings)
-
-
-SQUARE = [[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]
-BOWTIE = [[3, 0], [4, 1], [4, 0], [3, 1], [3, 0]]
 
 
 def test_a_run_measures_and_prints_a_table(harness, block):
@@ -73,23 +66,10 @@ def test_bad_usage_is_one_line_with_exit_code_2(harness, arguments, parts):
     assert_refused(harness("run", *arguments), *parts)
 
 
-@pytest.mark.parametrize(
-    ("name", "content"),
-    [
-        ("empty.geojson", features()),
-        ("nan.geojson", features([[float("nan"), 0], [1, 0], [1, 1], [float("nan"), 0]])),
-        ("not.geojson", "this is no GeoJSON"),
-        ("point.geojson", make_geojson([{"type": "Point", "coordinates": [1, 2]}])),
-    ],
-)
-def test_files_without_polygons_are_one_line_with_exit_code_2(harness, name, content):
-    write(name, content)
-    assert_refused(harness("run", "--scene", name, *MOCK), name)
-
-
 @pytest.mark.usefixtures("no_plots", "in_process")
 def test_invalid_polygons_are_counted_and_named(harness):
-    write("mixed.geojson", features(SQUARE, BOWTIE, [[6, 0], [7, 0], [7, 1], [6, 1], [6, 0]]))
+    bow_tie = Polygon([[3, 0], [4, 1], [4, 0], [3, 1]])
+    write_geojson(Path("mixed.geojson"), [box(0, 0, 1, 1), bow_tie, box(6, 0, 7, 1)])
     _, err = require_ok(harness("run", "--scene", "mixed.geojson", "--out", "results", *MOCK))
     assert "warning: mixed" in err
     facts = json.loads(Path("results/run.json").read_text())
@@ -115,8 +95,7 @@ def test_a_run_without_covered_pixels_measures_nothing(harness):
 
 @pytest.mark.usefixtures("no_plots", "in_process")
 def test_nothing_measured_is_exit_code_4(harness):
-    hole = [[[0, 0], [8, 0], [8, 8], [0, 8], [0, 0]], [[2, 2], [2, 6], [6, 6], [6, 2], [2, 2]]]
-    write("hole.geojson", make_geojson([{"type": "Polygon", "coordinates": hole}]))
+    write_geojson(Path("hole.geojson"), [box(0, 0, 8, 8) - box(2, 2, 6, 6)])
     code, out, err = harness("run", "--scene", "hole.geojson", "--triangulators", "fan", *MOCK)
     assert code == 4
     assert "skipped" in out
