@@ -160,14 +160,12 @@ def test_difference_between_processes_is_inconclusive():
     samples = (base.tolist(), (base * np.exp(level)).tolist())
     records = [make_record(time={**times, "samples_s": samples_s}) for samples_s in samples]
     pair = read_pair(*records, same_work=True)
-    assert isinstance(pair, Pair)
     changes, drift = compare([pair, pair])
     change = changes[0]
     assert (change.outcome, drift.outcome) == ("inconclusive", "inconclusive")
     assert change.low < 1 < change.high
     one_process = replace(records[1], time=replace(records[1].time, processes=()))
     single = read_pair(records[0], one_process, same_work=True)
-    assert isinstance(single, Pair)
     (change,), _ = compare([single])
     assert change.low > 1
 
@@ -248,7 +246,6 @@ def test_rounds_with_an_invalid_sample_are_not_paired():
     for *samples, same in of_pairs:
         records = (make_record(time={**times, "samples_s": samples_s}) for samples_s in samples)
         pair = read_pair(*records, same_work=True)
-        assert isinstance(pair, Pair)
         assert pair.same_rounds == same
 
 

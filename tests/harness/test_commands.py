@@ -255,6 +255,8 @@ def test_two_runs_within_a_second_get_separate_folders(tmp_path, monkeypatch):
         folders[-1].mkdir(parents=True)
     stamp = "city-20260101-120000"
     assert [folder.name for folder in folders] == [stamp, f"{stamp}-2", f"{stamp}-3"]
+    of_a_study = choose_folder("there/own.geojson", None, None, before="validate-")
+    assert of_a_study.name == "validate-own-20260101-120000"
 
 
 @pytest.mark.parametrize("kind", ["scenes", "triangulators", "rasterisers", "criteria", "metrics"])

@@ -64,6 +64,7 @@ def test_rings_are_oriented_and_owned():
     frame = make_frame([COURTYARD, L_SHAPE], View(256))
     assert frame.polygons[0].exterior.is_ccw
     assert not frame.polygons[0].interiors[0].is_ccw
+    assert frame.grid.geom_offsets.tolist() == [0, 2, 3]
     parts = [np.array([[0, 1, 4]], np.int32), np.array([[0, 1, 2], [0, 2, 3]])]
     joined = frame.join_triangles(parts)
     assert frame.find_owners(joined).tolist() == [0, 1, 1]
@@ -131,10 +132,3 @@ def test_frames_have_the_same_polygons_in_a_worker(polygons):
     sent = pickle.loads(pickle.dumps(frame))
     assert "polygons" not in vars(sent)
     assert list(sent.polygons) == polygons
-
-
-def test_frames_have_ring_offsets():
-    frame = make_frame([L_SHAPE, COURTYARD], View(512, 30))
-    assert frame.grid.ring_offsets.tolist() == [0, 6, 10, 14]
-    assert frame.grid.geom_offsets.tolist() == [0, 1, 3]
-    assert [len(polygon.interiors) for polygon in frame.polygons] == [0, 1]

@@ -72,7 +72,6 @@ def start_stuck(shared: Path, folder: Path) -> tuple[subprocess.Popen[str], list
     """Start the program; return it, its child and grandchild, and a temporary file."""
     (folder / "sitecustomize.py").write_text(STUCK)
     process = start(shared, folder, "-m", "harness", "list", "scenes")
-    assert process.stdout is not None
     child, other, name = process.stdout.readline().split()
     running = psutil.Process(int(child))
     before = running.cpu_times().user
@@ -128,7 +127,6 @@ def test_next_start_removes_what_a_killed_program_left(shared, tmp_path):
 
 def test_program_that_stores_results_gets_more_time(shared, tmp_path):
     process = start(shared, tmp_path, "-c", GRACEFUL)
-    assert process.stdout is not None
     assert process.stdout.readline() == "ready\n"
     process.terminate()
     assert process.wait(timeout=60) == 7

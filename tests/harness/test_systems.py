@@ -53,7 +53,6 @@ def test_process_trees_end_without_process_groups(monkeypatch):
     start = "import subprocess, sys; print(subprocess.Popen(['sleep', '60']).pid, flush=True)"
     command = [sys.executable, "-c", f"{start}; import time; time.sleep(60)"]
     parent = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    assert parent.stdout is not None
     child = psutil.Process(int(parent.stdout.readline()))
     system.kill_group(parent.pid)
     assert parent.wait(10) == -9

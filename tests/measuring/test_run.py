@@ -86,7 +86,6 @@ def test_every_case_gets_a_complete_record(block, tmp_path):
     assert stored.problems == []
     assert stored.facts["interrupted"] is False
     columns = read_arrays(stored, records["delaunay"]["key"])
-    assert columns is not None
     assert columns["predicted_triangles"].tolist() == [4, 8, 2]
     assert columns["fragments"].sum() == records["delaunay"]["counters"]["fragments"]
 

@@ -61,7 +61,6 @@ def test_counters_of_a_run_stopped_while_timing_are_reused(block, tmp_path, monk
         assert record["coverage_error"] == 0
         assert record["time"]["samples_s"]
         arrays = read_arrays(read_run(out), record["key"])
-        assert arrays is not None
         assert arrays["fragments"].sum() == record["counters"]["fragments"]
     assert not (out / "counted.jsonl").exists()
 

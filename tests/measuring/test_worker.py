@@ -225,17 +225,12 @@ def test_output_of_tasks_is_not_printed(worker, capfd):
     assert capfd.readouterr().out == ""
 
 
-def test_unpicklable_results_are_failures(worker):
+def test_unpicklable_tasks_and_results_are_failures(worker):
     with pytest.raises(TaskError, match="the result cannot be sent"):
         worker.call(return_local_function)
+    with pytest.raises(TaskError, match="the test worker: the task cannot be sent"):
+        worker.call(lambda: None)
     assert worker.call(read_variable, "MOCK_SETTING")[0] == "17"
-
-
-def test_unpicklable_tasks_are_failures():
-    with Worker("device") as worker:
-        with pytest.raises(TaskError, match="device: the task cannot be sent"):
-            worker.call(lambda: None)
-        assert worker.call(os.getpid) > 0
 
 
 def read_server_state() -> tuple[int, int, int, set[str]]:

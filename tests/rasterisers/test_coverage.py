@@ -78,6 +78,5 @@ def test_every_triangulation_of_real_polygons_covers_the_same_pixels(
         comparable = conforming & (expected >= 0)
         assert (fragments[comparable] == expected[comparable]).all(), name
         expected = np.where(conforming & (expected < 0), fragments, expected)
-    assert expected is not None
     assert (expected >= 0).all()
     assert expected.sum() > 0.05 * resolution**2

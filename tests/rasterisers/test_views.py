@@ -37,7 +37,6 @@ def read_frame(path: str, **options: Any) -> Frame:
 
 def triangulate_views(frame: Frame, *names: str) -> list[np.ndarray]:
     """Return the model's original triangulation and triangulations of its faces by name."""
-    assert frame.flat is not None
     parts = [make_original_triangulation(frame).parts]
     for name in names:
         flat = triangulate_polygons(parse(name), frame.flat.polygons)

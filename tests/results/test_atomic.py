@@ -20,7 +20,7 @@ from harness.webpages import write_atomically
 from tests.compare.runs import write_run
 from tests.conftest import assert_refused
 from tests.page.conftest import read_result
-from tests.paths import ROOT
+from tests.paths import run_python
 
 
 @pytest.mark.parametrize(("mask", "rights"), [(0o022, 0o644), (0o077, 0o600)])
@@ -70,9 +70,7 @@ def test_temporary_folder_of_a_killed_process_is_used_again(tmp_path):
     code += "with Output(Path('a.glb')) as output:\n"
     code += "    output.open_published().write(b'half'); output.open_unpublished('b')\n"
     code += "    os.kill(os.getpid(), 9)"
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    killed = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=environment)
-    assert killed.returncode == -9
+    assert run_python("-c", code, cwd=tmp_path).returncode == -9
     assert len(list(tmp_path.iterdir())) == 1
     target = tmp_path / "a.glb"
     with atomic.Output(target) as output, atomic.Output(target) as second:

@@ -50,7 +50,6 @@ def test_appended_records_are_read_back(tmp_path):
     assert run.facts["plan"] == {"scene": "city"}
     assert run.problems == []
     arrays = read_arrays(run, A)
-    assert arrays is not None
     assert arrays["fragments"].tolist() == [1, 2]
     assert read_arrays(run, B) is None
 

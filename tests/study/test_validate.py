@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.commands.outcome import choose_folder
 from harness.errors import InputError
 from harness.results.run_folder import read_run
 from harness.settings import StudySize
@@ -85,11 +84,6 @@ def test_failed_case_is_reported_with_the_exit_code(harness, command, monkeypatc
     assert "cases failed" in err.splitlines()[-1]
     assert "scripted failure" in (Path("out") / "cases.jsonl").read_text()
     assert list(Path("out").glob("*.csv"))  # measured results are written
-
-
-def test_a_study_of_a_file_has_both_names():
-    folder = choose_folder("there/own.geojson", None, None, before="validate-")
-    assert folder.name.startswith("validate-own-")
 
 
 @pytest.fixture(scope="module")
