@@ -116,10 +116,8 @@ def test_gate_on_counters_shows_times_without_failing(runs, harness):
 
 
 def test_options_override_the_settings_of_the_project(runs, harness):
-    Path("pyproject.toml").write_text(
-        '[tool.raster-harness]\ngate = "counters"\n'
-        '[tool.raster-harness.threshold]\nquads = "3%"\nhelper_lanes = "10%"\n'
-    )
+    thresholds = 'threshold = {quads = "3%", helper_lanes = "10%"}\n'
+    Path("pyproject.toml").write_text(f'[tool.raster-harness]\ngate = "counters"\n{thresholds}')
     assert runs(edits={"fan": add_cost(0.02), "delaunay": add_time(0.2)})[0] == 0
     assert harness("compare", "base", "head", "--gate", "counters,time")[0] == 1
     assert harness("compare", "base", "head", "--threshold", "quads=1%")[0] == 1

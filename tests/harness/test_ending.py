@@ -147,14 +147,12 @@ def test_a_full_disk_while_plotting_preserves_the_run(harness, block, monkeypatc
     assert Path("run/cases.jsonl").read_text().count("\n") == len(DEFAULT_TRIANGULATORS)
 
 
-@pytest.mark.parametrize(
-    "command", [["history", "run", "again"], ["study", "gains", "run"], ["report", "run"]]
-)
+@pytest.mark.parametrize("command", ["history run again", "study gains run", "report run"])
 @pytest.mark.parametrize("path", ["/proc/none", "file"])
 def test_unwritable_folders_are_one_line(harness, stored, command, path):
     Path("file").write_text("")
     shutil.copytree("run", "again")
-    assert_refused(harness(*command, "--out", f"{path}/new"), path)
+    assert_refused(harness(*command.split(), "--out", f"{path}/new"), path)
 
 
 @pytest.mark.parametrize("damage", ["empty", "cut off", "changed"])

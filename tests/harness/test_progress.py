@@ -97,9 +97,8 @@ def test_details_are_printed_in_verbose_mode_only():
         reporter.reporter.detail("Traceback: ...")
         with reporter.reporter.stage("timing", 1.0):
             reporter.now += 2.5
-        assert reporter.lines == (
-            ["Traceback: ...", "timing ...", "timing: 2.5 s"] if verbose else ["timing ..."]
-        )
+        lines = ["Traceback: ...", "timing ...", "timing: 2.5 s"]
+        assert reporter.lines == (lines if verbose else ["timing ..."])
 
 
 def test_quiet_prints_only_warnings():

@@ -163,9 +163,8 @@ def test_a_scene_that_exits_is_reported_in_one_line(harness, module, tmp_path):
     package = tmp_path / "theirs-1.0.dist-info"
     package.mkdir()
     (package / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
-    (package / "entry_points.txt").write_text(
-        "[raster_harness.scenes]\nexiting = theirs:build\nsquare = theirs:square\n"
-    )
+    points = "[raster_harness.scenes]\nexiting = theirs:build\nsquare = theirs:square\n"
+    (package / "entry_points.txt").write_text(points)
     module(
         "theirs",
         "import sys\nfrom shapely import box\n"

@@ -34,9 +34,8 @@ UNTIL_PRECISE = TimingSettings(budget_s=100, min_share=0)
 def scripted(costs: dict[str, float], noise: float = 0.0, clock: Clock | None = None, seed=0):
     clock = clock or Clock()
     log: list[str] = []
-    drawings = {
-        name: ScriptedDrawing(name, cost, clock, noise, log, seed) for name, cost in costs.items()
-    }
+    options = (clock, noise, log, seed)
+    drawings = {name: ScriptedDrawing(name, cost, *options) for name, cost in costs.items()}
     return drawings, clock, log
 
 
@@ -261,9 +260,7 @@ class Renewed:
         self.log.append("renewed")
         costs = zip(self._costs.items(), 1 + self._bias[number], strict=True)
         options = (self.clock, self._noise, self.log, 1000 * self._seed + number)
-        return {
-            name: ScriptedDrawing(name, cost * factor, *options) for (name, cost), factor in costs
-        }
+        return {name: ScriptedDrawing(name, cost * bias, *options) for (name, cost), bias in costs}
 
     def time(self, settings: TimingSettings, seed: int = 0):
         drawings = self(list(self._costs))

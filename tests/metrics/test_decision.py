@@ -216,10 +216,9 @@ def test_few_pixels_choose_the_first_complete_record():
     assert (decision.reason, decision.choice.name) == ("few pixels", "delaunay")
 
 
-@pytest.mark.parametrize(
-    ("draws", "faster"), [("level", False), ("untimed", False), ("faster", True)]
-)
-def test_base_is_kept_if_counters_and_times_are_equal(draws, faster):
+@pytest.mark.parametrize("draws", ["level", "untimed", "faster"])
+def test_base_is_kept_if_counters_and_times_are_equal(draws):
+    faster = draws == "faster"
     first, other = base(), make_fields("delaunay", draws)
     if draws == "untimed":
         del first["time"]
@@ -229,16 +228,15 @@ def test_base_is_kept_if_counters_and_times_are_equal(draws, faster):
     assert decision.choice.name == ("delaunay" if faster else "ear-clipping")
 
 
-@pytest.mark.parametrize(
-    ("quads", "reason"), [(996, "undecided"), (991, "undecided"), (989, "counter")]
-)
-def test_counter_decides_if_it_saves_one_percent_of_the_shaded_lanes(quads, reason):
+@pytest.mark.parametrize(("quads", "decides"), [(996, False), (991, False), (989, True)])
+def test_counter_decides_if_it_saves_one_percent_of_the_shaded_lanes(quads, decides):
     """1 % of the quads may be a large share of the helper lanes."""
     first, other = base(), make_fields("delaunay")
     for entry, count in ((first, 1000), (other, quads)):
         entry["counters"] = {"helper_lanes": 4 * count - 3900, "quads": count, "fragments": 3900}
     decision = decide([first, other])
-    assert (decision.reason, decision.choice.name == "delaunay") == (reason, reason == "counter")
+    assert decision.reason == ("counter" if decides else "undecided")
+    assert (decision.choice.name == "delaunay") == decides
 
 
 def test_count_is_compared_with_the_base_only_for_equal_polygons():

@@ -102,13 +102,11 @@ def test_statistics_are_sums_with_intervals_over_views():
     assert describe(tests)[0].startswith("bounding-box tests relative to")
 
 
-@pytest.mark.parametrize(
-    ("tiles", "note"), [(1, "1 tile,"), (MIN_VALUES - 1, f"{MIN_VALUES - 1} tiles,")]
-)
-def test_few_tiles_have_no_interval(tiles, note):
-    base, other = (
-        record(case["triangulator"], case[VIEWS]["helper_lanes"][:tiles]) for case in (BASE, OTHER)
-    )
+@pytest.mark.parametrize("tiles", [1, MIN_VALUES - 1])
+def test_few_tiles_have_no_interval(tiles):
+    note = "1 tile," if tiles == 1 else f"{tiles} tiles,"
+    lanes = {case["triangulator"]: case[VIEWS]["helper_lanes"] for case in (BASE, OTHER)}
+    base, other = (record(name, values[:tiles]) for name, values in lanes.items())
     line = describe([base, other])[0]
     assert f"({note} too few for intervals): flips:l1 0." in line
     assert line.count("(") == 1

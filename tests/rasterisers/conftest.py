@@ -81,9 +81,8 @@ def _count_covering(name: str, device: Device, *case: Any) -> tuple[np.ndarray, 
     if viewing is not None and viewing.depths is not None:
         viewing = replace(viewing, depths=viewing.depths[rows.ravel()])
     single = replace(single, scissor=frame.scissor, tiles=tiles, viewing=viewing)
-    fragments = opened._draw_and_count(
-        single, np.arange(rows.size, dtype=np.int32).reshape(-1, 3), options
-    )["fragments"]
+    separate = np.arange(rows.size, dtype=np.int32).reshape(-1, 3)
+    fragments = opened._draw_and_count(single, separate, options)["fragments"]
     return counted, sum_per_polygon(frame, rows, (fragments > 0).astype(np.int64))
 
 

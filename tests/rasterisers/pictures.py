@@ -14,18 +14,14 @@ from harness.rasterisers.reference import count_per_triangle
 Image = NDArray[np.uint8]
 
 
-def draw_image(
-    name: str, device: Device, frame: Frame, triangles: Triangles, options: Options
-) -> Image:
+def draw_image(name: str, device: Device, *case: Any) -> Image:
     """Return the picture, top row first, of a drawing on a device open in this process."""
-    return read_image(tasks._get_rasteriser(name, device), frame, triangles, options)
+    return read_image(tasks._get_rasteriser(name, device), *case)
 
 
-def read_image(
-    rasteriser: Rasteriser, frame: Frame, triangles: Triangles, options: Options
-) -> Image:
-    with rasteriser.prepare(frame, triangles, options) as drawing:
-        return READERS.get(rasteriser.name, _of_compute)(drawing, frame)
+def read_image(kind: Rasteriser, frame: Frame, triangles: Triangles, options: Options) -> Image:
+    with kind.prepare(frame, triangles, options) as drawing:
+        return READERS.get(kind.name, _of_compute)(drawing, frame)
 
 
 def _of_opengl(drawing: Any, frame: Frame) -> Image:

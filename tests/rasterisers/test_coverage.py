@@ -56,9 +56,7 @@ def helsinki() -> list[Polygon]:
 
 @pytest.mark.parametrize("polygons", [lambda: load("city").polygons, helsinki])
 @pytest.mark.parametrize("resolution", [256, 1024])
-def test_every_triangulation_of_real_polygons_covers_the_same_pixels(
-    llvmpipe, reference, polygons, resolution
-):
+def test_real_polygons_cover_the_same_pixels(llvmpipe, reference, polygons, resolution):
     frame = make_frame(polygons(), View(resolution))
     expected = None
     for name in TRIANGULATORS:

@@ -50,9 +50,7 @@ def test_crashing_driver_is_reported_as_a_finding(monkeypatch):
     assert finding.fix
 
 
-def test_fix_names_variables_that_hide_drivers_and_capabilities_of_a_container(
-    monkeypatch, tmp_path
-):
+def test_fix_names_variables_that_hide_drivers_and_container_options(monkeypatch, tmp_path):
     kind = rasterisers.get("opengl")
     for variable in doctor.HIDING_VARIABLES:
         monkeypatch.delenv(variable, raising=False)

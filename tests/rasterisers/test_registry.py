@@ -1,3 +1,4 @@
+import json
 import os
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -135,15 +136,16 @@ def test_hanging_or_crashing_driver_is_reported_as_a_problem(monkeypatch, tmp_pa
         assert all(problem in text for text in problems)
 
 
+ANSWER = {"devices": [{"renderer": "x"}], "problems": []}
+
+
 @pytest.fixture
 def program(monkeypatch, tmp_path) -> Path:
     """Return a probe program that lists one device and counts its calls."""
     monkeypatch.setenv("RASTER_HARNESS_CACHE", str(tmp_path / "cache" / "database.sqlite"))
     file = tmp_path / "probe.py"
-    file.write_text(
-        f"import sys; open({str(tmp_path / 'asked')!r}, 'a').write(sys.argv[1])\n"
-        """print('{"devices": [{"renderer": "x"}], "problems": []}')"""
-    )
+    log = f"import sys; open({str(tmp_path / 'asked')!r}, 'a').write(sys.argv[1])\n"
+    file.write_text(f"{log}print('{json.dumps(ANSWER)}')")
     monkeypatch.setattr(devices, "PROBE", file)
     return file
 
@@ -157,7 +159,7 @@ def test_answers_are_cached_until_drivers_or_variables_change(program, monkeypat
     (drivers := tmp_path / "usr/share/vulkan/icd.d").mkdir(parents=True)
     question = (("a",), {})
     for _ in range(3):
-        assert devices.run_probes([question])[0]["devices"] == [{"renderer": "x"}]
+        assert devices.run_probes([question]) == [ANSWER]
     assert count_calls(program) == 1
     os.utime(drivers, (1, 1))
     devices.run_probes([question])
