@@ -137,7 +137,10 @@ def test_documented_workflows_use_existing_inputs():
     assert all(set(example) <= set(ACTION["inputs"]) for example in used)
 
 
-def test_script_stores_a_first_baseline(tmp_path):
+def test_script_stores_a_first_baseline_or_prints_its_usage(tmp_path):
+    done = subprocess.run([ROOT / "scripts/ci-compare.sh"], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr.strip().startswith("scripts/ci-compare.sh BASELINE OUT")
     command = [ROOT / "scripts/ci-compare.sh", "kept/baseline", "out", "--gate", "counters", "--"]
     command += ["--scene", "city:buildings=2", "--quick", "--budget", "0.001"]
     command += ["--rasterisers", "tests.mock:MockRasteriser", "--triangulators", "delaunay"]
@@ -148,12 +151,6 @@ def test_script_stores_a_first_baseline(tmp_path):
     assert (tmp_path / "kept/baseline/cases.jsonl").read_text()
     reports = {path.name for path in (tmp_path / "out").iterdir()}
     assert reports == {"head", "compare.md", "compare.xml", "compare.json", "compare.html"}
-
-
-def test_script_prints_usage():
-    done = subprocess.run([ROOT / "scripts/ci-compare.sh"], capture_output=True, text=True)
-    assert done.returncode == 2
-    assert done.stderr.strip().startswith("scripts/ci-compare.sh BASELINE OUT")
 
 
 def test_actions_are_pinned_by_commit():

@@ -44,18 +44,15 @@ def test_a_newer_schema_is_bad_usage(runs):
 @pytest.mark.parametrize(
     ("options", "parts"),
     [
-        (["--gate", "couters"], ["couters", "counters"]),
-        (["--gate", ","], ["gate ','"]),
-        (["--threshold", "time"], ["time", "percentage"]),
-        (["--threshold", "time=5"], ["time=5", "percentage"]),
-        (["--threshold", "quds=5%"], ["quds", "quads"]),
-        (["--threshold", "outline_quads=5%"], ["outline_quads", "no change"]),
-        (["--threshold", "draw_ms=5%"], ["draw_ms"]),
-        (["--json", "/proc/none/x.json"], ["/proc/none"]),
+        ("--gate couters", ["couters", "counters"]),
+        *(("--gate ,", ["gate ','"]), ("--json /proc/none/x.json", ["/proc/none"])),
+        *((f"--threshold {text}", [text, "percentage"]) for text in ("time", "time=5")),
+        *(("--threshold quds=5%", ["quds", "quads"]), ("--threshold draw_ms=5%", ["draw_ms"])),
+        ("--threshold outline_quads=5%", ["outline_quads", "no change"]),
     ],
 )
 def test_invalid_options_are_one_line_and_exit_code_2(runs, options, parts):
-    assert_refused(runs(*options), *parts)
+    assert_refused(runs(*options.split()), *parts)
 
 
 def test_other_devices_are_refused_without_across_devices(runs, harness):

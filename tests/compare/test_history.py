@@ -94,7 +94,6 @@ def test_the_command_draws_and_lists(harness, year):
     change = "city 1024 px, opengl on llvmpipe: 70,400 → 72,512 (+3.0 %)"
     assert f"quads of ear-clipping, {change}" in out
     assert "time of delaunay" in out
-    assert "16 runs" in out
     rows = read_rows("plots")
     marked = [row for row in rows if row["change"] == "1"]
     assert len(rows) == 16 * (5 + 5 + 6)

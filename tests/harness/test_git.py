@@ -52,9 +52,9 @@ def test_git_starts_no_program_of_the_repository(project, tmp_path):
         git(project, "config", f"filter.theirs.{kind}", str(program))
     for setting in ("core.fsmonitor", "diff.external", "core.sshCommand"):
         git(project, "config", setting, str(program))
-    git(project, "config", "filter.theirs.required", "true")
     git(project, "config", "remote.origin.url", "ssh://host/repository")
-    git(project, "config", "remote.origin.promisor", "true")
+    for setting in ("filter.theirs.required", "remote.origin.promisor"):
+        git(project, "config", setting, "true")
     marker.unlink(missing_ok=True)
     source = project / "code/of_a_project.py"
     os.utime(source, (1, 1))  # git has to compare its content

@@ -174,19 +174,17 @@ def test_contributed_profiles_are_found_by_name(harness):
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
-        (["--sizes", "64-16"], ["--sizes", "exceeds"]),
-        (["--sizes", "1-16"], ["--sizes", "8 to 16384"]),
-        (["--sizes", "16-64", "--resolution", "64"], ["--resolution", "--sizes"]),
-        (["--profile", "x.json"], ["--profile", "--sizes"]),
-        (["--json"], ["--json", "--sizes"]),
-        (["--sizes", "16", "--every", "paper"], ["--every", "--sizes"]),
-        (["--sizes", "16", "--triangulator", "fan"], ["fan", "two or more"]),
-        (["--sizes", "16", "--out", "x.pdf"], ["x.pdf", ".svg"]),
+        *(("--sizes 64-16", ["--sizes", "exceeds"]), ("--sizes 1-16", ["--sizes", "8 to 16384"])),
+        ("--sizes 16-64 --resolution 64", ["--resolution", "--sizes"]),
+        *(("--profile x.json", ["--profile", "--sizes"]), ("--json", ["--json", "--sizes"])),
+        ("--sizes 16 --every paper", ["--every", "--sizes"]),
+        ("--sizes 16 --triangulator fan", ["fan", "two or more"]),
+        ("--sizes 16 --out x.pdf", ["x.pdf", ".svg"]),
     ],
 )
 def test_invalid_arguments_are_one_line(harness, arguments, parts):
     write_geojson(Path("l.geojson"), [box(0, 0, 8, 8)])
-    assert_refused(harness("inspect", "l.geojson", *arguments), *parts)
+    assert_refused(harness("inspect", "l.geojson", *arguments.split()), *parts)
 
 
 def test_few_pixels_and_vanished_polygons_are_reported(harness):

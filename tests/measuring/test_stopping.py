@@ -39,8 +39,7 @@ def test_counters_of_a_run_stopped_while_timing_are_reused(block, tmp_path, monk
     with monkeypatch.context() as patch:
         signal_in("time_drawings", number, patch)
         result = measure(make_plan(block), out)
-    assert result.interrupted
-    assert result.aborted
+    assert (result.interrupted, result.aborted) == (True, True)
     assert get_rows(result) == get_rows(read_run(out)) == []
     assert read_run(out).facts["interrupted"] is True
     counted = [json.loads(line) for line in (out / "counted.jsonl").read_text().splitlines()]
@@ -69,8 +68,7 @@ def test_counters_of_a_run_stopped_while_timing_are_reused(block, tmp_path, monk
 def test_first_interrupt_stops_at_once_while_nothing_is_timed(block, tmp_path, monkeypatch, step):
     signal_in(step, signal.SIGINT, monkeypatch)
     result = measure(make_plan(block), tmp_path / "out")
-    assert result.interrupted
-    assert result.aborted
+    assert (result.interrupted, result.aborted) == (True, True)
     assert read_run(tmp_path / "out").facts["interrupted"] is True
 
 

@@ -270,11 +270,10 @@ class Renewed:
 def test_drawings_are_prepared_again_in_changing_order():
     renewed = Renewed({"a": 2e-3, "b": 3e-3, "c": 1e-3}, 0.0, 0.01, 1)
     times = renewed.time(TimingSettings(budget_s=0.5, warm_up_s=0.0))
-    assert len(renewed.orders) >= 6
     assert all(sorted(order) == ["a", "b", "c"] for order in renewed.orders)
     assert len({tuple(order) for order in renewed.orders}) > 1
     epochs = times["a"].epochs
-    assert len(epochs) == len(renewed.orders)
+    assert len(epochs) == len(renewed.orders) >= 6
     assert min(epochs) >= 2
     assert {sum(epochs)} == {len(entry.samples_s) for entry in times.values()}
     # The first draw after preparing is not a sample.

@@ -17,6 +17,9 @@ from harness.workers.worker import Limits, TaskError, TaskTimeoutError, Worker
 from tests.paths import run_python
 from triangulators.errors import MAX_TRACEBACK
 
+NO_SERVER = "elsewhere there is no fork server, and orphans are not adopted"
+ON_LINUX = pytest.mark.skipif(sys.platform != "linux", reason=NO_SERVER)
+
 
 def read_variable(name: str) -> tuple[str | None, int]:
     return os.environ.get(name), os.getpid()
@@ -126,7 +129,7 @@ def test_output_and_errors_are_truncated(task, arguments):
         assert str(caught.value).endswith("| last")
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere workers start from nothing")
+@ON_LINUX
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 @pytest.mark.parametrize("who", ["itself", "its parent", "the server"])
 def test_a_plugin_that_signals_its_parents_fails_only_its_task(who, number, monkeypatch):
@@ -185,16 +188,7 @@ def test_results_of_interrupted_tasks_are_discarded(worker):
 
 
 @pytest.mark.parametrize("code", [None, 1])
-@pytest.mark.parametrize(
-    "leave",
-    [
-        leave_a_child,
-        pytest.param(
-            leave_a_daemon,
-            marks=pytest.mark.skipif(sys.platform != "linux", reason="orphans are not adopted"),
-        ),
-    ],
-)
+@pytest.mark.parametrize("leave", [leave_a_child, pytest.param(leave_a_daemon, marks=ON_LINUX)])
 def test_child_processes_end_with_the_worker(tmp_path, leave, code):
     """The child has copies of all pipes; its parent answers or crashes. Other workers continue."""
     start = time.monotonic()
@@ -239,7 +233,7 @@ def read_server_state() -> tuple[int, int, int, set[str]]:
     return server.pid, server.num_threads(), os.getpgid(server.pid), libraries
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere workers start from nothing")
+@ON_LINUX
 def test_workers_are_forked_from_one_clean_server():
     with Worker("one") as one, Worker("two") as two:
         first, second = one.call(read_server_state), two.call(read_server_state)
@@ -274,7 +268,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is no server")
+@ON_LINUX
 def test_ctrl_c_does_not_reach_the_loading_server(tmp_path):
     (tmp_path / "own.py").write_text(CTRL_C)
     done = run_python(tmp_path / "own.py", start_new_session=True)

@@ -1,6 +1,7 @@
 """Groups of records that differ in the triangulator; ratios of times of the same rounds."""
 
 from dataclasses import replace
+from itertools import product
 
 import pytest
 
@@ -17,13 +18,10 @@ TIME = {"samples_s": SAMPLES, "reference_s": [1e-3] * 20}
 
 
 def test_groups_are_sorted_and_keep_the_order_of_records():
-    records = [
-        make_record(name, resolution=size, device=device)
-        for device in ("zink", "llvmpipe")
-        for size in (1024, 64)
-        for name in ("fan", "delaunay")
-    ]
-    groups = group_records(records)
+    cases = product(("zink", "llvmpipe"), (1024, 64), ("fan", "delaunay"))
+    groups = group_records(
+        [make_record(name, resolution=size, device=device) for device, size, name in cases]
+    )
     conditions = [(group.id.device, group.id.view.resolution) for group in groups]
     assert conditions == [("llvmpipe", 64), ("llvmpipe", 1024), ("zink", 64), ("zink", 1024)]
     assert all([record.name for record in group.records] == ["fan", "delaunay"] for group in groups)

@@ -103,9 +103,7 @@ def test_four_epochs_are_independent_values():
     assert np.log(of_epochs.value) == pytest.approx(0.0175)
     of_rounds = intervals.compute_paired_ratio(samples, base)
     assert intervals.compute_paired_ratio(samples, base, [15, 15, 30]) == of_rounds != of_epochs
-
-
-def test_processes_have_equal_weight():
+    # Processes have equal weight.
     samples = np.exp(np.repeat([0.0, 0.1], [8, 2]))
     ratio = intervals.compute_paired_ratio(samples, np.ones(10), [2] * 5, [8, 2])
     assert ratio.value == pytest.approx(np.exp(0.05))

@@ -1,17 +1,11 @@
 """The command `doctor`: working devices are measured, and missing ones get a fix."""
 
-import pytest
-
 from harness import doctor, rasterisers
 from harness.rasterisers import devices, osmesa
 
 
-@pytest.fixture(scope="module")
-def findings() -> dict[str, doctor.Finding]:
-    return {finding.name: finding for finding in doctor.examine_devices()}
-
-
-def test_working_devices_are_reported_with_their_timer(findings):
+def test_working_devices_are_reported_and_every_problem_has_a_fix():
+    findings = {finding.name: finding for finding in doctor.examine_devices()}
     llvmpipe = findings["opengl on llvmpipe"]
     assert llvmpipe.status == "ok", llvmpipe
     assert "llvmpipe" in llvmpipe.detail
@@ -20,9 +14,6 @@ def test_working_devices_are_reported_with_their_timer(findings):
     assert "counts equal the reference's" in findings["bounding-box on llvmpipe"].detail
     if (roofs := findings["pyrender on llvmpipe"]).status == "ok":
         assert "draws, but cannot count" in roofs.detail
-
-
-def test_every_problem_has_a_fix(findings):
     for finding in findings.values():
         assert finding.status == "ok" or finding.fix, finding
 

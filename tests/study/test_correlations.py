@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -116,6 +114,8 @@ def test_polygons_are_triangulated_in_many_ways(run_folder):
     names = set(table["triangulator"])
     assert {"ear-clipping", "worst:half-perimeter", "random#3"} <= names
     assert not table.duplicated(["polygon", "triangulator"]).any()
+    columns = pd.read_csv(run_folder / matrix.SPREAD).columns
+    assert {"polygon", "triangulator", "half_perimeter", "helper_lanes", "fit"} <= set(columns)
 
 
 def test_counters_are_those_of_the_polygon_in_its_frame(run_folder):
@@ -170,11 +170,6 @@ def test_sentence_without_a_spread_uses_ratios():
     sentence = "Of the criteria, half-perimeter H predicts quads best (rank correlation 0.50)."
     assert format_best_criterion("quads", {"quads": {"half_perimeter": 0.5}}) == sentence
     assert format_best_criterion("quads", {}) == ""
-
-
-def test_table_is_a_csv_file(run_folder):
-    table = pd.read_csv(Path(run_folder) / matrix.SPREAD)
-    assert {"polygon", "triangulator", "half_perimeter", "helper_lanes", "fit"} <= set(table)
 
 
 def ranked() -> pd.DataFrame:

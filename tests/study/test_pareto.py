@@ -1,11 +1,11 @@
 """The study of the Pareto front, end to end on the CPU reference and a scripted rasteriser."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from shapely import Polygon, box
 
 from harness.frame import View, make_frame
 from harness.measuring.run import ScenePart
@@ -14,7 +14,7 @@ from harness.stats.intervals import add_run_scatter, compute_paired_ratio
 from harness.study import pareto
 from harness.triangulating.recipes import parse_all
 from scenes import load
-from tests.conftest import assert_refused, require_ok
+from tests.conftest import assert_refused, require_ok, write_geojson
 from tests.measuring.test_run import make_plan, measure
 from tests.records import get_rows
 from triangulators import full_name
@@ -142,23 +142,23 @@ def test_names_of_the_sweep_are_full_names():
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
-        (["--scene", "paper", "--resolution", "3"], ["--resolution", "8"]),
-        (["--scene", "paper", "--out", "a", "--resume", "b"], ["--out", "--resume"]),
-        (["--scene", "paper", "--rasterisers", "opngl"], ["opngl", "opengl"]),
-        (["--scene", "square.geojson"], ["no polygon without holes of 8 to 100 vertices"]),
+        ("paper --resolution 3", ["--resolution", "8"]),
+        ("paper --out a --resume b", ["--out", "--resume"]),
+        ("paper --rasterisers opngl", ["opngl", "opengl"]),
+        ("square.geojson", ["no polygon without holes of 8 to 100 vertices"]),
     ],
 )
 def test_bad_usage_is_reported_in_one_line(harness, arguments, parts):
-    ring = [[0, 0], [9, 0], [9, 9], [0, 9], [0, 0]]
-    Path("square.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
-    assert_refused(harness("study", "pareto", *arguments, "--quiet"), *parts)
+    write_geojson(Path("square.geojson"), [box(0, 0, 9, 9)])
+    command = ("study", "pareto", "--quiet", "--scene")
+    assert_refused(harness(*command, *arguments.split()), *parts)
 
 
 def test_a_study_that_measures_nothing_is_exit_code_4(harness, monkeypatch):
     monkeypatch.setenv("MOCK_FAULT", "count:error")  # with 9 corners all have 7 triangles
     turns = np.linspace(0, 2 * np.pi, 10)[:-1]
-    ring = np.column_stack((np.cos(turns), np.sin(turns))).tolist()
-    Path("nonagon.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+    nonagon = Polygon(np.column_stack((np.cos(turns), np.sin(turns))))
+    write_geojson(Path("nonagon.geojson"), [nonagon])
     answer = harness("study", "pareto", "--scene", "nonagon.geojson", "--out", "out", *BRIEF)
     assert_refused(answer, "nothing was measured", "out/cases.jsonl", code=4)
 
@@ -189,8 +189,7 @@ def test_points_of_the_front_are_cases_by_number(block, tmp_path):
     status = {record["triangulator"]: record["status"] for record in records}
     # An L of six vertices and a square have a front each; the courtyard has a hole.
     assert set(status) == {"pareto#0", "pareto#1", "pareto#99"}
-    assert status["pareto#0"] == "ok"
-    assert status["pareto#99"] == "skipped"
+    assert (status["pareto#0"], status["pareto#99"]) == ("ok", "skipped")
     first = next(record for record in records if record["triangulator"] == "pareto#0")
     assert (first["polygons"], first["polygons_skipped"]) == (2, 1)
 

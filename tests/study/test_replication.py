@@ -56,11 +56,8 @@ EAR_CLIPPING = {"overdraw": 0.86, "half_perimeter": 0.98, "expected_quads": 0.99
 EAR_CLIPPING |= {"edge_length": 0.93, "shape": 0.75}
 
 
-def test_claims_without_evidence_have_no_finding():
+def test_each_claim_can_hold_and_fail_or_have_no_evidence():
     assert set(get_verdicts(Evidence()).values()) == {None}
-
-
-def test_each_claim_can_hold_and_fail():
     assert set(get_verdicts(make_good_evidence()).values()) == {True}
     poor = {"overdraw": 0.86, "half_perimeter": 0.86, "expected_quads": 0.86}
     poor |= {"edge_length": 0.5, "shape": 0.75}
