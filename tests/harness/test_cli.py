@@ -46,7 +46,8 @@ def test_no_report_leaves_the_report_to_a_later_command(harness, block):
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
-        *(("", ["--scene"]), ("--resume nowhere", ["nowhere"]), ("--scene citty", ["city"])),
+        *(("", ["--scene"]), ("--resume nowhere", ["nowhere"])),
+        ("--scene citty", ["citty", "city"]),
         ("--scene missing.geojson", ["missing.geojson"]),
         ("--scene city:bildings=3", ["bildings", "buildings"]),
         ("--scene city --triangulators delauney", ["delauney", "delaunay"]),
