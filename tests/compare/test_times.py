@@ -211,8 +211,8 @@ TIMED = {"samples_s": [1e-3] * 20, "timer": "wall"}
     [
         (TIMED, {}, "HEAD was not timed"),
         ({}, TIMED, "BASE was not timed"),
-        (TIMED, {"samples_s": [1e-3] * 7}, "too few"),
-        (TIMED, {"samples_s": [0.0, -1.0]}, "not timed"),
+        (TIMED, {**TIMED, "samples_s": [1e-3] * 7}, "too few"),
+        (TIMED, {**TIMED, "samples_s": [0.0, -1.0]}, "not timed"),
         ({**TIMED, "timer": "gpu"}, TIMED, "timed by gpu clock in BASE, by wall in HEAD"),
     ],
 )
