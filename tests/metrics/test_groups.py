@@ -19,9 +19,8 @@ TIME = {"samples_s": SAMPLES, "reference_s": [1e-3] * 20}
 
 def test_groups_are_sorted_and_keep_the_order_of_records():
     cases = product(("zink", "llvmpipe"), (1024, 64), ("fan", "delaunay"))
-    groups = group_records(
-        [make_record(name, resolution=size, device=device) for device, size, name in cases]
-    )
+    records = [make_record(name, resolution=size, device=device) for device, size, name in cases]
+    groups = group_records(records)
     conditions = [(group.id.device, group.id.view.resolution) for group in groups]
     assert conditions == [("llvmpipe", 64), ("llvmpipe", 1024), ("zink", 64), ("zink", 1024)]
     assert all([record.name for record in group.records] == ["fan", "delaunay"] for group in groups)
