@@ -102,8 +102,8 @@ def test_skipped_features_are_named_ten_on_screen_all_in_the_run(harness):
     arguments = ("--scene", "own.geojson", "--triangulators", "fan", "--out", "out", *LOUD)
     _, err = require_ok(harness("run", *arguments))
     dropped = dict(scene_of("out")["dropped"])
-    assert [*dropped] == [f"feature {number}" for number in range(1, 13)]
-    assert [*dropped.values()] == ["is a Point, not a polygon"] * 6 + ["empty geometry"] * 6
+    points = {f"feature {number}": "is a Point, not a polygon" for number in range(1, 7)}
+    assert dropped == points | {f"feature {number}": "empty geometry" for number in range(7, 13)}
     named = [line for line in err.splitlines() if ": dropped feature " in line]
     assert len(named) == 10
     for line in named:
