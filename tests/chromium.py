@@ -141,6 +141,10 @@ class Chromium:
         assert "exceptionDetails" not in result, result["exceptionDetails"]
         return result["result"].get("value")
 
+    def read_text(self, part: str) -> str:
+        """Return the text of an element of our pages by its id."""
+        return self.evaluate(f"$('{part}').textContent")
+
     def resize(self, width: int, height: int) -> None:
         """Set the size of the viewport in CSS pixels."""
         self.send(

@@ -77,35 +77,7 @@ def make_result(run: Run) -> dict[str, Any]:
         "format": FORMAT,
         "version": VERSION,
         "page": {"harness": "0.1.0", "scene": "city:buildings=20", "created": "2026-01-01"},
-        "started": "2026-11-22T10:00:00.000Z",
-        "ended": "2026-11-22T10:01:00.000Z",
-        "browser": "Mozilla/5.0 (Macintosh) AppleWebKit/605 (KHTML, like Gecko) Safari/605",
-        "device": {
-            "vendor": "apple",
-            "architecture": "metal-3",
-            "device": "",
-            "description": "",
-            "timer": True,
-            "step": 1,
-            "fallback": False,
-            "limits": {
-                "maxTextureDimension2D": 8192,
-                "maxBufferSize": 268435456,
-                "maxStorageBufferBindingSize": 134217728,
-            },
-        },
-        "timer": {
-            "timer": "gpu",
-            "asking_s": 0.002,
-            "wall_s": 0.001,
-            "gpu_s": 0.001,
-            "resolution_s": 1e-7,
-            "reason": "the GPU timer saw it",
-        },
-        "budget_s": 1.5,
-        "complete": True,
-        "problem": None,
-        "hidden": False,
+        **json.loads((ROOT / "tests/page/apple.json").read_text()),
         "views": list(views.values()),
     }
 
@@ -163,7 +135,7 @@ def profiled(browser: Chromium, profile_page: Path) -> dict[str, Any]:
     result = measure(browser)
     browser.resize(360, 800)
     parts = ("answer", "words", "thin", "terms", "traps")
-    texts = {part: read_text(browser, part) for part in parts}
+    texts = {part: browser.read_text(part) for part in parts}
     texts["widths"] = browser.evaluate("[document.documentElement.scrollWidth, innerWidth]")
     texts["panels"] = browser.evaluate("document.querySelectorAll('#thin svg').length")
     stages = "[...$('terms').rows].map((row) => row.cells[1].textContent)"
@@ -197,7 +169,3 @@ def measure(browser: Chromium) -> dict[str, Any]:
     browser.evaluate("start(); null")
     browser.wait(MEASUREMENT_ENDED)
     return json.loads(browser.evaluate("JSON.stringify(state.result)"))
-
-
-def read_text(browser: Chromium, part: str) -> str:
-    return browser.evaluate(f"$('{part}').textContent")

@@ -7,11 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from harness.metrics.per_polygon import compute_ranks
 from harness.page.page_data import make_page_content, write_page
 from harness.page.result import COUNTERS
 from harness.rasterisers import Options
 from harness.rasterisers.reference import Reference
 from harness.results.run_folder import read_run
+from harness.stats.intervals import add_run_scatter, compute_paired_ratio
 from tests.chromium import MEASUREMENT_ENDED, REPORT_READY, Chromium
 from tests.conftest import require_ok
 from tests.page.conftest import measure, read_result
@@ -35,10 +37,14 @@ def open_page(browser: Chromium, page: Path) -> None:
 def undisturbed(gpu_browser, page) -> SimpleNamespace:
     open_page(gpu_browser, page)
     result = measure(gpu_browser)
-    expressions = {"shown": "document.body.innerText", "device": "$('device').innerText"}
-    expressions |= {"saved": "savedText()", "address": "location.href"}
-    values = {name: gpu_browser.evaluate(text) for name, text in expressions.items()}
-    return SimpleNamespace(result=result, requests=list(gpu_browser.requests), **values)
+    return SimpleNamespace(
+        result=result,
+        requests=list(gpu_browser.requests),
+        shown=gpu_browser.evaluate("document.body.innerText"),
+        device=gpu_browser.evaluate("$('device').innerText"),
+        saved=gpu_browser.evaluate("savedText()"),
+        address=gpu_browser.evaluate("location.href"),
+    )
 
 
 def test_page_counts_as_expected_and_its_result_is_a_run(undisturbed, harness, small_run, tmp_path):
@@ -46,18 +52,14 @@ def test_page_counts_as_expected_and_its_result_is_a_run(undisturbed, harness, s
     assert result["problem"] is None
     assert result["complete"]
     assert [len(view["cases"]) for view in result["views"]] == [3, 3]
+    controls = {"(empty)", "(reference)", "(the base again)"}
     for view in result["views"]:
-        for case in view["cases"].values():
-            assert case["differing"] == 0
+        assert {case["differing"] for case in view["cases"].values()} == {0}
         rounds = sum(view["epochs"])
         assert len(view["epochs"]) >= 6
         assert rounds >= 12
         assert {len(times["samples_s"]) for times in view["times"].values()} == {rounds}
-        assert set(view["times"]) - set(view["cases"]) == {
-            "(empty)",
-            "(reference)",
-            "(the base again)",
-        }
+        assert set(view["times"]) - set(view["cases"]) == controls
     assert "All counters are the expected ones." in undisturbed.shown
     assert "ear-clipping drawn a second time" in undisturbed.shown
     assert undisturbed.requests == [undisturbed.address.split("#")[0]]
@@ -99,53 +101,46 @@ def test_differing_counters_are_reported(gpu_browser, page):
     )
     result = measure(gpu_browser)
     assert result["views"][0]["cases"]["delaunay"]["differing"] > 0
-    assert "Counters differ from the expected ones in" in gpu_browser.evaluate(
-        "$('answer').textContent"
-    )
+    assert "Counters differ from the expected ones in" in gpu_browser.read_text("answer")
 
 
-def test_stopped_measurement_is_retained(gpu_browser, page):
-    open_page(gpu_browser, page)
-    gpu_browser.evaluate("PACE.quick = 60; start(); null")
-    gpu_browser.wait("state.result?.views[0]?.epochs[0] > 1")
-    gpu_browser.evaluate("$('stop').click(); null")
-    gpu_browser.wait(MEASUREMENT_ENDED)
-    result = json.loads(gpu_browser.evaluate("JSON.stringify(state.result)"))
-    assert not result["complete"]
-    assert result["problem"] is None
-    assert len(result["views"]) == 1
-    assert sum(result["views"][0]["epochs"]) > 1
-    assert not gpu_browser.evaluate("$('save').disabled")
-    assert "Completed measurements are kept" in gpu_browser.evaluate("$('notice').textContent")
-
-
-def test_measurements_of_a_lost_device_are_retained(gpu_browser, page):
+@pytest.mark.parametrize(
+    ("end", "problem", "notice"),
+    [
+        ("$('stop').click()", "", "Completed measurements are kept"),
+        ("seen.destroy()", "lost the GPU", "start again to measure everything"),
+    ],
+)
+def test_measurements_before_a_stop_or_a_lost_device_are_retained(
+    gpu_browser, page, end, problem, notice
+):
     open_page(gpu_browser, page)
     gpu_browser.evaluate(
-        "{ const make = Painter; globalThis.seen = null;"
-        " const count = Painter.prototype.count;"
+        "{ const count = Painter.prototype.count;"
         " Painter.prototype.count = function (...rest) { globalThis.seen = this.device;"
         " return count.apply(this, rest); }; PACE.quick = 60; start(); null }"
     )
     gpu_browser.wait("state.result?.views[0]?.epochs[0] > 1")
-    gpu_browser.evaluate("seen.destroy(); null")
+    gpu_browser.evaluate(f"{end}; null")
     gpu_browser.wait(MEASUREMENT_ENDED)
     result = json.loads(gpu_browser.evaluate("JSON.stringify(state.result)"))
-    assert "lost the GPU" in result["problem"]
-    assert len(result["views"][0]["cases"]) == 3
-    assert sum(result["views"][0]["epochs"]) > 1
-    assert "start again to measure everything" in gpu_browser.evaluate("$('notice').textContent")
-    assert not gpu_browser.evaluate("$('start').disabled")
+    assert not result["complete"]
+    assert problem in result["problem"] if problem else result["problem"] is None
+    (view,) = result["views"]
+    assert len(view["cases"]) == 3
+    assert sum(view["epochs"]) > 1
+    assert notice in gpu_browser.read_text("notice")
+    assert not gpu_browser.evaluate("$('save').disabled || $('start').disabled")
 
 
-def test_page_without_webgpu_names_browsers_with_webgpu(browser, page):
-    browser.open(page, MEASUREMENT_ENDED)
-    notice = browser.evaluate("$('notice').textContent")
-    assert "WebGPU" in notice
-    for name in ("Chrome", "Safari", "Firefox"):
-        assert name in notice
+@pytest.mark.parametrize("name", ["page", "profile_page"])
+def test_page_without_webgpu_names_browsers_with_webgpu(browser, request, name):
+    browser.open(request.getfixturevalue(name), MEASUREMENT_ENDED)
+    notice = browser.read_text("notice")
+    for text in ("WebGPU is in Chrome", "Safari", "Firefox"):
+        assert text in notice
     assert browser.evaluate("$('save').disabled")
-    assert browser.evaluate("$('answer').textContent") == "Nothing was measured."
+    assert browser.read_text("answer") == "Nothing was measured."
 
 
 # Simulated drawings with given costs and noise of 1 %, and a timer with an optional step; only
@@ -199,8 +194,6 @@ def test_step_of_a_timer_is_detected(browser, page):
 
 def test_statistics_of_the_page_equal_python(browser, page):
     """Intervals differ only by the expansion of Student's quantile in JavaScript."""
-    from harness.stats.intervals import add_run_scatter, compute_paired_ratio
-
     browser.open(page, MEASUREMENT_ENDED)
     samples = [1.00, 1.02, 1.01, 1.05, 1.00, 0.99, 1.03, 1.02, 1.01, 1.00, 1.04, 1.02]
     base = [1.01, 1.00, 1.02, 1.01, 0.98, 1.00, 1.01, 1.03, 1.00, 0.99, 1.01, 1.00]
@@ -209,11 +202,8 @@ def test_statistics_of_the_page_equal_python(browser, page):
     assert actual["value"] == pytest.approx(expected.value, rel=1e-12)
     assert actual["low"] == pytest.approx(expected.low, abs=1e-4)
     assert actual["high"] == pytest.approx(expected.high, abs=1e-4)
-    assert browser.evaluate("rankCorrelation([1, 2, 3, 4], [10, 20, 20, 40])") == pytest.approx(
-        0.9486833
-    )
+    correlation = browser.evaluate("rankCorrelation([1, 2, 3, 4], [10, 20, 20, 40])")
+    assert correlation == pytest.approx(0.9486833)
     assert browser.evaluate("rankCorrelation([0.3, 0.1 + 0.2, 0.3], [1, 2, 3])") is None
-    from harness.metrics.per_polygon import compute_ranks
-
     sums = [4, 0.3, 0.1 + 0.2, -1e-300, 1 - 2e-9, 1, 2.0000000050000001, 2.000000005]
     assert browser.evaluate(f"ranks({sums})") == compute_ranks(np.array(sums)).tolist()

@@ -10,14 +10,14 @@ from typing import Any
 import pytest
 
 from harness.commands.run_inputs import parse_recipes
-from harness.errors import BAD_INPUT, INCONCLUSIVE
+from harness.errors import INCONCLUSIVE
 from harness.page.profile_result import FORMAT
 from harness.profile import advice, design, report
 from harness.profile.advice import CALIBRATED_OPTIMUM
 from harness.profile.counted import count_draw
 from harness.profile.placing import Draw
 from harness.profile.profile import read_coefficients
-from tests.conftest import assert_one_line, assert_refused, require_ok
+from tests.conftest import assert_refused, require_ok
 from tests.measuring.test_run import inline
 from tests.page.conftest import write_saved
 from tests.page.test_hostile import MARKUP, add_markup
@@ -108,12 +108,9 @@ def truncate_epochs(number: int) -> Callable[[dict[str, Any]], None]:
 FORGERIES: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "design": (lambda r: r["page"].update(design=2), "measured with version 2 of"),
     "seed": (lambda r: r["page"].update(seed=1), "the draws differ from the draws of seed 1"),
-    "checksum": (
-        lambda r: r["draws"][3].update(checksum=5),
-        "the draws differ from the draws of seed 0",
-    ),
-    "grid": (lambda r: r["device"].update(step=16), "the draws differ from the draws of seed 0"),
-    "draws": (lambda r: r["draws"].pop(), "the draws differ from the draws of seed 0"),
+    "checksum": (lambda r: r["draws"][3].update(checksum=5), "differ from the draws of seed 0"),
+    "grid": (lambda r: r["device"].update(step=16), "differ from the draws of seed 0"),
+    "draws": (lambda r: r["draws"].pop(), "differ from the draws of seed 0"),
     "counter": (
         lambda r: r["draws"][3].update(quads=r["draws"][3]["quads"] + 1),
         "differ from the exact reference in 1 draws, not in 0",
@@ -124,14 +121,10 @@ FORGERIES: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "terms": (lambda r: r["law"]["seconds"].pop("near"), "unknown terms or form"),
     "times": (lambda r: slow_down(r, 0), "does not follow from the times"),
     "rounds": (lambda r: times(r, "40").pop(), "draws have different numbers of rounds"),
-    "epochs": (lambda r: r["epochs"].append(1), "draws have different numbers of rounds"),
     "zero": (lambda r: times(r, "40").__setitem__(0, 0.0), "a draw took no time"),
     "negative": (lambda r: times(r, "40").__setitem__(0, -1.0), "greater than or equal to 0"),
-    "missing": (lambda r: r["times"].pop("40"), "the timed draws are not the 183 draws"),
-    "strange": (
-        lambda r: r["times"].update({"x": r["times"]["4"]}),
-        "the timed draws are not the 183 draws",
-    ),
+    "missing": (lambda r: r["times"].pop("40"), "timed draws are not the 183 draws"),
+    "strange": (lambda r: r["times"].update(x=r["times"]["4"]), "timed draws are not the 183"),
     "few": (truncate_epochs(3), "after 3 of at least 4 epochs"),
     "untimed": (lambda r: r.update(times=None, epochs=[], law=None), "after 0 of at least 4"),
     "no timer": (lambda r: r.update(timer=None), "too few for a fit"),
@@ -143,10 +136,9 @@ FORGERIES: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
 @pytest.mark.parametrize("name", FORGERIES)
 def test_inconsistent_results_are_refused_in_one_line(harness, saved, name):
     change, message = FORGERIES[name]
-    code, out, err = harness("import", saved(change))
-    assert code == BAD_INPUT
-    assert out == ""
-    assert_one_line(err, message)
+    result = harness("import", saved(change))
+    assert_refused(result, message)
+    assert result[1] == ""
     assert not Path("results").exists()
 
 
@@ -160,15 +152,12 @@ def test_inconsistent_results_are_refused_in_one_line(harness, saved, name):
 )
 def test_damaged_file_is_refused(harness, profiled, change, message):
     Path("saved.json").write_text(change(profiled["saved"]))
-    assert_refused(harness("import", "saved.json"), message, code=BAD_INPUT)
+    assert_refused(harness("import", "saved.json"), message)
 
 
 def test_options_for_runs_are_refused(harness, saved):
-    assert_refused(
-        harness("import", saved(), "--summary", "s.json"),
-        "--run and --summary are only for runs",
-        code=BAD_INPUT,
-    )
+    result = harness("import", saved(), "--summary", "s.json")
+    assert_refused(result, "--run and --summary are only for runs")
 
 
 def test_problems_of_the_page_are_reported(harness, saved):

@@ -18,6 +18,16 @@ COSTS = {
 }
 """Seconds per unit of a counter; other counters cost nothing."""
 
+STAGE_COSTS = {
+    "draw": 1e-9,
+    "transformed_vertices": 6e-10,
+    "tile_pairs": 1.9e-9,
+    "fragments": 7e-11,
+    "helper_lanes": 6e-11,
+    "work": 1.1e-11,
+}
+"""Seconds per unit, for a device whose draws take the time of the slowest stage."""
+
 
 class ChargedDrawing(Drawing):
     def __init__(self, seconds: float) -> None:

@@ -17,6 +17,7 @@ from harness.profile.profile import read_coefficients, select_draws_to_fit, writ
 from harness.stats.intervals import Ratio
 from scripts.studies.laws import Design, fit_device, make_design
 from tests.paths import ROOT
+from tests.profile.charging import STAGE_COSTS
 
 TRUE_COSTS = np.array([8e-6, 4e-8, 1.0e-9, 1.0e-8, 0.0, 1e-10, 0.0, 1.2e-8, 2e-8])
 
@@ -151,16 +152,6 @@ def test_intervals_cover_costs_without_false_ones(layout):
         assert fitted.significant[0]
     assert covered >= 0.85 * cost_terms
     assert not_significant >= 0.85 * zero_terms
-
-
-STAGE_COSTS = {
-    "draw": 1e-9,
-    "transformed_vertices": 6e-10,
-    "tile_pairs": 2.4e-9,
-    "fragments": 7e-11,
-    "helper_lanes": 1e-10,
-    "work": 1.1e-11,
-}
 
 
 @pytest.mark.parametrize("form", law.FORMS)
