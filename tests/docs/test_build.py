@@ -42,10 +42,9 @@ def test_the_reference_has_every_command_option_and_name(site):
     names = (site / "reference" / "names.html").read_text()
     for name in [*registry.BUILTIN, *list_metrics()]:
         assert f"<code>{name}</code>" in names
-    run_python = (site / "reference" / "python.html").read_text()
-    assert "Triangulate a polygon" in run_python
-    assert "compute_paired_ratio" in run_python
-    assert "javascripts/tables.js" in run_python
+    python = (site / "reference" / "python.html").read_text()
+    for text in ("Triangulate a polygon", "compute_paired_ratio", "javascripts/tables.js"):
+        assert text in python
 
 
 def test_pages_load_no_external_files(site):
@@ -143,19 +142,18 @@ TABLE = ("table", "thead", "tbody", "tr", "th", "td", "code")
 
 def test_contributed_names_are_shown_as_text(tmp_path, monkeypatch, browser):
     """Fields of contributed profiles are untrusted: pages must show markup in them as text."""
-    source = ROOT / "results" / "reference" / "profiles" / "opengl-llvmpipe.json"
-    profile = json.loads(source.read_text())
     markup = 'x\n\n# y <img src=x onerror="1"> [here](javascript:1) {: onmouseover="1" }'
-    for name in ("name", "rasteriser", "cpu"):
-        profile["device"][name] = markup
+    profiles, devices = "results/reference/profiles", "results/devices"
+    profile, summary = (
+        json.loads((ROOT / folder / "opengl-llvmpipe.json").read_text())
+        for folder in (profiles, devices)
+    )
+    profile["device"] |= dict.fromkeys(("name", "rasteriser", "cpu"), markup)
     profile["advice"]["triangulator"] = markup
-    folder = tmp_path / "results" / "reference" / "profiles"
-    folder.mkdir(parents=True)
-    (folder / "hostile.json").write_text(json.dumps(profile))
-    source = ROOT / "results" / "devices" / "opengl-llvmpipe.json"
-    summary = json.loads(source.read_text()) | dict.fromkeys(("device", "driver", "cpu"), markup)
-    (tmp_path / "results" / "devices").mkdir()
-    (tmp_path / "results" / "devices" / "hostile.json").write_text(json.dumps(summary))
+    summary |= dict.fromkeys(("device", "driver", "cpu"), markup)
+    for folder, content in ((profiles, profile), (devices, summary)):
+        (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / "hostile.json").write_text(json.dumps(content))
     monkeypatch.setattr("docs.generate.ROOT", tmp_path)
     for made, times in ((generate.profiles, 4), (generate.devices, 3)):
         row = made().splitlines()[-1]

@@ -18,15 +18,8 @@ from tests.paths import ROOT, run_python
 FOLLOWED = [page for page in pages() if any(block.language == "sh" for block in blocks(page))]
 COUNTERS = "--gate counters"
 LONG = (
-    "study all",
-    "study validate",
-    "study pareto",
-    "profile",
-    "page --profile",
-    "doctor",
-    "list scenes",
-    "run --scene city",
-    "inspect city",
+    *("study all", "study validate", "study pareto", "profile", "page --profile", "doctor"),
+    *("list scenes", "run --scene city", "inspect city"),
 )
 
 
@@ -36,16 +29,11 @@ def test_a_page_can_be_followed(page: Path, reader: Reader):
         reader.follow(block)
 
 
-def test_blocks_that_are_not_run_have_a_reason():
+def test_commands_are_only_in_sh_blocks_and_not_run_for_a_reason():
     for page in pages():
         for block in blocks(page):
             if block.kind in ("slow", "not run"):
                 assert len(block.note.split()) > 3, (page, block.content)
-
-
-def test_commands_are_only_in_sh_blocks():
-    for page in pages():
-        for block in blocks(page):
             if block.language != "sh":
                 assert "-m harness" not in block.content, (page, block.language)
 
@@ -77,26 +65,20 @@ def test_the_examples_of_the_help_work(reader: Reader):
     for folder in (RUN, LATER):
         prepare = f"run --scene buildings.geojson --quick --out {folder}"
         assert reader.run(f".venv/bin/python -m harness {prepare}") == 0
-        told = reader.folder / folder / "run.json"
-        facts = json.loads(told.read_text())
+        file = reader.folder / folder / "run.json"
+        facts = json.loads(file.read_text())
         facts["state"] |= {"state": "quiet", "why": []}  # also if other programs disturb the run
-        told.write_text(json.dumps(facts))
+        file.write_text(json.dumps(facts))
     result = make_result(read_run(reader.folder / RUN))
     write_saved(result, reader.folder / "saved-by-the-page.json")
-    for entry in COMMANDS.values():
-        for line in entry.examples:
-            brief = line
-            if not FULL:
-                if line.startswith(LONG):
-                    continue
-                if line.startswith("run") and "--quick" not in line:
-                    brief = f"{line} --quick"
-            fine: tuple[int, ...] = (GOOD,)
-            if line.startswith("compare"):
-                # On a busy machine the times of two short runs may say nothing, or may truly
-                # differ, and then compare says so. Counters can do neither.
-                fine = (GOOD,) if COUNTERS in line else (GOOD, REGRESSION, INCONCLUSIVE)
-            assert reader.run(f".venv/bin/python -m harness {brief}") in fine, line
+    for line in (line for entry in COMMANDS.values() for line in entry.examples):
+        if not FULL and line.startswith(LONG):
+            continue
+        quick = " --quick" if line.startswith("run") and not FULL and "--quick" not in line else ""
+        # On a busy machine the times of two short runs may differ or be inconclusive.
+        compares_times = line.startswith("compare") and COUNTERS not in line
+        allowed = (GOOD, REGRESSION, INCONCLUSIVE) if compares_times else (GOOD,)
+        assert reader.run(f".venv/bin/python -m harness {line}{quick}") in allowed, line
 
 
 STARTED = "import sys; sys.argv[0] = 'raster-harness'; from harness.cli import main; main()"
@@ -129,12 +111,9 @@ def test_completion_is_printed_and_refused_for_an_unknown_shell():
     shown = run_python("-c", STARTED, "--show-completion", "bash", env=named)
     assert (shown.returncode, shown.stderr) == (GOOD, "")
     assert "complete -o default" in shown.stdout
-    command = (
-        '"$0" -c "$1" --show-completion; exit $?'  # without exec, so that sh is the parent process
-    )
-    refused = subprocess.run(
-        ["sh", "-c", command, sys.executable, STARTED], cwd=ROOT, capture_output=True, text=True
-    )
+    # Without exec, so that sh is the parent process.
+    command = ["sh", "-c", '"$0" -c "$1" --show-completion; exit $?', sys.executable, STARTED]
+    refused = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert (refused.returncode, refused.stderr) == (BAD_INPUT, "Shell sh not supported.\n")
 
 

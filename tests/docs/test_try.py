@@ -42,10 +42,6 @@ def open_page(browser: Chromium, width: int = 1200, fragment: str = "") -> None:
     browser.open(PAGE, REPORT_READY, fragment=fragment)
 
 
-def read_text(browser: Chromium, part: str) -> str:
-    return browser.evaluate(f"$('{part}').textContent")
-
-
 def act(browser: Chromium, action: str) -> None:
     before = browser.evaluate("Number(document.documentElement.dataset.ready)")
     browser.evaluate(f"{action}; null")
@@ -53,10 +49,12 @@ def act(browser: Chromium, action: str) -> None:
 
 
 def paste(browser: Chromium, text: str) -> None:
-    act(
-        browser,
-        f"$('text').value = {json.dumps(text)}; $('text').dispatchEvent(new Event('input'))",
-    )
+    enter(browser, "text", json.dumps(text))
+
+
+def enter(browser: Chromium, part: str, value: object, event: str = "input") -> None:
+    """Set the value of an element, as a user would."""
+    act(browser, f"$('{part}').value = {value}; $('{part}').dispatchEvent(new Event('{event}'))")
 
 
 def test_a_pasted_polygon_is_compared(browser):
@@ -65,15 +63,13 @@ def test_a_pasted_polygon_is_compared(browser):
     act(browser, "setSize(64); requestUpdate()")
     arc = shapely.get_coordinates(shapely.Point(0, 0).buffer(9, quad_segs=14))[:42]
     paste(browser, Polygon([(0, 0), *arc[:41]]).wkt)
-    counters = (
-        "Object.entries(state.result.methods).map(([name, method]) => [name, method.counts.quads])"
-    )
-    quads = dict(browser.evaluate(counters))
+    methods = browser.evaluate("state.result.methods")
+    quads = {name: method["counts"]["quads"] for name, method in methods.items()}
     saved = [1 - quads[name] / quads["ears"] for name in ("refined", "flipped", "optimal", "quads")]
     assert max(saved) > 0.01
     shares = {f"{100 * abs(each):.1f} % {'more' if each < 0 else 'fewer'}" for each in saved}
     shares = {share for share in shares if not share.startswith("0.0 %")}  # "as many"
-    answer = read_text(browser, "answer")
+    answer = browser.read_text("answer")
     assert set(re.findall(r"[\d.]+ % (?:more|fewer)", answer)) == shares
     names = browser.evaluate("NAMES")
     least = min(names, key=lambda name: quads[name])
@@ -81,7 +77,7 @@ def test_a_pasted_polygon_is_compared(browser):
     assert names[least] in answer.split(", with")[0]
     marked = "METHODS.map(([name]) => name).filter((name) => !panels[name].best.hidden)"
     assert set(browser.evaluate(marked)) == {name for name in quads if quads[name] == quads[least]}
-    assert re.fullmatch(r"42 vertices, 61 . 60 px", read_text(browser, "vertex-count"))
+    assert re.fullmatch(r"42 vertices, 61 . 60 px", browser.read_text("vertex-count"))
     caption = browser.evaluate("panels.ears.caption.textContent")
     assert caption.startswith(f"{4 * quads['ears']:,} lanes for ")
     assert browser.requests == [PAGE.as_uri()]
@@ -94,19 +90,17 @@ def test_a_drawing_with_several_elements_offers_a_choice(browser):
     group = '<g transform="rotate(30) scale(20)"><path d="M0 0H4V3Z"/></g>'
     paste(browser, f'<svg><rect id="small" width="9" height="9"/>{group}<use href="#small"/></svg>')
     assert browser.evaluate("state.choices") == ["path 2: 3 vertices", "rect small: 4 vertices"]
-    assert "2 polygons" in read_text(browser, "notice")
-    assert "copy of another element" in read_text(browser, "notice")
-    act(browser, "$('choices').value = 1; $('choices').dispatchEvent(new Event('change'))")
-    assert read_text(browser, "vertex-count").startswith("4 vertices,")
+    assert "2 polygons" in browser.read_text("notice")
+    assert "copy of another element" in browser.read_text("notice")
+    enter(browser, "choices", 1, "change")
+    assert browser.read_text("vertex-count").startswith("4 vertices,")
     assert not browser.evaluate("$('choices-label').hidden")
     for button, number, count in (("previous", 0, 3), ("next", 1, 4)):
         act(browser, f"$('{button}').click()")
         assert browser.evaluate("[$('choices').value, state.choice]") == [str(number), number]
-        assert read_text(browser, "vertex-count").startswith(f"{count} vertices,")
-        assert browser.evaluate("[$('previous').disabled, $('next').disabled]") == [
-            number == 0,
-            number == 1,
-        ]
+        assert browser.read_text("vertex-count").startswith(f"{count} vertices,")
+        ends = browser.evaluate("[$('previous').disabled, $('next').disabled]")
+        assert ends == [number == 0, number == 1]
     act(browser, "$('remove').click()")
     assert browser.evaluate("$('choices-label').hidden")
     act(browser, "$('undo').click()")
@@ -118,8 +112,8 @@ def test_hostile_links_are_reported_as_invalid(browser):
     polygon = "0-0-1000-0-0-1000/"
     for fragment in (f"64/{'9' * 400}/{polygon}", f"{'9' * 400}/0/{polygon}"):
         open_page(browser, fragment=fragment)
-        assert "truncated or invalid" in read_text(browser, "notice")
-        assert read_text(browser, "vertex-count").startswith("8 vertices,")
+        assert "truncated or invalid" in browser.read_text("notice")
+        assert browser.read_text("vertex-count").startswith("8 vertices,")
         assert "NaN" not in browser.evaluate("document.body.innerText")
 
 
@@ -132,7 +126,7 @@ def test_the_page_opens_with_a_typical_polygon(browser):
     share = f"{100 * (saved >= saved[number]).mean():.0f} % of the {len(saved)} footprints"
     assert share in sentence
     open_page(browser)
-    assert read_text(browser, "typical") == sentence
+    assert browser.read_text("typical") == sentence
     assert not browser.evaluate("$('typical').hidden")
     width, height = browser.evaluate("measureSize(state.result.placed.rings)")
     west, south, east, north = load("city").polygons[number].bounds
@@ -150,16 +144,17 @@ def test_a_picture_is_saved(browser):
     open_page(browser)
     wrapped = "wrapText(document.createElement('canvas').getContext('2d'), 'a b c', 14, '9px mono')"
     assert len(browser.evaluate(wrapped)) > 1
-    shape = browser.evaluate("(({width, height}) => [width, height])(drawPicture(state.result))")
-    assert shape[0] == 3 * 424 + 24
-    assert shape[1] > 2 * 400
     drawn = """(() => {
-        const canvas = drawPicture(state.result), {data} = canvas.getContext("2d")
-            .getImageData(24, 0, 400, canvas.height);
-        return new Set(Array.from({length: data.length / 4}, (_, i) =>
-            data.slice(4 * i, 4 * i + 3).join())).size;
+        const canvas = drawPicture(state.result), {width, height} = canvas;
+        const {data} = canvas.getContext("2d").getImageData(24, 0, 400, height);
+        const colours = new Set(Array.from({length: data.length / 4}, (_, i) =>
+            data.slice(4 * i, 4 * i + 3).join()));
+        return [width, height, colours.size];
     })()"""
-    assert browser.evaluate(drawn) > 10
+    width, height, colours = browser.evaluate(drawn)
+    assert width == 3 * 424 + 24
+    assert height > 2 * 400
+    assert colours > 10
     browser.evaluate("savePicture().then(() => null)")
     browser.wait("$('copied').textContent === 'Picture saved.'")
     browser.evaluate("$('draw').click(); null")
@@ -168,16 +163,16 @@ def test_a_picture_is_saved(browser):
 
 def test_size_rotation_and_link_go_together(browser):
     open_page(browser)
-    before = read_text(browser, "answer")
-    act(browser, "$('size').value = 8; $('size').dispatchEvent(new Event('input'))")
-    act(browser, "$('rotation').value = 30; $('rotation').dispatchEvent(new Event('input'))")
-    answer = read_text(browser, "answer")
+    before = browser.read_text("answer")
+    enter(browser, "size", 8)
+    enter(browser, "rotation", 30)
+    answer = browser.read_text("answer")
     assert "at 256 px" in answer
     assert answer != before
     link = browser.evaluate("location.hash.slice(1)")
     assert link.startswith("256/30/")
     open_page(browser, fragment=link)
-    assert read_text(browser, "answer") == answer
+    assert browser.read_text("answer") == answer
     assert browser.evaluate("$('rotation').value") == "30"
 
 
@@ -190,8 +185,8 @@ def test_vertices_are_dragged_added_and_removed(browser):
     ring = browser.evaluate("state.rings[0]")
     mouse = {"button": "left", "clickCount": 1}
     browser.send("Input.dispatchMouseEvent", type="mousePressed", x=x, y=y, **mouse)
-    browser.send("Input.dispatchMouseEvent", type="mouseMoved", x=x - 60, y=y + 40, buttons=1)
-    browser.send("Input.dispatchMouseEvent", type="mouseReleased", x=x - 60, y=y + 40, **mouse)
+    for kind, fields in (("mouseMoved", {"buttons": 1}), ("mouseReleased", mouse)):
+        browser.send("Input.dispatchMouseEvent", type=kind, x=x - 60, y=y + 40, **fields)
     now = browser.evaluate("state.rings[0]")
     assert [one == other for one, other in zip(ring, now, strict=True)] == [1, 1, 0, 1]
     assert now[2][0] < ring[2][0]
@@ -212,17 +207,15 @@ def test_a_polygon_is_drawn_by_clicks(browser):
     browser.wait("$('vertex-count').textContent === '0 placed so far'")  # the layout is final
     corners = ((0.2, 0.2), (0.8, 0.2), (0.8, 0.8), (0.5, 0.4), (0.2, 0.8), (0.2, 0.2))
     # the editor does not move under the pointer, as it would during a smooth scroll
-    x, y, side = browser.evaluate(
-        "(({x, y, width}) => [x, y, width])($('editor').getBoundingClientRect())"
-    )
+    editor = browser.evaluate("$('editor').getBoundingClientRect().toJSON()")
+    x, y, side = editor["x"], editor["y"], editor["width"]
     for count, (across, down) in enumerate(corners, start=1):
         browser.click(x + across * side, y + down * side)
         browser.wait(f"state.drawing === null || state.drawing.length === {count}")
-    browser.wait(
-        "state.drawing === null && $('vertex-count').textContent.startsWith('5 vertices,')"
-    )
+    browser.wait("state.drawing === null")
+    browser.wait("$('vertex-count').textContent.startsWith('5 vertices,')")
     assert browser.evaluate("doubledArea(state.rings[0])") > 0
-    assert "px" in read_text(browser, "answer")
+    assert "px" in browser.read_text("answer")
 
 
 def test_a_polygon_is_drawn_by_keys(browser):
@@ -231,12 +224,12 @@ def test_a_polygon_is_drawn_by_keys(browser):
     before = browser.evaluate("state.rings")
     browser.evaluate("$('draw').click(); null")
     browser.wait("$('methods').classList.contains('stale')")
-    assert "Space places a vertex" in read_text(browser, "answer")
+    assert "Space places a vertex" in browser.read_text("answer")
     for keys in ("ArrowLeft", "ArrowUp", "ArrowRight ArrowRight", "ArrowDown ArrowDown"):
         for key in keys.split():
             browser.press(key)
         browser.press(" ")
-    assert read_text(browser, "announcement").startswith("Cross at 510, 510")
+    assert browser.read_text("announcement").startswith("Cross at 510, 510")
     browser.press("Escape")
     browser.wait("!$('methods').classList.contains('stale')")
     assert browser.evaluate("state.rings") == before
@@ -245,7 +238,7 @@ def test_a_polygon_is_drawn_by_keys(browser):
     for key in ("Enter", " ", "ArrowUp", " ", "ArrowLeft", " "):
         browser.press(key)
     act(browser, "onKeyDown(new KeyboardEvent('keydown', {key: 'Enter'}))")
-    assert read_text(browser, "vertex-count").startswith("3 vertices,")
+    assert browser.read_text("vertex-count").startswith("3 vertices,")
     browser.press("z", modifiers=2)
     browser.wait("$('vertex-count').textContent.startsWith('8 vertices,')")
     assert browser.evaluate("state.rings") == before
@@ -262,7 +255,7 @@ def test_invalid_polygons_and_texts_are_reported(browser):
         ("((0 0, 9 0, 9 9, 0 9, 0 0), (5 5, 15 5, 15 7, 5 5))", "self-intersects"),
     ):
         paste(browser, f"POLYGON {wkt}")
-        assert read_text(browser, "answer").startswith(f"Invalid: this polygon {fault}")
+        assert browser.read_text("answer").startswith(f"Invalid: this polygon {fault}")
         for method in ("ears", "refined", "flipped", "optimal", "quads"):
             shown = browser.evaluate(f"panels.{method}.missing.textContent")
             assert shown == "the polygon is invalid"
@@ -270,14 +263,14 @@ def test_invalid_polygons_and_texts_are_reported(browser):
     assert "with holes" in browser.evaluate("panels.optimal.missing.textContent")
     top = browser.evaluate(TOP)
     browser.evaluate("$('text').value = 'nonsense'; $('text').dispatchEvent(new Event('input'))")
-    assert "not WKT" in read_text(browser, "notice")
+    assert "not WKT" in browser.read_text("notice")
     assert browser.evaluate(TOP) == top
-    assert "the previous polygon" in read_text(browser, "notice")
+    assert "the previous polygon" in browser.read_text("notice")
     assert browser.evaluate("$('methods').classList.contains('stale')")
     answer = browser.evaluate("$('notice').getBoundingClientRect().bottom")
     assert 0 < answer < browser.evaluate("innerHeight")
     act(browser, "$('undo').click()")
-    assert read_text(browser, "vertex-count").startswith("7 vertices,")
+    assert browser.read_text("vertex-count").startswith("7 vertices,")
 
 
 def test_small_differences_are_reported_as_none(browser):
@@ -301,7 +294,7 @@ def test_small_differences_are_reported_as_none(browser):
 def test_files_and_links_are_loaded(browser):
     open_page(browser)
     act(browser, "loadFile(new File(['0 0, 9 0, 9 9, 5 4, 0 9'], 'my.txt'))")
-    assert read_text(browser, "vertex-count").startswith("5 vertices,")
+    assert browser.read_text("vertex-count").startswith("5 vertices,")
     assert not browser.evaluate("$('degrees-label').hidden")
     before = browser.evaluate("state.rings")
     act(browser, "$('degrees').click()")
@@ -311,7 +304,7 @@ def test_files_and_links_are_loaded(browser):
     paste(browser, f"see page.html#{link}")
     assert browser.evaluate("currentLink()") == link
     open_page(browser, fragment=link[:-9])
-    assert "truncated" in read_text(browser, "notice")
+    assert "truncated" in browser.read_text("notice")
 
 
 def test_a_device_is_measured_in_the_page(browser):

@@ -112,17 +112,10 @@ def test_counts_are_those_of_the_reference():
         points = read_points(result)
         for way in result["ways"].values():
             triangles = np.array(way["rows"], np.int32).reshape(-1, 3)
-            expected = {
-                name: int(each.sum())
-                for name, each in count_per_triangle(points, triangles).items()
-            }
-            counts = way["counts"]
+            expected, counts = count_per_triangle(points, triangles), way["counts"]
             for name in SHADED:
-                assert counts[name] == expected[name]
-            assert (
-                counts["covering_triangles"]
-                == (count_per_triangle(points, triangles)["fragments"] > 0).sum()
-            )
+                assert counts[name] == expected[name].sum()
+            assert counts["covering_triangles"] == (expected["fragments"] > 0).sum()
             assert counts["vertex_batches"] == count_batches(triangles)[0]
             for limit in (5, 32):
                 batches, _ = count_batches(triangles, limit, limit + 2)
@@ -194,22 +187,18 @@ def test_links_restore_the_polygon():
 SQUARE = "0 0,9 0,9 9,0 9,0 0"
 
 
-def l_shape() -> Polygon:
-    return Polygon([(0, 0), (6, 0), (6, 2), (2, 2), (2, 4), (0, 4)])
+L_SHAPE = Polygon([(0, 0), (6, 0), (6, 2), (2, 2), (2, 4), (0, 4)])
 
 
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("POLYGON ((0 0, 6 0, 6 2, 2 2, 2 4, 0 4, 0 0))", l_shape()),
-        ("0,0 6,0 6,2 2,2 2,4 0,4", l_shape()),
-        ("M0 0h6v-2h-4v-2H0z", l_shape()),
-        ('<svg><path d="M 0 0 L6 0 6-2 2-2 2-4 0-4Z"/></svg>', l_shape()),
-        ('<polygon points="0,0 6,0 6,-2 2,-2 2,-4 0,-4"/>', l_shape()),
-        (
-            json.dumps(shapely.geometry.mapping(shapely.affinity.scale(l_shape(), 400, 400))),
-            l_shape(),
-        ),
+        ("POLYGON ((0 0, 6 0, 6 2, 2 2, 2 4, 0 4, 0 0))", L_SHAPE),
+        ("0,0 6,0 6,2 2,2 2,4 0,4", L_SHAPE),
+        ("M0 0h6v-2h-4v-2H0z", L_SHAPE),
+        ('<svg><path d="M 0 0 L6 0 6-2 2-2 2-4 0-4Z"/></svg>', L_SHAPE),
+        ('<polygon points="0,0 6,0 6,-2 2,-2 2,-4 0,-4"/>', L_SHAPE),
+        (shapely.to_geojson(shapely.affinity.scale(L_SHAPE, 400, 400)), L_SHAPE),
         (
             "MULTIPOLYGON(((0 0,1 0,1 1,0 0)),((0 0,9 0,9 9,0 9,0 0),(3 3,3 6,6 6,3 3)))",
             Polygon([(0, 0), (9, 0), (9, 9), (0, 9)], [[(3, 3), (3, 6), (6, 6)]]),
@@ -249,7 +238,7 @@ def test_longitude_and_latitude_are_drawn_as_wide_as_they_are():
 def test_degrees_are_recognised_in_every_format():
     """WKT has no reference system: the coordinates decide, unless the user does."""
     footprint = Polygon([(24.93, 60.17), (24.932, 60.17), (24.932, 60.171), (24.931, 60.1705)])
-    written = [json.dumps(shapely.geometry.mapping(footprint)), f"SRID=4326;{footprint.wkt}"]
+    written = [shapely.to_geojson(footprint), f"SRID=4326;{footprint.wkt}"]
     asked = [[text, None] for text in (*written, footprint.wkt)] + [[footprint.wkt, False]]
     code = "return given.map(([text, degrees]) => readPolygon(text, degrees));"
     one, two, three, plain = run_js(code, asked)
