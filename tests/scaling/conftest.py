@@ -24,8 +24,7 @@ GEO = {
 
 def write_parquet(path: Path, polygons: np.ndarray, first: int, geo: object = GEO) -> Path:
     """Write polygons with `id`, a nullable `storeys`, and their bounding boxes."""
-    west, south, east, north = shapely.bounds(polygons).T
-    box = {"xmin": west, "ymin": south, "xmax": east, "ymax": north}
+    box = dict(zip(("xmin", "ymin", "xmax", "ymax"), shapely.bounds(polygons).T, strict=True))
     numbers = np.arange(first, first + len(polygons))
     table = pa.table(
         {

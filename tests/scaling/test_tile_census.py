@@ -8,13 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-from pmtiles.tile import (
-    Compression,
-    Entry,
-    TileType,
-    serialize_directory,
-    zxy_to_tileid,
-)
+from pmtiles.tile import Compression, Entry, TileType, serialize_directory, zxy_to_tileid
 from pmtiles.writer import write
 
 from harness.frame import get_scene_view, make_scene_frame
@@ -32,7 +26,6 @@ from scenes.slices import MAX_TILES, cut_tiles, parse_tile_selection
 from scenes.tiles.archives import PMTiles, TilePosition, compute_first_number, open_archive
 from scenes.tiles.read import FILE
 from tests.conftest import assert_refused, require_ok
-from tests.paths import run_python
 from tests.scenes.test_tiles import COURT, encoded, pmtiles, three_archives
 
 NAMES = ("ear-clipping", "flips:l1")
@@ -135,21 +128,18 @@ def write_tiles(path: Path, tiles: dict[int, bytes]) -> str:
 
 
 def test_repeated_tiles_are_multiplied(tmp_path, monkeypatch):
-    first = compute_first_number(8)
-    single = count_all(
-        write_tiles(tmp_path / "1.pmtiles", {first: encoded([COURT])}), tmp_path / "once"
-    )
-    path = write_tiles(tmp_path / "9.pmtiles", {first + k: encoded([COURT]) for k in range(9)})
-    read = []
-    real = PMTiles.read
-    monkeypatch.setattr(PMTiles, "read", lambda self, name: read.append(name) or real(self, name))
-    often = count_all(path, tmp_path / "often")
-    assert len(read) == 1
-    one, nine = (counts.groups[8, "land"] for counts, _ in (single, often))
+    first, read, original, sums = compute_first_number(8), [], PMTiles.read, []
+    monkeypatch.setattr(PMTiles, "read", lambda *args: read.append(args) or original(*args))
+    for count in (1, 9):
+        tiles = {first + k: encoded([COURT]) for k in range(count)}
+        path = write_tiles(tmp_path / f"{count}.pmtiles", tiles)
+        counts, _ = count_all(path, tmp_path / str(count))
+        sums.append(counts.groups[8, "land"])
+        assert len(read) == len(sums)
+    one, nine = sums
     assert [nine.get_count(name) for name in ("polygons", "tiles")] == [9, 9]
-    assert np.array_equal(nine.counts, 9 * one.counts)
-    assert np.array_equal(nine.totals, 9 * one.totals)
-    assert np.array_equal(nine.bins, 9 * one.bins)
+    for values, values_of_one in zip(nine, one, strict=True):
+        assert np.array_equal(values, 9 * values_of_one)
 
 
 def test_slices_partition_the_tiles(tmp_path):
@@ -174,32 +164,24 @@ def test_large_tiles_are_separate_slices(tmp_path, monkeypatch):
 
 def test_entries_next_to_leaves_are_in_order(tmp_path):
     """A root directory may have entries and leaves, in the order of tile numbers."""
-    leaf = serialize_directory(
-        [Entry(compute_first_number(3) + 1, 0, 4, 1), Entry(compute_first_number(3) + 2, 4, 4, 1)]
-    )
-    ends = [
-        Entry(compute_first_number(3), 8, 4, 1),
-        Entry(compute_first_number(3) + 1, 0, len(leaf), 0),
-    ]
-    root = serialize_directory([*ends, Entry(compute_first_number(3) + 9, 12, 4, 2)])
+    first = compute_first_number(3)
+    leaf = serialize_directory([Entry(first + 1, 0, 4, 1), Entry(first + 2, 4, 4, 1)])
+    before, after = Entry(first, 8, 4, 1), Entry(first + 9, 12, 4, 2)
+    root = serialize_directory([before, Entry(first + 1, 0, len(leaf), 0), after])
     zooms = {"min_zoom": 3, "max_zoom": 3}
     tiles = PMTiles(Path(pmtiles(tmp_path / "a.pmtiles", root, leaf, b"aaaabbbbccccdddd", **zooms)))
-    assert [tiles.read_stored(name) for name in tiles.list_tile_keys(3)] == [
-        b"cccc", b"aaaa", b"bbbb", b"dddd", b"dddd",
-    ]  # fmt: skip
-    tile_runs = tiles.list_tile_runs(3)
-    assert [(run.first - compute_first_number(3), run.repeats) for run in tile_runs] == [
-        (0, 1), (1, 1), (2, 1), (9, 2),
-    ]  # fmt: skip
+    stored = [tiles.read_stored(name) for name in tiles.list_tile_keys(3)]
+    assert stored == [b"cccc", b"aaaa", b"bbbb", b"dddd", b"dddd"]
+    tile_runs = [(run.first - first, run.repeats) for run in tiles.list_tile_runs(3)]
+    assert tile_runs == [(0, 1), (1, 1), (2, 1), (9, 2)]
 
 
 def test_repeated_entry_is_skipped(tmp_path):
     """In a damaged archive two entries may have the same number; the tile is read once."""
-    numbers = [compute_first_number(3) + offset for offset in (0, 2, 2, 5)]
-    root = serialize_directory([Entry(number, 0, 4, 1) for number in numbers])
+    first = compute_first_number(3)
+    root = serialize_directory([Entry(first + offset, 0, 4, 1) for offset in (0, 2, 2, 5)])
     path = Path(pmtiles(tmp_path / "a.pmtiles", root, data=b"aaaa", min_zoom=3, max_zoom=3))
-    numbers_read = [run.first - compute_first_number(3) for run in PMTiles(path).list_tile_runs(3)]
-    assert numbers_read == [0, 2, 5]
+    assert [run.first - first for run in PMTiles(path).list_tile_runs(3)] == [0, 2, 5]
     assert len(PMTiles(path).list_tile_keys(3)) == 3
 
 
@@ -264,36 +246,6 @@ def test_the_command_has_a_line_for_each_zoom_and_layer(harness, tmp_path):
     parts[1].write_bytes(parts[1].read_bytes()[:-40])  # as a disk that was full leaves it
     assert harness(*arguments)[0] == 0
     assert (tmp_path / "out" / "census.csv").read_bytes() == before
-
-
-KILLED = """
-import os, signal, sys
-from harness.scaling.sums import CensusCounts
-from harness.cli import main
-started = []
-real = CensusCounts.save
-def save(*arguments):
-    if started:
-        os.kill(os.getpid(), signal.SIGKILL)
-    started.append(1)
-    real(*arguments)
-CensusCounts.save = save
-sys.argv[1:] = {arguments!r}
-main()
-"""
-
-
-def test_command_after_a_kill_completes_the_rest(harness, tmp_path):
-    arguments = ["census", f"{FILE}:zoom=12-13", "-o", "out", "-q"]
-    arguments += ["--triangulators", ",".join(NAMES)]
-    script = KILLED.format(arguments=arguments)
-    killed = run_python("-c", script, cwd=tmp_path)
-    assert killed.returncode == -9
-    assert len(list((tmp_path / "out" / "parts").glob("*.npz"))) == 1
-    assert harness(*arguments)[0] == 0
-    assert harness(*arguments[:3], "whole", *arguments[4:])[0] == 0
-    assert read_table(tmp_path / "out") == read_table(tmp_path / "whole")
-    assert len(list((tmp_path / "out" / "parts").glob("*.npz"))) == 2
 
 
 @pytest.mark.parametrize(
