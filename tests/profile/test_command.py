@@ -94,15 +94,10 @@ def test_profile_of_a_machine_that_slows_down_is_refused(harness, monkeypatch):
 
 
 def test_too_slow_device_is_an_error(harness, monkeypatch):
-    settings = measured.make_profile_timing
-    monkeypatch.setattr(
-        measured, "make_profile_timing", lambda *args: replace(settings(*args), limit_s=0)
-    )
-    assert_refused(
-        run_profile(harness, "Charger"),
-        "too slow (1 of 6 epochs in 0 s, and a fit needs",
-        code=INCONCLUSIVE,
-    )
+    timing = replace(measured.make_profile_timing(0.002, 1), limit_s=0)
+    monkeypatch.setattr(measured, "make_profile_timing", lambda *_: timing)
+    result = run_profile(harness, "Charger")
+    assert_refused(result, "too slow (1 of 6 epochs in 0 s, and a fit needs", code=INCONCLUSIVE)
     assert not list(Path().iterdir())
 
 
@@ -110,11 +105,6 @@ def test_fewer_parts_are_a_warning(harness, monkeypatch):
     monkeypatch.setattr(advice, "recommend_triangulator", lambda *_: None)
     monkeypatch.setattr("harness.profile.report.draw_chart", lambda *_: "none")
     measure = measured.measure_draws
-    assert measured.make_profile_timing(0.5, 126).limit_s == 126
-    assert measured.make_profile_timing(0.1, 126).limit_s == measured.MIN_LIMIT_S
-    timing = measured.make_profile_timing(0.5, 126)
-    assert (timing.processes, timing.epochs) == (measured.EPOCHS, 1)
-    assert timing.processes * timing.budget_s == pytest.approx(0.5)
 
     def measure_five_parts(*arguments):
         times = measure(*arguments)
@@ -125,14 +115,20 @@ def test_fewer_parts_are_a_warning(harness, monkeypatch):
     assert "warning: slow device: 5 of 6 epochs in 100 s, so intervals are wide" in err
 
 
+def test_the_time_limit_follows_from_the_budget():
+    assert measured.make_profile_timing(0.5, 126).limit_s == 126
+    assert measured.make_profile_timing(0.1, 126).limit_s == measured.MIN_LIMIT_S
+    timing = measured.make_profile_timing(0.5, 126)
+    assert (timing.processes, timing.epochs) == (measured.EPOCHS, 1)
+    assert timing.processes * timing.budget_s == pytest.approx(0.5)
+
+
 def test_unusable_devices_are_refused_in_one_line(harness):
-    assert_refused(
-        run_profile(harness, "MissingCharger"), "no usable device found", code=NO_RASTERISER
-    )
+    missing = run_profile(harness, "MissingCharger")
+    assert_refused(missing, "no usable device found", code=NO_RASTERISER)
     assert_refused(run_profile(harness, "Charger", "--device", "none"), "none")
-    assert_refused(
-        run_profile(harness, "FailingCharger"), "the device is gone", code=NOTHING_MEASURED
-    )
+    failing = run_profile(harness, "FailingCharger")
+    assert_refused(failing, "the device is gone", code=NOTHING_MEASURED)
     assert not list(Path().iterdir())
 
 
@@ -150,18 +146,13 @@ def test_criterion_is_preferred_if_as_good_as_the_calibrated_one():
     assert recommendation["triangulator"] == "optimal:expected-quads"
     assert recommendation["regret"]["optimal:overdraw"] == pytest.approx(0.1)
     assert recommendation["saved"]["one"][0] == pytest.approx(1 - 1.002 / 1.25)
-    assert (
-        choose_triangulator({"one": make_costs(H=1.02, Q=1.03, A=1.1)})["triangulator"]
-        == CALIBRATED_OPTIMUM
-    )
+    calibrated = choose_triangulator({"one": make_costs(H=1.02, Q=1.03, A=1.1)})
+    assert calibrated["triangulator"] == CALIBRATED_OPTIMUM
 
 
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [(0, "0 s"), (5.3e-8, "53 ns"), (1.94e-9, "1.9 ns"), (2e-13, "0.2 ps"), (0.25, "250 ms")],
-)
-def test_seconds_have_readable_units(value, text):
-    assert report.format_seconds(value) == text
+def test_seconds_have_readable_units():
+    texts = [report.format_seconds(value) for value in (0, 5.3e-8, 1.94e-9, 2e-13, 0.25)]
+    assert texts == ["0 s", "53 ns", "1.9 ns", "0.2 ps", "250 ms"]
 
 
 def test_interval_of_a_saving_covers_the_true_share():

@@ -29,6 +29,14 @@ def select_kind(counted: CountedDraws, kind: str) -> CountedDraws:
     return [pair for pair in counted if pair[0].kind == kind]
 
 
+def group_kind(counted: CountedDraws, kind: str) -> dict[str, list[dict[str, int]]]:
+    """Return the counters of the draws of a kind, by group."""
+    groups: dict[str, list[dict[str, int]]] = {}
+    for draw, counts in select_kind(counted, kind):
+        groups.setdefault(draw.group, []).append(counts)
+    return groups
+
+
 def twice_areas(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     a, b, c = np.moveaxis(points[triangles].astype(np.int64), 1, 0)
     first, second = b - a, c - a
@@ -39,15 +47,13 @@ def test_draws_are_in_the_viewport_and_cover_no_pixel_twice(counted):
     names = [draw.name for draw, _ in counted]
     assert len(set(zip((draw.kind for draw, _ in counted), names, strict=True))) == len(names)
     for draw, _ in counted:
-        points = draw.frame.points
-        assert points.min() >= SUBPIXEL, draw.name
-        assert points.max() <= (SIDE - 1) * SUBPIXEL, draw.name
+        assert draw.frame.points.min() >= SUBPIXEL, draw.name
+        assert draw.frame.points.max() <= (SIDE - 1) * SUBPIXEL, draw.name
     for draw, _ in counted[::9]:
         if draw.kind != "twice":
             covered, helpers = np.zeros((2, SIDE, SIDE), np.int64)
-            spans.count_lanes_per_pixel(
-                draw.frame.points, draw.triangles, covered, helpers, UNBOUNDED
-            )
+            lanes = covered, helpers
+            spans.count_lanes_per_pixel(draw.frame.points, draw.triangles, *lanes, UNBOUNDED)
             assert covered.max() <= 1, draw.name
 
 
@@ -62,13 +68,10 @@ def test_counters_equal_the_reference(counted):
 
 def test_draws_depend_on_the_seed_only(counted):
     """The page, in JavaScript, compares these checksums with its own draws."""
+    assert [draw.checksum for draw, _ in counted] == [d.checksum for d in design.make_draws(0)]
     first = {draw.kind: draw.checksum for draw, _ in reversed(counted)}
-    assert first == {
-        kind: draw.checksum for draw in reversed(design.make_draws(0)) for kind in [draw.kind]
-    }
     other_seed = {draw.kind: draw.checksum for draw in reversed(design.make_draws(1))}
-    equal_kinds = {kind for kind in first if first[kind] == other_seed[kind]}
-    assert not equal_kinds
+    assert not set(first.items()) & set(other_seed.items())
 
 
 def test_thin_triangles_have_equal_areas_and_the_aspects_of_their_names(counted):
@@ -104,10 +107,7 @@ def test_equal_triangles_have_unequal_helper_lanes_and_blocks(counted):
 
 
 def test_cuts_of_a_ring_differ_only_in_diagonals(counted):
-    groups: dict[str, list[dict[str, int]]] = {}
-    for draw, counts in select_kind(counted, "cuts"):
-        groups.setdefault(draw.group, []).append(counts)
-    for group, counts in groups.items():
+    for group, counts in group_kind(counted, "cuts").items():
         assert len(counts) == len(placing.RING_TRIANGULATIONS)
         for equal in ("triangles", "fragments", "vertices"):
             assert len({row[equal] for row in counts}) == 1, (group, equal)
@@ -122,10 +122,7 @@ def test_vertices_work_tiles_and_second_filling_are_isolated(counted):
         ("orders", {"vertex_batches", "transformed_vertices"}),
         ("tiles", {"tile_pairs", "further_tiles"}),
     ):
-        groups: dict[str, list[dict[str, int]]] = {}
-        for draw, counts in select_kind(counted, kind):
-            groups.setdefault(draw.group, []).append(counts)
-        for counts in groups.values():
+        for counts in group_kind(counted, kind).values():
             different = {name for name in counts[0] if len({row[name] for row in counts}) > 1}
             assert different == changed
     single, double = (counts for _, counts in select_kind(counted, "twice")[:2])
@@ -219,11 +216,9 @@ def test_terms_of_the_design_are_not_collinear(counted):
     rows = rows / (rows @ (1.0 / rows.max(axis=0)))[:, None]
     for number, name in enumerate(TERMS):
         other_terms = np.delete(rows, number, axis=1)
-        residual = (
-            rows[:, number]
-            - other_terms @ np.linalg.lstsq(other_terms, rows[:, number], rcond=None)[0]
-        )
-        assert np.linalg.norm(residual) > 0.02 * np.linalg.norm(rows[:, number]), name
+        column = rows[:, number]
+        combination = other_terms @ np.linalg.lstsq(other_terms, column, rcond=None)[0]
+        assert np.linalg.norm(column - combination) > 0.02 * np.linalg.norm(column), name
 
 
 @pytest.mark.parametrize("corners", [4, 16, 32])
@@ -248,9 +243,7 @@ def test_boxes_fit_the_viewport_and_do_not_touch(width, height, direction):
         ends = placing.rotate(corners, direction)
         assert np.abs(ends).max() <= SIDE * SUBPIXEL // 2 - placing.MARGIN
         distances = np.abs(corners[:, None] - corners)
-        separate = (distances[..., 0] >= width + placing.GAP) | (
-            distances[..., 1] >= height + placing.GAP
-        )
+        separate = (distances >= np.array([width, height]) + placing.GAP).any(axis=2)
         assert (separate | np.eye(len(corners), dtype=bool)).all()
 
 

@@ -14,7 +14,6 @@ from harness.profile.law import COSTS, make_cost_rows
 from harness.profile.measured import CONTROL
 from harness.profile.placing import Draw
 from harness.profile.profile import read_coefficients, select_draws_to_fit, write_profile
-from harness.stats.intervals import Ratio
 from scripts.studies.laws import Design, fit_device, make_design
 from tests.paths import ROOT
 from tests.profile.charging import STAGE_COSTS
@@ -136,22 +135,18 @@ def layout() -> Design:
 
 def test_intervals_cover_costs_without_false_ones(layout):
     """The full simulation is stored in results/reference/law-coverage.csv."""
-    covered, not_significant, cost_terms, zero_terms = 0, 0, 0, 0
+    covered, not_significant = [], []
     for seed in range(4):
         truth, _, fitted = fit_device(layout, seed, budget_s=0.15)
         inside = (fitted.intervals[:, 0] <= truth) & (truth <= fitted.intervals[:, 1])
-        covered, cost_terms = (
-            covered + int(inside[truth > 0].sum()),
-            cost_terms + int((truth > 0).sum()),
-        )
-        not_significant += int((~fitted.significant)[truth == 0].sum())
-        zero_terms += int((truth == 0).sum())
+        covered += inside[truth > 0].tolist()
+        not_significant += (~fitted.significant)[truth == 0].tolist()
         assert fitted.form == "sum"
         assert fitted.r2_over > 0.99
         assert fitted.r2_within > 0.98
         assert fitted.significant[0]
-    assert covered >= 0.85 * cost_terms
-    assert not_significant >= 0.85 * zero_terms
+    assert np.mean(covered) >= 0.85
+    assert np.mean(not_significant) >= 0.85
 
 
 @pytest.mark.parametrize("form", law.FORMS)
@@ -234,16 +229,11 @@ def test_times_do_not_depend_on_the_machines_speed():
 
 
 def test_drift_and_a_deviating_control_are_reported():
-    assert (
-        "speed changed by a factor of 1.60" in simulate_rounds(1.0, 1.6, 1.2, 1.0).unreliable_reason
-    )
-    assert (
-        "differs by a factor of 1.050"
-        in simulate_rounds(1.0, 1.0, 1.0, 1.0, control_ratio=1.05).unreliable_reason
-    )
-    times = simulate_rounds(1.0, 1.0, 1.0, 1.0, control_ratio=1.02)
-    assert isinstance(times.control, Ratio)
-    assert times.unreliable_reason == ""
+    drifting = simulate_rounds(1.0, 1.6, 1.2, 1.0)
+    assert "speed changed by a factor of 1.60" in drifting.unreliable_reason
+    deviating = simulate_rounds(1.0, 1.0, 1.0, 1.0, control_ratio=1.05)
+    assert "differs by a factor of 1.050" in deviating.unreliable_reason
+    assert simulate_rounds(1.0, 1.0, 1.0, 1.0, control_ratio=1.02).unreliable_reason == ""
 
 
 def make_draw(points, size: int = 8) -> Draw:

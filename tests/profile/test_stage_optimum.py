@@ -64,7 +64,7 @@ def test_expected_counters_are_means_over_positions(frame, name):
         shifts = rng.integers(1024, 1024 + 16 * 256, (4, 1, 2))
         points = (shapes + shifts).reshape(-1, 2).astype(np.int32)
         moved = replace(frame, grid=replace(frame.grid, coords=points))
-        counts.append(_count(moved, triangles)[name])
+        counts.append(count(moved, triangles)[name])
     sums = predict(shapes.reshape(-1, 2) / 256, triangles)
     expected = sum(factor * sums[feature] for feature, factor in EXPECTED[name].items())
     if name == "tile_pairs":
@@ -72,9 +72,8 @@ def test_expected_counters_are_means_over_positions(frame, name):
     assert np.mean(counts) == pytest.approx(expected, rel=0.03)
 
 
-def _count(frame, triangles):
-    plain = replace(frame, tiles=None)
-    return count_cost_terms(plain, triangles)
+def count(frame, triangles):
+    return count_cost_terms(replace(frame, tiles=None), triangles)
 
 
 def test_pixels_are_minimised_where_they_bind(frame):
@@ -97,9 +96,8 @@ def test_triangles_are_minimised_where_they_bind(frame):
     for name in others:
         other = triangulate_polygons(parse(name), frame.polygons)
         assert sum_weights(result, weights) < sum_weights(other, weights)
-    assert compute_time(frame, result, device) < compute_time(
-        frame, triangulate_polygons(parse(others[0]), frame.polygons), device
-    )
+        if name == "ear-clipping":
+            assert compute_time(frame, result, device) < compute_time(frame, other, device)
 
 
 def test_vertices_are_ordered_where_they_bind(frame):
@@ -113,17 +111,17 @@ def test_vertices_are_ordered_where_they_bind(frame):
     ordered, times = order_for_slowest_stage(device, frame, shuffled)
     for part, walked in zip(shuffled.parts, ordered.parts, strict=True):
         assert (walked == put_in_walk_order(part, int(part.max()) + 1)).all()
-    counts = [
-        _count(frame, frame.join_triangles(each.parts))[VERTICES[0]] for each in (ordered, shuffled)
-    ]
-    assert counts[0] < counts[1]
-    assert times["vertices"] == pytest.approx(1e-3 * counts[0])
+    before, after = (
+        count(frame, frame.join_triangles(each.parts))[VERTICES[0]] for each in (shuffled, ordered)
+    )
+    assert after < before
+    assert times["vertices"] == pytest.approx(1e-3 * after)
 
 
 def test_the_next_stage_is_minimised_if_it_binds_the_result(frame):
     """Fewer covering triangles make pixels the slowest stage; the faster optimum is chosen."""
     base = triangulate_polygons(parse("ear-clipping"), frame.polygons)
-    counts = _count(frame, frame.join_triangles(base.parts))
+    counts = count(frame, frame.join_triangles(base.parts))
     covering = 1e-9 * counts["helper_lanes"] / counts["covering"]
     device = make_device(helper_lanes=1e-9, covering=1.001 * covering)
     recipe, result, recipes = minimise(frame, device)
