@@ -27,6 +27,8 @@ from tests.inline import InlineWorker
 
 NAMES = ("fan", "ear-clipping", "delaunay", "optimal:overdraw", "optimal:half-perimeter")
 VIEWS = (View(256), View(128, 30.0))
+DRAWN = {"status": "ok", "reason": None, "polygons": 600, "conforming": True, "triangles": 8000}
+QUIET = Reporter(quiet=True, console=Console(quiet=True))
 CRITERIA = {"overdraw": 3e5, "half_perimeter": 1e5, "expected_quads": 7e4}
 
 
@@ -49,8 +51,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         views=VIEWS,
         timing=TimingSettings(precision=0.5, budget_s=0.02, warm_up_s=0.0),
     )
-    reporter = Reporter(quiet=True, console=Console(quiet=True))
-    run(plan, path, reporter, open_worker=lambda *_: InlineWorker())
+    run(plan, path, QUIET, open_worker=lambda *_: InlineWorker())
     facts = json.loads((path / "run.json").read_text())
     facts["state"] |= {"state": "quiet", "why": []}  # whatever else the machine does
     (path / "run.json").write_text(json.dumps(facts))
@@ -93,14 +94,13 @@ def write_many(path: Path, devices: int) -> Path:
     drawings.write(store, frame, triangles)
     values = random.Random(0)
     lines = []
-    for number, condition in enumerate(
-        itertools.product(
-            ("opengl", "bounding-box"),
-            [f"gpu{k}" for k in range(devices)],
-            [256 * k for k in range(1, 11)],
-            [9.0 * k for k in range(10)],
-        )
-    ):
+    conditions = itertools.product(
+        ("opengl", "bounding-box"),
+        [f"gpu{k}" for k in range(devices)],
+        [256 * k for k in range(1, 11)],
+        [9.0 * k for k in range(10)],
+    )
+    for number, condition in enumerate(conditions):
         names = ("rasteriser", "device", "resolution", "rotation")
         fields = dict(zip(names, condition, strict=True))
         reference = [values.gauss(1e-3, 1e-5) for _ in range(20)]
@@ -119,7 +119,7 @@ def write_many(path: Path, devices: int) -> Path:
                 "conforming": True,
                 "triangles": 8000,
                 "triangulate_s": 0.1,
-                "predicted": {criterion: cost * value for criterion, value in CRITERIA.items()}
+                "predicted": {name: cost * value for name, value in CRITERIA.items()}
                 | {"area": 1.8e5},
                 "counters": {"fragments": 180000, "quads": 70000, "helper_lanes": helpers},
                 "time": {"timer": "gpu", "samples_s": samples, "reference_s": reference},

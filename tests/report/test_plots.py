@@ -80,9 +80,8 @@ def test_formulas_of_estimates():
         "bbox_tests_by_overdraw": 25 + 60,
     }
     assert "helper_lanes_by_half_perimeter" not in compute_estimates(FEATURES)
-    prefixed = compute_estimates(
-        {PREDICTED + name: value for name, value in FEATURES.items()}, PREDICTED
-    )
+    features = {PREDICTED + name: value for name, value in FEATURES.items()}
+    prefixed = compute_estimates(features, PREDICTED)
     assert prefixed[f"{PREDICTED}bbox_tests_by_overdraw"] == 85
 
 
@@ -95,10 +94,9 @@ def test_estimates_have_the_unit_of_their_counter():
 
 def test_error_is_relative():
     measured = np.array([1.0, 2.0, 4.0, np.nan])
-    assert compute_rms_error(measured * 1.05, measured) == pytest.approx(np.log(1.05))
-    assert compute_rms_error(measured * [1.05, 1 / 1.05, 1.05, 1.0], measured) == pytest.approx(
-        np.log(1.05)
-    )
+    for factors in (1.05, [1.05, 1 / 1.05, 1.05, 1.0]):
+        error = compute_rms_error(measured * factors, measured)
+        assert error == pytest.approx(np.log(1.05))
     assert compute_rms_error(np.array([np.nan]), np.array([1.0])) is None
 
 

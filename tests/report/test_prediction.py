@@ -7,7 +7,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from harness import viewport_sizes
 from harness.frame import View, make_scene_frame
@@ -15,7 +14,6 @@ from harness.measuring.plan import Plan
 from harness.measuring.run import RunOptions, run
 from harness.metrics.decision import decide_run
 from harness.profile.device_costs import find_profile, minimise_slowest_stage, read_costs
-from harness.progress import Reporter
 from harness.report.page import predict_run
 from harness.results import drawings
 from harness.results.run_folder import STORED_PROFILE, read_run
@@ -25,7 +23,7 @@ from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load
 from tests.conftest import require_ok
 from tests.inline import InlineWorker
-from tests.report.conftest import NAMES, VIEWS
+from tests.report.conftest import NAMES, QUIET, VIEWS
 
 H200 = find_profile("opengl-h200")
 
@@ -80,23 +78,20 @@ def test_missing_triangulations_are_reported(copy):
 
 
 def test_report_predicts_by_a_given_or_stored_profile(copy, harness):
-    (text,) = _write(harness, copy, "--profile", "opengl-h200")
-    assert "Predicted on NVIDIA H200" in text
-    (text,) = _write(harness, copy)
-    assert "Predicted on" not in text
+    def write(*options):
+        require_ok(harness("report", str(copy), *options))
+        return (copy / "report.html").read_text()
+
+    assert "Predicted on NVIDIA H200" in write("--profile", "opengl-h200")
+    assert "Predicted on" not in write()
     shutil.copy(H200, copy / STORED_PROFILE)
-    (text,) = _write(harness, copy)
+    text = write()
     assert text.count('<table class="ranking predicted">') == len(VIEWS)
     assert "the slowest" in text
     (copy / STORED_PROFILE).write_text("{}")
-    (text,) = _write(harness, copy)
+    text = write()
     assert "no predicted draw times: " in text
     assert "is not a profile" in text
-
-
-def _write(harness, path, *options):
-    require_ok(harness("report", str(path), *options))
-    return [(path / "report.html").read_text()]
 
 
 def test_run_stores_the_profile_and_minimises_the_slowest_stage(tmp_path):
@@ -110,11 +105,9 @@ def test_run_stores_the_profile_and_minimises_the_slowest_stage(tmp_path):
         views=(View(2048),),
         timing=TimingSettings(precision=0.5, budget_s=1.0, warm_up_s=0.0),
     )
-    reporter = Reporter(quiet=True, console=Console(quiet=True))
-    options = RunOptions(
-        profile=H200.read_bytes(), calibrate=partial(minimise_slowest_stage, device)
-    )
-    run(plan, tmp_path / "run", reporter, options, open_worker=lambda *_: InlineWorker())
+    calibrate = partial(minimise_slowest_stage, device)
+    options = RunOptions(profile=H200.read_bytes(), calibrate=calibrate)
+    run(plan, tmp_path / "run", QUIET, options, open_worker=lambda *_: InlineWorker())
     stored = read_run(tmp_path / "run")
     frame = make_scene_frame(load(plan.scene), plan.views[0])
 

@@ -9,6 +9,7 @@ from harness.metrics.decision import decide_run
 from harness.results.run_folder import read_run
 from harness.style import format_latex_table
 from harness.summary import write_table
+from tests.records import make_run
 from tests.report.conftest import NAMES, VIEWS
 
 CASES = len(NAMES) * len(VIEWS)
@@ -59,10 +60,4 @@ def test_bencher_gets_times_with_intervals_and_counters(folder: Path, tmp_path: 
 
 def test_a_run_without_a_case_has_no_table(tmp_path: Path):
     with pytest.raises(InputError, match="table not written"):
-        write_table(decide_run(read_run_without_cases(tmp_path)), tmp_path / "run.md")
-
-
-def read_run_without_cases(folder: Path):
-    (folder / "run.json").write_text('{"schema_version": 1}')
-    (folder / "cases.jsonl").write_text("")
-    return read_run(folder)
+        write_table(decide_run(make_run([])), tmp_path / "run.md")
