@@ -52,6 +52,21 @@ def houses(tmp_path) -> Path:
 HOUSE_AREAS = [80.0, 300.0, 50.0]
 
 
+def read_map(path: Path) -> tuple[np.ndarray, dict[str, list]]:
+    """Return the geometries and the attributes of a GeoJSON or GeoParquet file."""
+    if path.suffix == ".parquet":
+        table = pd.read_parquet(path)
+        columns = {name: list(table[name]) for name in table if name != "geometry"}
+        return shapely.from_wkb(list(table["geometry"])), columns
+    meta, _, wkb, columns = pyogrio.raw.read(path)
+    return shapely.from_wkb(wkb), dict(zip(meta["fields"], map(list, columns), strict=True))
+
+
+def read_geo(path: Path) -> dict:
+    """Return what a GeoParquet file says of its geometries."""
+    return json.loads(parquet.read_schema(path).metadata[b"geo"])["columns"]["geometry"]
+
+
 @pytest.mark.parametrize("suffix", MODELS)
 def test_models_keep_the_area(tmp_path, suffix):
     out = tmp_path / f"city{suffix}"
@@ -100,39 +115,30 @@ def test_maps_keep_position_and_attributes(tmp_path, houses, suffix):
     out = tmp_path / f"triangles{suffix}"
     export_file(houses, out)
     if suffix == ".geojson":
-        meta, _, wkb, columns = pyogrio.raw.read(out)
-        assert meta["crs"] == "EPSG:3067"
-        names, tall = columns[list(meta["fields"]).index("name")], columns[-1]
+        assert pyogrio.read_info(out)["crs"] == "EPSG:3067"
     else:
-        table = pd.read_parquet(out)
-        wkb, names, tall = table["geometry"], list(table["name"]), list(table["height"])
         metadata = parquet.read_schema(out).metadata
         assert json.loads(metadata[b"raster_harness"])["crs"] == "EPSG:3067"
-        about = json.loads(metadata[b"geo"])["columns"]["geometry"]
-        assert about["crs"]["id"] == {"authority": "EPSG", "code": 3067}
-        assert about["crs"]["type"] == "ProjectedCRS"
-        assert pyogrio.read_info(houses)["crs"] == "EPSG:3067"
+        assert read_geo(out)["crs"]["id"] == {"authority": "EPSG", "code": 3067}
+        assert read_geo(out)["crs"]["type"] == "ProjectedCRS"
         assert load(out).notes == load(houses).notes
-    geometries = shapely.from_wkb(list(wkb))
+    geometries, attributes = read_map(out)
     assert [g.geom_type for g in geometries] == ["MultiPolygon"] * 3
     assert shapely.area(geometries) == pytest.approx(HOUSE_AREAS, rel=1e-9)
     assert geometries[0].bounds == (386_000, 6_672_000, 386_010, 6_672_008)
     assert [len(g.geoms) for g in geometries] == [2, 8, 1]
-    assert list(names)[:2] == ["a", "b ü"]
-    assert pd.isna(names[2])
-    assert list(tall)[:2] == [3.5, 12.0]
+    assert attributes["name"][:2] == ["a", "b ü"]
+    assert pd.isna(attributes["name"][2])
+    assert attributes["height"][:2] == [3.5, 12.0]
 
 
 @pytest.mark.parametrize("suffix", [".geojson", ".parquet"])
 def test_collections_of_triangles_are_valid(harness, tmp_path, houses, suffix):
     out = tmp_path / f"triangles{suffix}"
     require_ok(harness("triangulate", str(houses), "-o", str(out), "--collection"))
-    if suffix == ".geojson":
-        geometries = shapely.from_wkb(pyogrio.raw.read(out)[2])
-    else:
-        about = json.loads(parquet.read_schema(out).metadata[b"geo"])["columns"]["geometry"]
-        assert about["geometry_types"] == ["GeometryCollection"]
-        geometries = shapely.from_wkb(list(pd.read_parquet(out)["geometry"]))
+    if suffix == ".parquet":
+        assert read_geo(out)["geometry_types"] == ["GeometryCollection"]
+    geometries, _ = read_map(out)
     assert {g.geom_type for g in geometries} == {"GeometryCollection"}
     assert shapely.is_valid(geometries).all()
     assert shapely.area(geometries) == pytest.approx(HOUSE_AREAS, rel=1e-9)
@@ -150,13 +156,8 @@ def test_maps_in_degrees_get_their_degrees_back(tmp_path, suffix):
     out = tmp_path / f"out{suffix}"
     export_file(source, out)
     if suffix == ".parquet":
-        about = json.loads(parquet.read_schema(out).metadata[b"geo"])
-        assert "crs" not in about["columns"]["geometry"]  # the default, longitude and latitude
-        (geometry,) = shapely.from_wkb(list(pd.read_parquet(out)["geometry"]))
-    else:
-        (wkb,) = pyogrio.raw.read(out)[2]
-        geometry = shapely.from_wkb(wkb)
-    corners = {tuple(point) for point in shapely.get_coordinates(geometry)}
+        assert "crs" not in read_geo(out)  # the default, longitude and latitude
+    corners = {tuple(point) for point in shapely.get_coordinates(read_map(out)[0])}
     assert corners == {tuple(point) for point in ring}
     assert load(out).polygons[0].area == pytest.approx(load(source).polygons[0].area, rel=1e-9)
 
@@ -219,8 +220,7 @@ def test_failed_polygons_are_named(tmp_path):
     assert failed
     assert report.polygons + len(failed) == 60
     assert sum(n for (kind, _), n in report.counts.items() if kind == "failed") == len(failed)
-    exported = (tmp_path / "b.obj").read_text()
-    assert exported.count("\ng ") == report.polygons
+    assert (tmp_path / "b.obj").read_text().count("\ng ") == report.polygons
 
 
 def test_filters_and_limit(tmp_path, houses):
