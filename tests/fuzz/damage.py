@@ -73,12 +73,13 @@ def _iter_paths(document: Any, path: tuple[Any, ...] = ()) -> Any:
     """Yield the path to every value in a document, including objects and arrays."""
     if path:
         yield path
+    items: Any = ()
     if isinstance(document, dict):
-        for key, value in document.items():
-            yield from _iter_paths(value, (*path, key))
+        items = document.items()
     elif isinstance(document, list):
-        for index, value in enumerate(document[:3]):  # further elements are similar
-            yield from _iter_paths(value, (*path, index))
+        items = enumerate(document[:3])  # further elements are similar
+    for key, value in items:
+        yield from _iter_paths(value, (*path, key))
 
 
 def apply_byte_edits(content: bytes, edits: list[dict[str, Any]]) -> bytes:

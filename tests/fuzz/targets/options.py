@@ -1,7 +1,7 @@
 """Every option of every command with invalid values: one error line and a documented exit code."""
 
-from collections.abc import Iterator
 from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -49,20 +49,19 @@ FLAGS = ("--help", "--install-completion", "--show-completion")
 
 
 @cache
-def list_options() -> tuple[tuple[str, str], ...]:
+def list_options() -> list[tuple[str, str]]:
     pairs = []
     for name in COMMANDS:
         for parameter in load_command(name).params:
             if parameter.param_type_name == "argument" or not getattr(parameter, "is_flag", False):
                 flag = next((text for text in parameter.opts if text.startswith("--")), "")
                 pairs.append((name, flag or parameter.name))
-    return tuple(pair for pair in pairs if pair not in SKIPPED and pair[1] not in FLAGS)
+    return [pair for pair in pairs if pair not in SKIPPED and pair[1] not in FLAGS]
 
 
-def list_bad_values() -> Iterator[dict[str, str]]:
-    for name, option in list_options():
-        for value in VALUES:
-            yield {"command": name, "option": option, "value": value}
+def list_bad_values() -> list[dict[str, str]]:
+    pairs = product(list_options(), VALUES)
+    return [{"command": name, "option": option, "value": text} for (name, option), text in pairs]
 
 
 def run_program(*arguments: str) -> tuple[int, str]:
@@ -94,11 +93,9 @@ def check_option(value: dict[str, Any]) -> str:
 
 def _check(value: dict[str, Any]) -> str:
     pairs = list_options()
-    name, option = (
-        (value["command"], value["option"])
-        if "option" in value
-        else pairs[value["position"] % len(pairs)]
-    )
+    name, option = value.get("command"), value.get("option")
+    if option is None:
+        name, option = pairs[value["position"] % len(pairs)]
     with enter_workspace():
         before = sorted(map(str, Path().rglob("*")))
         arguments = list(MINIMAL_ARGUMENTS[name])
@@ -115,7 +112,5 @@ def _check(value: dict[str, Any]) -> str:
             errors = [line for line in err.splitlines() if line.startswith("error: ")]
             assert len(errors) == 1, err
             if "Invalid value" in errors[0]:
-                assert sorted(map(str, Path().rglob("*"))) == before, (
-                    "files were written before the error"
-                )
+                assert sorted(map(str, Path().rglob("*"))) == before, "files written"
     return f"{name} {option}: exit {code}"
