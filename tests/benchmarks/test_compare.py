@@ -4,9 +4,6 @@ A hundred quick runs of the city take about 15 minutes. Counters do not show the
 that only times can. Inconclusive comparisons (exit code 5, a busy machine) are counted separately.
 """
 
-import os
-import subprocess
-import sys
 from collections import Counter
 from pathlib import Path
 
@@ -15,7 +12,7 @@ import pytest
 from harness.compare.comparison import compare_runs
 from harness.results.run_folder import read_run
 from tests.compare.heavy import EXTRA, WHICH
-from tests.paths import ROOT
+from tests.paths import run_python
 
 PAIRS, SLOWER = 40, 20
 SLOWED_INDEX = "2"
@@ -23,12 +20,9 @@ SLOWED_INDEX = "2"
 
 
 def measure(out: Path, **variables: str) -> Path:
-    command = [sys.executable, "-m", "harness", "run", "--scene", "city", "--quick", "--quiet"]
-    command += ["--rasterisers", "tests.compare.heavy:HeavyOpenGL", "--out", str(out)]
-    environment = {**os.environ, **variables}
-    process = subprocess.run(
-        command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=900
-    )
+    command = ["-m", "harness", "run", "--scene", "city", "--quick", "--quiet"]
+    command += ["--rasterisers", "tests.compare.heavy:HeavyOpenGL", "--out", out]
+    process = run_python(*command, env=variables, timeout=900)
     assert process.returncode == 0, process.stderr
     return out
 

@@ -4,6 +4,7 @@ The scenes are city, Helsinki, glyphs and 1,000 random polygons with vertices on
 256, 1024 and 4096 px. Differences from the reference are reported with the polygon.
 """
 
+import contextlib
 from functools import cache
 
 import numpy as np
@@ -15,7 +16,7 @@ import scenes
 from harness.frame import Frame, View, make_bare_frame, make_frame
 from harness.grid import SUBPIXEL, to_grid
 from harness.measuring import tasks
-from harness.rasterisers import Device, Options, Triangles, find_device, get
+from harness.rasterisers import Options, Triangles, find_device, get
 from harness.rasterisers.reference import count_per_triangle, find_disagreements
 from harness.workers.worker import Worker
 from triangulators import triangulate
@@ -95,16 +96,14 @@ def make_case(scene: str, size: int) -> tuple[Frame, dict[str, Triangles]]:
 
 @pytest.fixture(scope="module")
 def workers():
-    started: dict[str, Worker] = {}
+    with contextlib.ExitStack() as stack:
 
-    def worker(device: Device) -> Worker:
-        if device.name not in started:
-            started[device.name] = Worker(device.name, device.environment)
-        return started[device.name]
+        @cache
+        def start(rasteriser: str, name: str) -> Worker:
+            environment = find_device(rasteriser, name).environment
+            return stack.enter_context(Worker(name, environment))
 
-    yield worker
-    for started_worker in started.values():
-        started_worker.close()
+        yield start
 
 
 @pytest.mark.parametrize("scene", SCENES)
@@ -116,17 +115,14 @@ def test_counters_equal_the_reference_for_every_polygon(workers, rasteriser, nam
     for triangulator, triangles in triangulations.items():
         exact = REFERENCE.draw_and_count(frame, triangles, Options())
         exact["hits"] = exact["fragments"]
-        counted = workers(device).call(
+        counted = workers(rasteriser, name).call(
             tasks.draw_and_count, rasteriser, device, frame, triangles, Options()
         )
-        expected = {
-            counter: exact[counter] for counter in get(rasteriser).counters if counter in exact
-        }
+        expected = {name: exact[name] for name in get(rasteriser).counters if name in exact}
         assert expected
         assert counted.keys() >= expected.keys()
-        report += [
-            f"{triangulator}: {text}" for text in find_disagreements(frame, counted, expected)
-        ]
+        differences = find_disagreements(frame, counted, expected)
+        report += [f"{triangulator}: {text}" for text in differences]
     totals = ", ".join(f"{values.sum():,} {counter}" for counter, values in expected.items())
     print(f"\n{rasteriser}, {name}, {scene}, {size} px, {len(frame.polygons)} polygons: {totals}")
     for line in report:

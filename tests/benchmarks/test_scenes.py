@@ -1,7 +1,5 @@
 """Records of every installed scene and triangulator from `run --quick` on llvmpipe."""
 
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -10,7 +8,7 @@ import pytest
 from harness.results.run_folder import Record, read_run
 from scenes import load
 from scenes.registry import find_entry, names
-from tests.paths import ROOT
+from tests.paths import run_python
 from tests.records import get_rows
 from triangulators import names as triangulators
 from triangulators.registry import BUILTIN
@@ -29,29 +27,16 @@ EXPECTED_REASONS = (
 LIBRARIES = ("ear-clipping", "sweep", "manifold", "delaunay")
 """Triangulators that may leave T-junctions."""
 
-MODEL = """o hexagon
-v 0 0 0
-v 4 0 0
-v 6 3 0
-v 4 6 0
-v 0 6 0
-v -2 3 0
-f 1 2 3 4 5 6
-o pentagon
-v 10 0 1
-v 14 0 1
-v 14 0 5
-v 12 0 3
-v 10 0 5
-f 7 8 9 10 11
-"""
+HEXAGON = (*("v 0 0 0", "v 4 0 0", "v 6 3 0", "v 4 6 0", "v 0 6 0", "v -2 3 0"), "f 1 2 3 4 5 6")
+PENTAGON = (*("v 10 0 1", "v 14 0 1", "v 14 0 5", "v 12 0 3", "v 10 0 5"), "f 7 8 9 10 11")
+MODEL = "\n".join(("o hexagon", *HEXAGON, "o pentagon", *PENTAGON, ""))
 
 
 def measure(scene: str, out: Path) -> list[Record]:
     methods = ",".join(name for name in triangulators(available_only=True) if name in BUILTIN)
-    command = [sys.executable, "-m", "harness", "run", "--scene", scene, "--quick", "--quiet"]
-    command += ["--device", "llvmpipe", "--triangulators", methods, "--out", str(out)]
-    process = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    command = ["-m", "harness", "run", "--scene", scene, "--quick", "--quiet"]
+    command += ["--device", "llvmpipe", "--triangulators", methods, "--out", out]
+    process = run_python(*command)
     assert process.returncode == 0, process.stderr
     run = read_run(out)
     assert run.problems == []

@@ -57,10 +57,8 @@ def compare(
 
 def test_equal_triangulations_rarely_differ_significantly(llvmpipe, city):
     frame, triangles = city
-    ratios = [
-        compare(llvmpipe, frame, triangles, triangles, Options(), seed, SHORT)
-        for seed in range(COMPARISONS_SAME)
-    ]
+    pair, seeds = (triangles, triangles), range(COMPARISONS_SAME)
+    ratios = [compare(llvmpipe, frame, *pair, Options(), seed, SHORT) for seed in seeds]
     flagged = [ratio for ratio in ratios if ratio.verdict != "not significant"]
     rounds = np.median([ratio.rounds for ratio in ratios])
     print(f"\nA/A: {len(flagged)} of {COMPARISONS_SAME} flagged, median {rounds:.0f} rounds")
@@ -74,20 +72,14 @@ def test_three_percent_more_fragment_work_is_detected(llvmpipe):
     extended = np.vstack([base, np.array([[0, 1, 5], [0, 5, 4]], np.int32)])
     device, worker = llvmpipe
     options = Options(work=8)
-    fragments = [
-        int(
-            worker.call(tasks.draw_and_count, "opengl", device, frame, part, options)[
-                "fragments"
-            ].sum()
-        )
+    counts = [
+        worker.call(tasks.draw_and_count, "opengl", device, frame, part, options)["fragments"].sum()
         for part in (base, extended)
     ]
-    extra = fragments[1] / fragments[0] - 1
+    extra = counts[1] / counts[0] - 1
     assert extra <= 0.0301
-    ratios = [
-        compare(llvmpipe, frame, extended, base, options, seed)
-        for seed in range(COMPARISONS_SLOWER)
-    ]
+    seeds = range(COMPARISONS_SLOWER)
+    ratios = [compare(llvmpipe, frame, extended, base, options, seed) for seed in seeds]
     detected = sum(ratio.verdict == "slower" for ratio in ratios)
     typical = np.median([ratio.value for ratio in ratios])
     print(f"\n{extra:.1%} more fragments: {detected} of {COMPARISONS_SLOWER} found, {typical:.3f}")

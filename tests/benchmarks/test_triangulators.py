@@ -6,6 +6,7 @@ Run with `python -m pytest tests/benchmarks/test_triangulators.py --benchmark-en
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import mapbox_earcut
@@ -15,13 +16,7 @@ import pytest
 import shapely
 
 from scenes import load
-from scripts.studies.expected_quads import (
-    BASE,
-    OPTIMUM,
-    REFINED,
-    load_polygons,
-    measure,
-)
+from scripts.studies.expected_quads import BASE, OPTIMUM, REFINED, load_polygons, measure
 from tests.paths import run_python
 from tests.triangulators.cases import convex, glyphs, read_shared, smooth, snapped, star
 from tests.triangulators.test_everywhere import LETTERS, check
@@ -42,7 +37,7 @@ def compare(
             row[column] = time.perf_counter() - start
     tested_s, baseline_s = times.min(axis=0)
     ratio = tested_s / baseline_s
-    benchmark.extra_info.update(ratio=tested_s / baseline_s, ours_s=tested_s, theirs_s=baseline_s)
+    benchmark.extra_info.update(ratio=ratio, ours_s=tested_s, theirs_s=baseline_s)
     benchmark.pedantic(tested, rounds=1)
     print(f"\n{benchmark.name}: {tested_s * 1e3:.2f} ms / {baseline_s * 1e3:.2f} ms = {ratio:.2f}")
     return ratio
@@ -61,38 +56,24 @@ def run_min_plus(n: int) -> np.ndarray:
 
 
 def test_convex_1024_against_the_bare_min_plus_loop(benchmark):
-    polygon = convex(1024)
-    ratio = compare(
-        benchmark,
-        lambda: triangulate(polygon, "optimal:overdraw"),
-        lambda: run_min_plus(1024),
-        rounds=3,
-    )
-    assert ratio <= 1.2
+    optimum = partial(triangulate, convex(1024), "optimal:overdraw")
+    assert compare(benchmark, optimum, lambda: run_min_plus(1024), rounds=3) <= 1.2
 
 
-@pytest.mark.parametrize(("criterion", "max_ratio"), [("overdraw", 8.0), ("half-perimeter", 4.0)])
-def test_noisy_star_1000_against_delaunay(benchmark, criterion, max_ratio):
-    polygon = star(1000)
-    ratio = compare(
-        benchmark,
-        lambda: triangulate(polygon, "optimal", criterion=criterion),
-        lambda: shapely.constrained_delaunay_triangles(polygon),
-        rounds=60,
-    )
-    assert ratio <= max_ratio
-
-
-@pytest.mark.parametrize("criterion", ["overdraw", "half-perimeter"])
-def test_smooth_outline_10000_against_delaunay(benchmark, criterion):
-    polygon = smooth(10_000)
-    ratio = compare(
-        benchmark,
-        lambda: triangulate(polygon, "optimal", criterion=criterion),
-        lambda: shapely.constrained_delaunay_triangles(polygon),
-        rounds=2,
-    )
-    assert ratio <= 30.0
+@pytest.mark.parametrize(
+    ("make", "size", "rounds", "criterion", "max_ratio"),
+    [
+        (star, 1000, 60, "overdraw", 8.0),
+        (star, 1000, 60, "half-perimeter", 4.0),
+        (smooth, 10_000, 2, "overdraw", 30.0),
+        (smooth, 10_000, 2, "half-perimeter", 30.0),
+    ],
+)
+def test_optimum_against_delaunay(benchmark, make, size, rounds, criterion, max_ratio):
+    polygon = make(size)
+    optimum = partial(triangulate, polygon, f"optimal:{criterion}")
+    delaunay = partial(shapely.constrained_delaunay_triangles, polygon)
+    assert compare(benchmark, optimum, delaunay, rounds) <= max_ratio
 
 
 def run_earcut_loop(polygons: PolygonArray) -> list[np.ndarray]:
@@ -116,13 +97,9 @@ def run_earcut_loop(polygons: PolygonArray) -> list[np.ndarray]:
 def test_batch_of_100000_footprints_against_earcut_in_a_loop(benchmark, name, max_ratio):
     arrays = PolygonArray.from_shapely(load("city", buildings=100_000).polygons)
     snapped_arrays = replace(arrays, coords=np.round((arrays.coords + 6000) * 256) / 256)
-    ratio = compare(
-        benchmark,
-        lambda: triangulate_many(snapped_arrays, name),
-        lambda: run_earcut_loop(snapped_arrays),
-        rounds=9,
-    )
-    assert ratio <= max_ratio
+    batch = partial(triangulate_many, snapped_arrays, name)
+    loop = partial(run_earcut_loop, snapped_arrays)
+    assert compare(benchmark, batch, loop, rounds=9) <= max_ratio
 
 
 @pytest.mark.parametrize(
@@ -137,8 +114,8 @@ def test_one_call_on_15_vertices_against_earcut_with_coordinates_extracted(
         points = shapely.get_coordinates(polygon)[:-1]
         return mapbox_earcut.triangulate_float64(points, np.array([len(points)], np.uint32))
 
-    ratio = compare(benchmark, lambda: triangulate(polygon, name), earcut, rounds=3000)
-    assert ratio <= max_ratio
+    ours = partial(triangulate, polygon, name)
+    assert compare(benchmark, ours, earcut, rounds=3000) <= max_ratio
 
 
 MAX_RATIOS = {  # of the optimum and of refined to ear clipping
