@@ -95,10 +95,9 @@ class SmallPolygon:
     def _overlap(self, first: Triangle, second: Triangle) -> bool:
         """Return whether no side of either triangle separates them."""
         for t, other in ((first, second), (second, first)):
-            for p, q in ((t[0], t[1]), (t[1], t[2]), (t[2], t[0])):
-                if all(
-                    find_side(self.points[p], self.points[q], self.points[v]) <= 0 for v in other
-                ):
+            for side in list_sides(t):
+                p, q = (self.points[v] for v in side)
+                if all(find_side(p, q, self.points[v]) <= 0 for v in other):
                     return False
         return True
 
@@ -134,10 +133,9 @@ class SmallPolygon:
                     else:
                         after.add((q, p))
                 remainder = fill(frozenset(after), covered | overlapping(number))
-                if remainder is not None and (
-                    best is None or costs[number] + remainder[0] < best[0]
-                ):
-                    best = costs[number] + remainder[0], remainder[1] | 1 << number
+                if remainder is not None:
+                    solution = costs[number] + remainder[0], remainder[1] | 1 << number
+                    best = min(best or solution, solution, key=lambda pair: pair[0])
             solved[front] = best
             return best
 

@@ -36,9 +36,7 @@ def is_accepted_by_package(line: str) -> bool:
         claim = json.loads(line, object_pairs_hook=_reject_duplicates)
         if not _is_well_formed(claim):
             return False
-        # Close the rings here: shapely treats a last vertex that repeats the first as closing.
-        rings = [[*ring, ring[0]] for ring in claim["rings"]]
-        outline = boundary(polygon := shapely.Polygon(rings[0], rings[1:]))
+        outline = boundary(polygon := _make_shape(claim["rings"]))
         triangles = np.array(claim["triangles"]).reshape(-1, 3)
         if not polygon.is_valid or not verify(polygon, triangles).conforming:
             return False
@@ -60,6 +58,12 @@ def is_accepted_by_package(line: str) -> bool:
     )
 
 
+def _make_shape(rings: list[list[list[float]]]) -> shapely.Polygon:
+    # Close the rings here: shapely treats a last vertex that repeats the first as closing.
+    closed = [[*ring, ring[0]] for ring in rings]
+    return shapely.Polygon(closed[0], closed[1:])
+
+
 def is_accepted_by_file(line: str) -> bool:
     try:
         check_evidence.check_line(line)
@@ -75,13 +79,9 @@ def decide_truth(line: str) -> str:
     """Return "no claim", "true" or "false" for a line, by brute force."""
     try:
         claim = json.loads(line, object_pairs_hook=_reject_duplicates)
-        if not _is_well_formed(claim):
+        if not _is_well_formed(claim) or not _make_shape(rings := claim["rings"]).is_valid:
             return "no claim"
-        rings = claim["rings"]
-        shape = shapely.Polygon([*rings[0], rings[0][0]], [[*r, r[0]] for r in rings[1:]])
-        if not shape.is_valid:
-            return "no claim"
-    except (ValueError, OverflowError, RecursionError, shapely.errors.GEOSException):
+    except (ValueError, OverflowError, RecursionError, shapely.GEOSException):
         return "no claim"
     polygon = _small(json.dumps(rings))
     if not all(0 <= v < len(polygon.vertex_of) for t in claim["triangles"] for v in t):

