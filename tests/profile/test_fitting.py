@@ -56,15 +56,6 @@ def test_scale_of_terms_does_not_matter():
     assert costs * size == pytest.approx([3.0, 2.0], rel=1e-3)
 
 
-def test_r2_within_polygons_ignores_their_size():
-    sizes = np.repeat([1.0, 10.0, 100.0], 50)
-    choice = np.random.default_rng(1).uniform(0.9, 1.1, 150)
-    polygons = np.repeat([0, 1, 2], 50).tolist()
-    assert fitting.compute_r_squared_within(sizes * choice, 7 * sizes * choice, polygons) > 0.999
-    assert fitting.compute_r_squared(np.log(sizes * choice), np.log(sizes)) > 0.99
-    assert fitting.compute_r_squared_within(sizes * choice, sizes, polygons) < 0.01
-
-
 def test_groups_are_weighted_by_their_draws():
     """Nine draws of a group, and one of another group that costs 2 % more."""
     columns, seconds = np.ones((10, 1)), np.r_[np.ones(9), 1.02]

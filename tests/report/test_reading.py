@@ -94,29 +94,17 @@ def test_tab_goes_through_the_page_from_top_to_bottom(page):
     assert min(jumps) > -700, "focus jumps far back"
 
 
-@pytest.mark.parametrize("width", [320, 400, 800])
-def test_narrow_windows_do_not_scroll_sideways(browser, folder, width):
-    browser.resize(width, 800)
+@pytest.mark.parametrize("width", [320, 360, 400, 768, 1200, 1400, 1920])
+def test_page_charts_and_ranking_fit_the_window(browser, folder, width):
+    browser.prefer("dark" if width == 768 else "light")
+    browser.resize(width, 900)
     browser.open(folder / "report.html")
     assert browser.evaluate("document.documentElement.scrollWidth") <= width
     assert browser.errors == []
-
-
-@pytest.mark.parametrize(("width", "scheme"), [(360, "light"), (768, "dark"), (1200, "light")])
-def test_titles_of_charts_are_within_their_panels(browser, folder, width, scheme):
-    browser.prefer(scheme)
-    browser.resize(width, 900)
-    browser.open(folder / "report.html")
     styles = browser.evaluate("chart.plot.getOption().title.map((title) => title.textStyle)")
     room = width if width < 700 else width / 2
     assert len(styles) == 2
     assert all(0 < style["width"] < room and style["overflow"] == "break" for style in styles)
-
-
-@pytest.mark.parametrize("width", [360, 768, 1200, 1400, 1920])
-def test_ranking_is_completely_visible(browser, folder, width):
-    browser.resize(width, 900)
-    browser.open(folder / "report.html")
     heads = "[...document.querySelectorAll('.ranking thead')].map((head) => head.offsetHeight)"
     assert max(browser.evaluate(heads)) < 110  # four lines
     cells = "[...document.querySelectorAll('.ranking .key')].map((key) => key.closest('tr'))"
