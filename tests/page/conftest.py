@@ -8,20 +8,16 @@ import numpy as np
 import pytest
 
 from harness.frame import View
-from harness.measuring.plan import Plan
 from harness.measuring.pool import MeasuringPool
-from harness.measuring.run import run as measure_run
 from harness.measuring.timing import TimingSettings
 from harness.metrics.per_polygon import read_columns
 from harness.page.page_data import make_profile_content, write_page
 from harness.page.result import COUNTERS, FORMAT, RECORD_FIELDS, Result, import_result
 from harness.page.saved import VERSION, read_saved
-from harness.progress import Reporter
 from harness.results.run_folder import Run, read_run, select_latest
-from harness.triangulating.recipes import parse_all
 from tests.chromium import MEASUREMENT_ENDED, REPORT_READY, WEBGPU_FLAGS, Chromium
-from tests.inline import InlineWorker
-from tests.measuring.test_run import inline
+from tests.measuring.test_run import inline, make_plan
+from tests.measuring.test_run import measure as measure_run
 from tests.paths import ROOT
 from tests.profile.charging import COSTS
 from tests.records import get_rows
@@ -38,14 +34,10 @@ def read_result(file: Path) -> Result:
 def small_run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """Return a run of a city of 20 buildings in two views, counted by the reference."""
     folder = tmp_path_factory.mktemp("page") / "city"
-    plan = Plan(
-        scene="city:buildings=20",
-        triangulators=parse_all(NAMES),
-        rasterisers=("reference",),
-        views=(View(128), View(64, 30.0)),
-        timing=TimingSettings(budget_s=0.02, warm_up_s=0.01, epochs=2),
-    )
-    measure_run(plan, folder, Reporter(quiet=True), open_worker=lambda *_: InlineWorker())
+    views = (View(128), View(64, 30.0))
+    timing = TimingSettings(budget_s=0.02, warm_up_s=0.01, epochs=2)
+    fields = {"triangulators": NAMES, "rasterisers": ("reference",), "timing": timing}
+    measure_run(make_plan(Path("city:buildings=20"), views=views, **fields), folder)
     return select_latest(read_run(folder))
 
 

@@ -5,30 +5,25 @@ import shutil
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 
 from harness.frame import View, make_frame
-from harness.measuring.plan import Plan
-from harness.measuring.run import run
-from harness.measuring.timing import TimingSettings
-from harness.progress import Reporter
 from harness.rasterisers.base import sum_per_polygon
 from harness.rasterisers.reference import count_per_triangle
 from harness.report.page import write_report
 from harness.results import drawings
 from harness.results.run_folder import read_run
 from harness.results.run_writer import RunFolder
-from harness.triangulating.recipes import parse, parse_all
+from harness.triangulating.recipes import parse
 from harness.triangulating.result import sum_criteria_per_polygon
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load
 from tests.chromium import Chromium
-from tests.inline import InlineWorker
+from tests.conftest import BRIEF_TIMING
+from tests.measuring.test_run import make_plan, measure
 
 NAMES = ("fan", "ear-clipping", "delaunay", "optimal:overdraw", "optimal:half-perimeter")
 VIEWS = (View(256), View(128, 30.0))
 DRAWN = {"status": "ok", "reason": None, "polygons": 600, "conforming": True, "triangles": 8000}
-QUIET = Reporter(quiet=True, console=Console(quiet=True))
 CRITERIA = {"overdraw": 3e5, "half_perimeter": 1e5, "expected_quads": 7e4}
 
 
@@ -44,14 +39,8 @@ def _usual_window(request: pytest.FixtureRequest) -> None:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a run of 60 footprints in two views, counted and timed by the CPU reference."""
     path = tmp_path_factory.mktemp("report") / "city"
-    plan = Plan(
-        scene="city:buildings=60",
-        triangulators=parse_all(NAMES),
-        rasterisers=("reference",),
-        views=VIEWS,
-        timing=TimingSettings(precision=0.5, budget_s=0.02, warm_up_s=0.0),
-    )
-    run(plan, path, QUIET, open_worker=lambda *_: InlineWorker())
+    fields = {"triangulators": NAMES, "rasterisers": ("reference",), "views": VIEWS}
+    measure(make_plan(Path("city:buildings=60"), timing=BRIEF_TIMING, **fields), path)
     facts = json.loads((path / "run.json").read_text())
     facts["state"] |= {"state": "quiet", "why": []}  # whatever else the machine does
     (path / "run.json").write_text(json.dumps(facts))

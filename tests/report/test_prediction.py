@@ -3,27 +3,26 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from harness import viewport_sizes
 from harness.frame import View, make_scene_frame
-from harness.measuring.plan import Plan
-from harness.measuring.run import RunOptions, run
 from harness.metrics.decision import decide_run
 from harness.profile.device_costs import find_profile, minimise_slowest_stage, read_costs
 from harness.report.page import predict_run
 from harness.results import drawings
 from harness.results.run_folder import STORED_PROFILE, read_run
-from harness.settings import TimingSettings
 from harness.triangulating.recipes import parse_all
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load
 from tests.conftest import require_ok
-from tests.inline import InlineWorker
-from tests.report.conftest import NAMES, QUIET, VIEWS
+from tests.measuring.test_run import make_plan, measure
+from tests.report.conftest import NAMES, VIEWS
 
 H200 = find_profile("opengl-h200")
 
@@ -98,16 +97,12 @@ def test_run_stores_the_profile_and_minimises_the_slowest_stage(tmp_path):
     device = read_costs(H200)
     name, base = "optimal:calibrated", "ear-clipping"
     coefficients = json.loads(H200.read_text())["coefficients"]
-    plan = Plan(
-        scene="city:buildings=12",
+    plan = replace(
+        make_plan(Path("city:buildings=12"), rasterisers=("reference",), views=(View(2048),)),
         triangulators=parse_all((base, name), calibration=coefficients),
-        rasterisers=("reference",),
-        views=(View(2048),),
-        timing=TimingSettings(precision=0.5, budget_s=1.0, warm_up_s=0.0),
     )
     calibrate = partial(minimise_slowest_stage, device)
-    options = RunOptions(profile=H200.read_bytes(), calibrate=calibrate)
-    run(plan, tmp_path / "run", QUIET, options, open_worker=lambda *_: InlineWorker())
+    measure(plan, tmp_path / "run", profile=H200.read_bytes(), calibrate=calibrate)
     stored = read_run(tmp_path / "run")
     frame = make_scene_frame(load(plan.scene), plan.views[0])
 

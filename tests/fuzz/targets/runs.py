@@ -15,19 +15,15 @@ from typing import Any
 
 import pytest
 from hypothesis import strategies as st
-from rich.console import Console
 
 from harness.errors import BAD_INPUT, GOOD, INCONCLUSIVE, NOTHING_MEASURED, REGRESSION
-from harness.measuring.plan import Plan
 from harness.measuring.run import run
-from harness.measuring.timing import TimingSettings
-from harness.progress import Reporter
-from harness.triangulating.recipes import parse_all
 from tests.compare.runs import write_run
 from tests.conftest import BLOCK, run_command, write_geojson
 from tests.fuzz.damage import byte_edits, edit_file_bytes, edit_file_values, value_edits
 from tests.fuzz.target import target
 from tests.inline import InlineWorker
+from tests.measuring.test_run import make_plan, measure
 
 SILENT_S = 10.0
 """Maximum time without output of a command."""
@@ -119,14 +115,8 @@ def make_sample_run() -> Path:
     folder = Path(tempfile.mkdtemp(prefix="fuzz-run-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     scene = write_geojson(folder / "block.geojson", BLOCK)
-    plan = Plan(
-        scene=str(scene),
-        triangulators=parse_all(("ear-clipping", "delaunay", "optimal:half-perimeter")),
-        rasterisers=("reference",),
-        timing=TimingSettings(precision=0.5, budget_s=0.01, warm_up_s=0.0),
-    )
-    reporter = Reporter(quiet=True, console=Console(quiet=True))
-    run(plan, folder / "run", reporter, open_worker=lambda *_: InlineWorker())
+    names = ("ear-clipping", "delaunay", "optimal:half-perimeter")
+    measure(make_plan(scene, triangulators=names, rasterisers=("reference",)), folder / "run")
     _make_reproducible(folder / "run")
     return folder / "run"
 
