@@ -2,6 +2,7 @@ import itertools
 import json
 import random
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -28,11 +29,16 @@ CRITERIA = {"overdraw": 3e5, "half_perimeter": 1e5, "expected_quads": 7e4}
 
 
 @pytest.fixture(autouse=True)
-def _usual_window(request: pytest.FixtureRequest) -> None:
-    if "browser" in request.fixturenames:
-        chromium: Chromium = request.getfixturevalue("browser")
-        chromium.resize(1280, 900)
-        chromium.prefer("light")
+def _usual_window(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Open pages in a window of usual size, and require that they report no error."""
+    if "browser" not in request.fixturenames:
+        yield
+        return
+    chromium: Chromium = request.getfixturevalue("browser")
+    chromium.resize(1280, 900)
+    chromium.prefer("light")
+    yield
+    assert chromium.errors == []
 
 
 @pytest.fixture(scope="session")

@@ -35,6 +35,11 @@ def runs(tmp_path_factory):
     return {name: folder / name for name in ("first", "second", "third")}
 
 
+@pytest.fixture
+def first(runs):
+    return read_run(runs["first"])
+
+
 def contents(folder: Path) -> dict[str, bytes]:
     files = sorted(file for file in folder.rglob("*") if file.is_file())
     return {str(file.relative_to(folder)): file.read_bytes() for file in files}
@@ -67,15 +72,13 @@ def test_result_is_independent_of_the_order(runs, tmp_path):
     assert set(merged.facts["devices"]) == names
 
 
-def test_merge_of_a_run_with_itself_is_the_run(runs, tmp_path):
-    run = read_run(runs["first"])
-    merge_runs([run, run], tmp_path / "out")
+def test_merge_of_a_run_with_itself_is_the_run(first, tmp_path):
+    merge_runs([first, first], tmp_path / "out")
     merged = read_run(tmp_path / "out")
-    assert sorted(map(json.dumps, get_rows(merged))) == sorted(map(json.dumps, get_rows(run)))
+    assert sorted(map(json.dumps, get_rows(merged))) == sorted(map(json.dumps, get_rows(first)))
 
 
-def test_different_records_of_a_case_are_refused(runs, tmp_path):
-    first = read_run(runs["first"])
+def test_different_records_of_a_case_are_refused(first, tmp_path):
 
     def slower(record):
         if record["triangulator"] == "delaunay" and record["resolution"] == 128:
@@ -89,8 +92,7 @@ def test_different_records_of_a_case_are_refused(runs, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_measured_record_replaces_a_failed_record(runs, tmp_path):
-    first = read_run(runs["first"])
+def test_measured_record_replaces_a_failed_record(first, tmp_path):
     fields = ("key", "scene", "scene_hash", "triangulator", "rasteriser", "device", "resolution")
     fields += ("rotation", "fit", "options")
 
@@ -135,8 +137,7 @@ def test_different_counters_of_hosts_are_refused(runs, tmp_path, wrong):
     assert "overdraw" not in str(error.value)
 
 
-def test_runs_of_other_or_unknown_polygons_are_refused(runs, tmp_path):
-    first = read_run(runs["first"])
+def test_runs_of_other_or_unknown_polygons_are_refused(first, tmp_path):
     scene = {**first.facts["scene"], "hash": "0" * 64}
     other = replace(first, facts={**first.facts, "scene": scene})
     bare = replace(first, facts={n: v for n, v in first.facts.items() if n != "scene"})
@@ -159,8 +160,7 @@ def test_the_command_merges_reports_and_compares(harness, runs, tmp_path, no_plo
     assert_refused(harness("merge", first, third, "--hosts", "a,b/c", "-o", "other"), "host 'b/c'")
 
 
-def test_run_with_two_hosts_is_refused(runs, tmp_path):
-    first = read_run(runs["first"])
+def test_run_with_two_hosts_is_refused(first, tmp_path):
     with pytest.raises(IncompatibleRunsError, match=r"two hosts \(here and there\)"):
         merge_runs([set_host(first, "here"), set_host(first, "there")], tmp_path / "out")
     # a rewritten run.json does not hide equal times
@@ -208,16 +208,14 @@ def test_interrupted_merge_leaves_no_folder_and_can_be_repeated(
     assert_refused(harness(*command), "merged: already exists")
 
 
-def test_run_without_records_is_merged(runs, tmp_path):
-    first = read_run(runs["first"])
+def test_run_without_records_is_merged(first, tmp_path):
     merge_runs([first, replace(first, records=[])], tmp_path / "out")
     assert get_rows(read_run(tmp_path / "out")) == get_rows(first)
     with pytest.raises(InputError, match="no records to merge"):
         merge_runs([replace(first, records=[])] * 2, tmp_path / "none")
 
 
-def test_equal_facts_are_merged_independently_of_key_order(runs, tmp_path):
-    first = read_run(runs["first"])
+def test_equal_facts_are_merged_independently_of_key_order(first, tmp_path):
     note = {"step": 256, "why": "snapped"}
     turned = dict(reversed(note.items()))
     frames = [replace(first, facts=first.facts | {"frames": [frame]}) for frame in (note, turned)]
