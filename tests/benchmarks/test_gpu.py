@@ -77,30 +77,18 @@ def compare(benchmark: Any, arrays: PolygonArray, name: str, rounds: int) -> tup
     return device_s, cpu_s
 
 
-def test_footprints(benchmark, software):
-    footprints = PolygonArray.concatenate([load_footprints(100_000)] * (1 if software else 10))
+@pytest.mark.parametrize(
+    ("name", "buildings", "copies_on_gpu", "rounds"),
+    [("optimal:half-perimeter", 100_000, 10, 3), (QUADS, 10_000, 1, 1)],
+)
+def test_footprints(benchmark, software, name, buildings, copies_on_gpu, rounds):
+    copies = 1 if software else copies_on_gpu
+    footprints = PolygonArray.concatenate([load_footprints(buildings)] * copies)
     count = len(footprints)
-    device_s, cpu_s = compare(benchmark, footprints, "optimal:half-perimeter", 3)
-    seconds_per_million = device_s * 1e6 / count
-    benchmark.extra_info.update(
-        polygons=count,
-        polygons_per_s=count / device_s,
-        seconds_per_million=seconds_per_million,
-        target_s=TARGET_S,
-    )
-    print(
-        f"\n{count:,} footprints: {count / device_s:,.0f} per second on {DEVICE}, "
-        f"{count / cpu_s:,.0f} on the CPU; a million in {seconds_per_million:.3f} s "
-        f"(target on a GPU {TARGET_S} s)"
-    )
-
-
-def test_quads_of_footprints(benchmark, software):
-    footprints = load_footprints(10_000)
-    count = len(footprints)
-    device_s, cpu_s = compare(benchmark, footprints, QUADS, 1)
+    device_s, cpu_s = compare(benchmark, footprints, name, rounds)
     benchmark.extra_info.update(polygons=count, polygons_per_s=count / device_s)
     print(
-        f"\n{count:,} footprints, optimum for Q: {count / device_s:,.0f} per second on {DEVICE}, "
-        f"{count / cpu_s:,.0f} on the CPU"
+        f"\n{count:,} footprints, {name}: {count / device_s:,.0f} per second on {DEVICE}, "
+        f"{count / cpu_s:,.0f} on the CPU; a million in {device_s * 1e6 / count:.3f} s "
+        f"(target for H on a GPU {TARGET_S} s)"
     )

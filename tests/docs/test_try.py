@@ -110,7 +110,7 @@ def test_a_drawing_with_several_elements_offers_a_choice(browser):
 def test_hostile_links_are_reported_as_invalid(browser):
     """A rotation of 400 digits was accepted, and the page showed "NaN"."""
     polygon = "0-0-1000-0-0-1000/"
-    for fragment in (f"64/{'9' * 400}/{polygon}", f"{'9' * 400}/0/{polygon}"):
+    for fragment in (f"64/{'9' * 400}/{polygon}", f"{'9' * 400}/0/{polygon}", "64/0/0-0-1000"):
         open_page(browser, fragment=fragment)
         assert "truncated or invalid" in browser.read_text("notice")
         assert browser.read_text("vertex-count").startswith("8 vertices,")
@@ -303,8 +303,6 @@ def test_files_and_links_are_loaded(browser):
     act(browser, "$('undo').click()")
     paste(browser, f"see page.html#{link}")
     assert browser.evaluate("currentLink()") == link
-    open_page(browser, fragment=link[:-9])
-    assert "truncated" in browser.read_text("notice")
 
 
 def test_a_device_is_measured_in_the_page(browser):

@@ -124,12 +124,6 @@ def test_the_command_writes_a_table_cells_and_pictures(harness, parts, tmp_path)
     for name in ("gains", "map"):
         for suffix in ("png", "svg"):
             assert (tmp_path / "out" / "plots" / f"{name}.{suffix}").stat().st_size > 5000
-    before = (tmp_path / "out" / "census.csv").read_bytes()
-    (tmp_path / "out" / "census.csv").unlink()
-    next((tmp_path / "out" / "parts").glob("*.npz")).unlink()
-    _, error = require_ok(harness("census", f"{parts}/*.parquet", "-o", "out", *asked))
-    assert "5 of 6 parts exist already" in error
-    assert (tmp_path / "out" / "census.csv").read_bytes() == before
     result = harness("census", f"{parts}", "-o", "other", "--triangulators", "fan")
     assert_refused(result, "give two or more")
 
