@@ -76,7 +76,7 @@ def test_optimum_is_equal_by_all_interfaces(kind, seed, scale_count, report_coun
 def test_large_rings_equal_the_full_table(n, make):
     polygon = shapely.Polygon(np.round(vertices(make(n)) * 256) / 256)
     if not polygon.is_valid:
-        return
+        pytest.skip("invalid after rounding to 1/256")
     ring = np.ascontiguousarray(vertices(shapely.orient_polygons(polygon)))
     for criterion, weights in zip(CRITERIA, ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]), strict=True):
         total = find(criterion).total

@@ -50,9 +50,8 @@ def test_summary_accepts_other_scenes_but_not_other_devices(tmp_path, small_run)
 
 def test_a_summary_has_the_drivers_name_of_the_device(small_run):
     devices = {"reference on cpu": {"details": {"renderer": "the CPU itself", "version": "7"}}}
-    summary = device_summaries.summarise_device(
-        replace(small_run, facts={**small_run.facts, "devices": devices})
-    )
+    named = replace(small_run, facts={**small_run.facts, "devices": devices})
+    summary = device_summaries.summarise_device(named)
     assert (summary["renderer"], summary["driver"]) == ("the CPU itself", "7")
     assert device_summaries.summarise_device(replace(small_run, facts={}))["renderer"] == "cpu"
 
@@ -66,9 +65,8 @@ def test_summary_of_a_software_device_refuses_another_cpu(tmp_path, small_run):
     device_summaries.write_summary(first, file)
     assert json.loads(file.read_text())["cpu"] == "AMD EPYC 25/17, 512-bit"
     assert "`cpu`, reference, AMD EPYC 25/17, 512-bit |" in device_summaries.format_table(tmp_path)
-    with pytest.raises(
-        IncompatibleRunsError, match="measured on AMD EPYC 25/17, 512-bit, this run on Xeon"
-    ):
+    message = "measured on AMD EPYC 25/17, 512-bit, this run on Xeon"
+    with pytest.raises(IncompatibleRunsError, match=message):
         device_summaries.write_summary(second, file)
     gpu = [record.with_id(device="gpu0") for record in first.records]
     assert device_summaries.summarise_device(replace(first, records=gpu))["cpu"] == ""

@@ -59,9 +59,8 @@ def saved(profiled, tmp_path) -> Callable[..., str]:
 
 def test_file_of_the_page_becomes_a_profile(harness, profiled):
     Path("saved.json").write_text(profiled["saved"])
-    out, err = require_ok(
-        harness("import", "saved.json", "--out", "p.json", "--device", "my phone")
-    )
+    command = ("import", "saved.json", "--out", "p.json", "--device", "my phone")
+    out, err = require_ok(harness(*command))
     assert err == ""
     assert out.startswith("On my-phone:\nA draw by itself costs 20 us.\nA triangle costs 50 ns")
     content = json.loads(Path("p.json").read_text())
@@ -72,9 +71,8 @@ def test_file_of_the_page_becomes_a_profile(harness, profiled):
     assert content["device"]["timer"]["timer"] == "wall"
     assert sum(content["rounds"]) == sum(profiled["result"]["epochs"])
     coefficients = read_coefficients(Path("p.json"))
-    assert list(coefficients.values()) == pytest.approx(
-        profiled["coefficients"], rel=0.01, abs=1e-12
-    )
+    expected = pytest.approx(profiled["coefficients"], rel=0.01, abs=1e-12)
+    assert list(coefficients.values()) == expected
     (recipe,) = parse_recipes((CALIBRATED_OPTIMUM,), 0, Path("p.json"))
     assert dict(recipe.calibration or ()) == coefficients
     assert Path("p.png").stat().st_size > 10_000
@@ -105,16 +103,17 @@ def truncate_epochs(number: int) -> Callable[[dict[str, Any]], None]:
     return change
 
 
+def miscount(result: dict[str, Any]) -> None:
+    result["draws"][3]["quads"] += 1
+
+
 FORGERIES: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "design": (lambda r: r["page"].update(design=2), "measured with version 2 of"),
     "seed": (lambda r: r["page"].update(seed=1), "the draws differ from the draws of seed 1"),
     "checksum": (lambda r: r["draws"][3].update(checksum=5), "differ from the draws of seed 0"),
     "grid": (lambda r: r["device"].update(step=16), "differ from the draws of seed 0"),
     "draws": (lambda r: r["draws"].pop(), "differ from the draws of seed 0"),
-    "counter": (
-        lambda r: r["draws"][3].update(quads=r["draws"][3]["quads"] + 1),
-        "differ from the exact reference in 1 draws, not in 0",
-    ),
+    "counter": (miscount, "differ from the exact reference in 1 draws, not in 0"),
     "differing": (lambda r: r.update(differing=2), "in 0 draws, not in 2"),
     "quads": (lambda r: r["draws"][3].update(quads=1), "more than four"),
     "law": (lambda r: r["law"]["seconds"].update(triangles=6e-8), "does not follow from the times"),
@@ -177,11 +176,8 @@ def test_profile_of_a_device_that_slowed_down_is_refused(harness, saved):
         slow_down(result, sum(result["epochs"]) // 2)
         result["law"] = None
 
-    assert_refused(
-        harness("import", saved(change), "--out", "p.json"),
-        "speed changed by a factor of 2",
-        code=INCONCLUSIVE,
-    )
+    result = harness("import", saved(change), "--out", "p.json")
+    assert_refused(result, "speed changed by a factor of 2", code=INCONCLUSIVE)
     assert Path("p.refused.json").exists()
 
 
