@@ -239,9 +239,9 @@ ACTIONS = (
     *("open('out/cases.jsonl', 'a').write('{}\\n')", "np.seterr(all='raise')", "sys.path.clear()"),
     *("sys.setrecursionlimit(5)", "good = good.astype(object)", "import numpy; numpy.int32 = None"),
 )
-
-
 L_SHAPE = "POLYGON((0 0,9 0,9 3,3 3,3 9,0 9,0 0))\n"
+BRIEF_RUN = ("run", "--quick", "-q", "--rasterisers", "reference", "--resolution", "64")
+BRIEF_RUN += ("--budget", "0.02", "--out", "out")
 
 
 def test_plugins(scale_count, report_counts, tmp_path):
@@ -272,8 +272,6 @@ def test_plugins(scale_count, report_counts, tmp_path):
     run_each(scale_count(200), run_one, report_counts, tmp_path)
 
 
-BRIEF_RUN = ("run", "--quick", "-q", "--rasterisers", "reference", "--resolution", "64")
-BRIEF_RUN += ("--budget", "0.02", "--out", "out")
 WRITERS = {
     "out": [*BRIEF_RUN, "--scene", "city:buildings=9"],
     "out.npz": ["triangulate", "city:buildings=99", "-o", "out.npz"],
