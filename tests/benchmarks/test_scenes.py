@@ -27,10 +27,6 @@ EXPECTED_REASONS = (
 LIBRARIES = ("ear-clipping", "sweep", "manifold", "delaunay")
 """Triangulators that may leave T-junctions."""
 
-HEXAGON = (*("v 0 0 0", "v 4 0 0", "v 6 3 0", "v 4 6 0", "v 0 6 0", "v -2 3 0"), "f 1 2 3 4 5 6")
-PENTAGON = (*("v 10 0 1", "v 14 0 1", "v 14 0 5", "v 12 0 3", "v 10 0 5"), "f 7 8 9 10 11")
-MODEL = "\n".join(("o hexagon", *HEXAGON, "o pentagon", *PENTAGON, ""))
-
 
 def measure(scene: str, out: Path) -> list[Record]:
     methods = ",".join(name for name in triangulators(available_only=True) if name in BUILTIN)
@@ -86,15 +82,6 @@ def test_scene_by_all_triangulators(scene, tmp_path):
 def test_all_scenes_are_available():
     missing = [name for name in names() if name not in SCENES]
     assert missing == [], "install what requirements-data.lock pins: make setup"
-
-
-def test_user_model(tmp_path):
-    (tmp_path / "faces.obj").write_text(MODEL)
-    records = measure(f"meshes:model={tmp_path / 'faces.obj'}", tmp_path / "out")
-    for record in records:
-        check(record)
-    records_by_name = {record["triangulator"]: record for record in records}
-    assert records_by_name["optimal:overdraw"]["triangles"] == 4 + 3
 
 
 def test_largest_stress_scene_completes(tmp_path):
