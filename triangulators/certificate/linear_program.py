@@ -53,11 +53,7 @@ class LinearProgram:
     """
 
     def __init__(
-        self,
-        candidates: Candidates,
-        weights: np.ndarray,
-        allowed: np.ndarray,
-        start: np.ndarray,
+        self, candidates: Candidates, weights: np.ndarray, allowed: np.ndarray, start: np.ndarray
     ) -> None:
         total = float(np.abs(weights[start]).sum())
         self.scale = 2.0 ** (_LOG2_TOTAL - math.ceil(math.log2(total))) if total > 0.0 else 1.0

@@ -72,14 +72,7 @@ def exclude_edges(
 
 @njit
 def _is_lighter_flipped(
-    points: np.ndarray,
-    a: int,
-    b: int,
-    c: int,
-    d: int,
-    value: int,
-    cost: Cost,
-    units: Units,
+    points: np.ndarray, a: int, b: int, c: int, d: int, value: int, cost: Cost, units: Units
 ) -> np.bool_:
     """Whether the triangles a-b-c and b-a-d weigh less after a flip of a-b to c-d.
 
@@ -186,10 +179,7 @@ def _requeue_sides(
 
 
 def extend_potentials(
-    candidates: Candidates,
-    weights: np.ndarray,
-    excluded: np.ndarray,
-    potentials: np.ndarray,
+    candidates: Candidates, weights: np.ndarray, excluded: np.ndarray, potentials: np.ndarray
 ) -> np.ndarray | None:
     """Return potentials (e,) also valid for triangles with excluded edges, or None if too large."""
     extended = potentials.copy()

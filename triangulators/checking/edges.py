@@ -263,9 +263,6 @@ def _list_diagonals(sides: _Sides, sites: np.ndarray) -> np.ndarray:
                 if sign != 0.0:  # an edge collinear with a hides no site
                     hiding_count = min(hiding_count + 1, _MAX_HIDING)
                     _move_to_front(
-                        hiding,
-                        hiding_count - 1,
-                        c if sign > 0.0 else d,
-                        d if sign > 0.0 else c,
+                        hiding, hiding_count - 1, c if sign > 0.0 else d, d if sign > 0.0 else c
                     )
     return diagonals[:count]

@@ -28,14 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from triangulators.compute.kernels import njit
-from triangulators.criteria.cost import (
-    AREA,
-    BBOX_AREA,
-    HALF_PERIMETER,
-    TRIANGLES,
-    Cost,
-    cost_at,
-)
+from triangulators.criteria.cost import AREA, BBOX_AREA, HALF_PERIMETER, TRIANGLES, Cost, cost_at
 from triangulators.polygon import Boundary
 
 NOISE_BITS = 10

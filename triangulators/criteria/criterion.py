@@ -116,12 +116,7 @@ class Criterion:
 
 
 def make_weighted_criterion(
-    name: str,
-    description: str,
-    label: str,
-    symbol: str,
-    unit: str,
-    **coefficients: float,
+    name: str, description: str, label: str, symbol: str, unit: str, **coefficients: float
 ) -> Criterion:
     """Return a criterion that is a weighted sum of features."""
     weights = tuple(float(coefficients.get(feature, 0.0)) for feature in FEATURES)

@@ -184,11 +184,7 @@ def weigh_triangle(
 
 @njit(nogil=True, inline="always")
 def _add_feature(
-    feature: Any,
-    weight: float,
-    corners: tuple[np.ndarray, ...],
-    count: int,
-    totals: np.ndarray,
+    feature: Any, weight: float, corners: tuple[np.ndarray, ...], count: int, totals: np.ndarray
 ) -> None:
     ax, ay, bx, by, cx, cy = corners
     if weight != 0.0:

@@ -37,12 +37,7 @@ def push_diagonals(twin: np.ndarray, stack: np.ndarray, waiting: np.ndarray) -> 
 
 @njit(nogil=True)
 def flip_edge(
-    corner: np.ndarray,
-    twin: np.ndarray,
-    e: int,
-    stack: np.ndarray,
-    waiting: np.ndarray,
-    size: int,
+    corner: np.ndarray, twin: np.ndarray, e: int, stack: np.ndarray, waiting: np.ndarray, size: int
 ) -> int:
     """Flip the diagonal of half-edge e, push the quadrilateral's sides; return the stack's size."""
     f: Any = np.int64(twin[e])

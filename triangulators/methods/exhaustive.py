@@ -17,12 +17,7 @@ from triangulators.errors import SkippedError
 from triangulators.geometry.predicates import orient
 from triangulators.initial import Cycle, make_cycle
 from triangulators.methods.counting import count_triangulations_of_cycle
-from triangulators.polygon import (
-    Boundary,
-    boundary_area,
-    checked_boundary,
-    vertices,
-)
+from triangulators.polygon import Boundary, boundary_area, checked_boundary, vertices
 from triangulators.polygon_arrays import polygon_of_rings
 
 Mode = Literal["conforming", "paper"]

@@ -18,11 +18,7 @@ from triangulators.criteria.cost import Cost, compute_total_cost, make_cost, rep
 from triangulators.errors import SkippedError
 from triangulators.geometry.order import put_in_walk_order
 from triangulators.geometry.predicates import find_bounding_box, find_grid_unit
-from triangulators.initial import (
-    find_any_triangulation,
-    find_best_initial,
-    find_ring_triangulation,
-)
+from triangulators.initial import find_any_triangulation, find_best_initial, find_ring_triangulation
 from triangulators.optimum.any_cost import INFEASIBLE_COST
 from triangulators.optimum.best_way import (
     MAX_PIECE_TRIANGLES,
