@@ -292,24 +292,13 @@ def _solve_annulus(
     best, solution = none, np.empty(0, dtype=np.int64)
     walk, via = np.empty(len(kind), dtype=weights.dtype), np.empty(len(kind), dtype=np.int64)
     for s in starts:
-        if kind[s] == BRIDGE:
-            total = _find_lightest_walk(
-                s,
-                order,
-                rank[s],
-                (m, q),
-                first,
-                second,
-                steps,
-                sizes,
-                costs,
-                by_target,
-                none,
-                walk,
-                via,
-            )
-            if total < best:
-                best, solution = total, _list_walk_triangles(c, kind, apex, steps, via, s)
+        if kind[s] != BRIDGE:
+            continue
+        total = _find_lightest_walk(
+            s, order, rank, (m, q), first, second, steps, sizes, costs, by_target, none, walk, via
+        )
+        if total < best:
+            best, solution = total, _list_walk_triangles(c, kind, apex, steps, via, s)
     return best, solution
 
 
@@ -317,7 +306,7 @@ def _solve_annulus(
 def _find_lightest_walk(
     start: int,
     order: np.ndarray,
-    at: int,
+    rank: np.ndarray,
     turn: tuple[int, int],
     first: np.ndarray,
     second: np.ndarray,
@@ -331,17 +320,18 @@ def _find_lightest_walk(
 ) -> Any:
     """Return the minimum weight of a closed walk over bridges; write the last steps to `via`.
 
-    order: bridges by their sums of positions, with `start` at index `at`; the walk visits those up
-    to the end, then, a turn ahead (m, q), those from the beginning to `start`. sizes, costs (s,):
-    ring sides that a step advances, and weight of its triangle and pocket. by_target: steps by the
-    bridge after them. walk, via (e,): weight and last step of the lightest walk to each bridge.
+    order: bridges by their sums of positions; rank (e,): index of each bridge in `order`. The walk
+    visits those after `start`, then, a turn ahead (m, q), those from the beginning to `start`.
+    sizes, costs (s,): ring sides that a step advances, and weight of its triangle and pocket.
+    by_target: steps by the bridge after them. walk, via (e,): weight and last step of the lightest
+    walk to each bridge.
     """
     begin, items = by_target
     m, q = turn
     walk[:] = none
     walk[start] = 0
-    total = none
-    for number in range(at + 1, at + len(order) + 1):
+    total, after = none, rank[start] + 1
+    for number in range(after, after + len(order)):
         is_ahead = number >= len(order)
         b = order[number - len(order) if is_ahead else number]
         o, h = first[b] - first[start], second[b] - second[start]
