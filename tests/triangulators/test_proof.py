@@ -131,16 +131,17 @@ def test_local_search_updates_incumbent_of_candidates_only(monkeypatch):
     common = [set(triangles[0].tolist()) & set(triangles[k].tolist()) for k in range(4)]
     first = [0, next(k for k in (1, 2, 3) if common[k] in diagonals)]
     weights = compute_weights(candidates.points, triangles, cost, units)
-    search = proof._Search(candidates, weights, units)
+    alive, excluded = np.ones(4, np.bool_), np.empty(0, np.int32)
+    search = proof._Search(outline, cost, units, candidates, weights, excluded, alive)
     monkeypatch.setattr(proof, "solve_skeleton", lambda *_: None)
     monkeypatch.setattr(proof, "optimise_along_random_trees", lambda *_: triangles[first])
     search.incumbent, search.min_weight = np.setdiff1d(range(4), first), np.inf
-    search.solve(np.ones(4, np.bool_), cost, 0.0)
+    search.solve(0.0)
     assert search.incumbent.tolist() == first
     search.min_weight = np.inf
     unknown = np.array([[0, 1, 5], [0, 2, 3]])
     monkeypatch.setattr(proof, "optimise_along_random_trees", lambda *_: unknown)
-    search.solve(np.ones(4, np.bool_), cost, 0.0)
+    search.solve(0.0)
     assert search.min_weight == np.inf
 
 

@@ -5,8 +5,8 @@ remain connect the polygon's rings, a dynamic program finds the optimum (`skelet
 linear program does (`linear_program`). Vertices of triangles are sites (see `polygon.Boundary`).
 """
 
-from dataclasses import dataclass
-from typing import TypeAlias
+import math
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -44,10 +44,7 @@ class Proof:
 
     triangles: np.ndarray  # (m, 3)
     gap: float
-    candidates: Candidates
-    weights: np.ndarray  # (t,), of the candidate triangles
-    units: Units
-    excluded: np.ndarray  # (k,): edges in order of exclusion
+    search: "_Search"
     potentials: np.ndarray  # (e,): valid, with `lift`, for triangles without an excluded edge
     lift: int
 
@@ -56,22 +53,27 @@ class Proof:
 
         If such a potential would be too large for the checker, the evidence is of a weak bound.
         """
-        potentials = extend_potentials(
-            self.candidates, self.weights, self.excluded, self.potentials
-        )
+        candidates, weights = self.search.candidates, self.search.weights
+        potentials = extend_potentials(candidates, weights, self.search.excluded, self.potentials)
         lift = self.lift
         if potentials is None:
-            potentials, lift = np.zeros_like(self.potentials), min(0, int(self.weights.min()))
-        return Evidence(*self.units[:3], self.candidates.edges, potentials, lift)
+            potentials, lift = np.zeros_like(self.potentials), min(0, int(weights.min()))
+        return Evidence(*self.search.units[:3], candidates.edges, potentials, lift)
 
 
+@dataclass
 class _Search:
     """Search for the triangulation of minimum weight, and a lower bound of all weights."""
 
-    def __init__(self, candidates: Candidates, weights: np.ndarray, units: Units) -> None:
-        self.candidates, self.weights, self.units = candidates, weights, units
-        self.incumbent = np.empty(0, dtype=np.int64)
-        self.min_weight = np.inf
+    outline: Boundary
+    cost: Cost
+    units: Units
+    candidates: Candidates
+    weights: np.ndarray  # (t,), of the candidate triangles
+    excluded: np.ndarray  # (k,): edges in order of exclusion
+    alive: np.ndarray  # (t,): flags of the triangles without an excluded edge
+    incumbent: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    min_weight: float = math.inf
 
     def update_incumbent(self, selection: np.ndarray) -> None:
         """Make a lighter `selection` (m,) the incumbent, unless an index is -1 (no candidate)."""
@@ -81,42 +83,47 @@ class _Search:
         if total < self.min_weight:
             self.incumbent, self.min_weight = selection, total
 
-    def solve(self, alive: np.ndarray, cost: Cost, seconds: float) -> tuple[np.ndarray, int]:
-        """Optimise over the candidates flagged in `alive` (t,); return potentials and a lift <= 0.
+    def prove(self, triangles: np.ndarray, seconds: float) -> Proof:
+        """Improve a triangulation (m, 3), and bound its gap to the optimum."""
+        c = self.candidates
+        self.update_incumbent(_find_candidate_indices(c, triangles))
+        potentials, lift = self.solve(seconds)
+        gap = self.compute_gap(self.compute_bound(potentials, lift))
+        return Proof(c.triangles[self.incumbent], gap, self, potentials, lift)
+
+    def solve(self, seconds: float) -> tuple[np.ndarray, int]:
+        """Optimise over the remaining candidates; return potentials and a lift <= 0.
 
         The bound equals the optimum if the dynamic program applies, or if the linear program's
-        solution is integral. `seconds`: see `prove`.
+        solution is integral.
         """
         c = self.candidates
-        optimum = solve_skeleton(c, alive, cost, self.units)
+        optimum = solve_skeleton(c, self.alive, self.cost, self.units)
         if optimum is not None:
             self.update_incumbent(_find_candidate_indices(c, optimum[0]))
             return optimum[1], 0
         timed = 0.0 < seconds < np.inf
-        uses_program = timed or (seconds > 0.0 and int(alive.sum()) <= _MAX_UNTIMED_ROWS)
+        uses_program = timed or (seconds > 0.0 and int(self.alive.sum()) <= _MAX_UNTIMED_ROWS)
         # Costs in units, the noise as a fraction: integer weights have more bits than doubles.
         cost_weights = self.weights / self.units.factor
         if uses_program:
-            program = LinearProgram(c, cost_weights, alive, self.incumbent)
-            dual = self._evaluate_solution(alive, *program.solve(seconds))
+            program = LinearProgram(c, cost_weights, self.alive, self.incumbent)
+            dual = self._evaluate_solution(*program.solve(seconds))
             if self._is_bound_tight(*dual):
                 return dual
         else:
-            dual = self._round_potentials(alive, np.zeros(len(c.edges)))
+            dual = self._round_potentials(np.zeros(len(c.edges)))
         # Not proven yet: local search may find a better incumbent, which the retry starts from.
-        self.update_incumbent(
-            _find_candidate_indices(
-                c, optimise_along_random_trees(c.points, c.triangles[self.incumbent], cost)
-            )
-        )
+        better = optimise_along_random_trees(c.points, c.triangles[self.incumbent], self.cost)
+        self.update_incumbent(_find_candidate_indices(c, better))
         if uses_program and not self._is_bound_tight(*dual):
-            program = LinearProgram(c, cost_weights, alive, self.incumbent)
-            retry = self._evaluate_solution(alive, *program.solve(seconds, basic=True))
+            program = LinearProgram(c, cost_weights, self.alive, self.incumbent)
+            retry = self._evaluate_solution(*program.solve(seconds, basic=True))
             dual = max(dual, retry, key=lambda pair: self.compute_bound(*pair))
         return dual
 
     def _evaluate_solution(
-        self, alive: np.ndarray, potentials: np.ndarray, share: np.ndarray
+        self, potentials: np.ndarray, share: np.ndarray
     ) -> tuple[np.ndarray, int]:
         """Return a linear program's potentials as integers, and the lift; update the incumbent."""
         c = self.candidates
@@ -127,9 +134,9 @@ class _Search:
         # many triangles on the left as on the right.
         if np.array_equal(np.bincount(c.sides[selection].ravel(), signs, len(c.edges)), c.side):
             self.update_incumbent(selection)
-        return self._round_potentials(alive, potentials)
+        return self._round_potentials(potentials)
 
-    def _round_potentials(self, alive: np.ndarray, in_units: np.ndarray) -> tuple[np.ndarray, int]:
+    def _round_potentials(self, in_units: np.ndarray) -> tuple[np.ndarray, int]:
         """Return the potentials `in_units` (e,), converted to integer weights, and the lift."""
         c = self.candidates
         scaled = in_units * self.units.factor
@@ -137,7 +144,7 @@ class _Search:
         potentials = np.rint(scaled).astype(np.int64)
         is_forward = c.triangles < np.roll(c.triangles, -1, axis=1)
         sums = np.where(is_forward, potentials[c.sides], -potentials[c.sides]).sum(axis=1)
-        slack = (self.weights - sums)[alive]
+        slack = (self.weights - sums)[self.alive]
         return potentials, min(int(slack.min()), 0) if len(slack) else 0
 
     def compute_bound(self, potentials: np.ndarray, lift: int) -> int:
@@ -147,6 +154,15 @@ class _Search:
     def _is_bound_tight(self, potentials: np.ndarray, lift: int) -> bool:
         factor = self.units.factor
         return self.compute_bound(potentials, lift) // factor >= self.min_weight // factor
+
+    def compute_gap(self, bound: int) -> float:
+        """Return the incumbent's relative gap to the optimum; 0 if proven optimal by a bound."""
+        triangles, units = self.candidates.triangles[self.incumbent], self.units
+        exact = compute_exact_total(self.outline, triangles, self.cost, units)
+        if proves_optimality(exact, bound // units.factor, len(triangles), units):
+            return 0.0
+        total = int(self.min_weight)
+        return max(total - bound, units.factor) / max(abs(total), 1)
 
 
 def prove(
@@ -158,37 +174,31 @@ def prove(
     infinite: solve only programs of up to 100,000 triangles; 0: solve no linear program. None if
     more than eight million triples of sites see each other, 1.5 million without a time limit.
     """
-    reduced = _find_reduced_candidates(outline, triangles, cost, seconds)
-    return None if reduced is None else _prove_reduced(outline, triangles, cost, seconds, *reduced)
+    search = _make_search(outline, triangles, cost, seconds)
+    return None if search is None else search.prove(triangles, seconds)
 
 
 def minimise_cost(outline: Boundary, cost: Cost, seconds: float) -> tuple[np.ndarray, float] | None:
     """Return the best triangulation found (m, 3) and its gap, without evidence; see `prove`."""
-    reduced = _find_reduced_candidates(outline, find_any_triangulation(outline), cost, seconds)
-    if reduced is None:
+    search = _make_search(outline, find_any_triangulation(outline), cost, seconds)
+    if search is None:
         return None
-    candidates, weights, units, _, alive = reduced
     if outline.has_plain_rings:
+        candidates, weights = search.candidates, search.weights
         selection = solve_by_bridges(
-            candidates, outline.ring_offsets, alive, weights, INFEASIBLE_WEIGHT
+            candidates, outline.ring_offsets, search.alive, weights, INFEASIBLE_WEIGHT
         )
         if len(selection) > 0:
-            triangles = candidates.triangles[selection]
-            total: int = sum(weights[selection].tolist())
-            return triangles, _compute_gap(outline, triangles, cost, units, total, total)
-    proof = _prove_reduced(outline, find_best_initial(outline, cost), cost, seconds, *reduced)
+            search.update_incumbent(selection)
+            return candidates.triangles[selection], search.compute_gap(int(search.min_weight))
+    proof = search.prove(find_best_initial(outline, cost), seconds)
     return proof.triangles, proof.gap
 
 
-_Reduced: TypeAlias = tuple[Candidates, np.ndarray, Units, np.ndarray, np.ndarray]
-"""Candidates, weights (t,), units of weights, excluded edges (k,), flags (t,) of the remaining
-triangles: those without an excluded edge."""
-
-
-def _find_reduced_candidates(
+def _make_search(
     outline: Boundary, triangles: np.ndarray, cost: Cost, seconds: float
-) -> _Reduced | None:
-    """Return candidates after excluding edges, or None if there are too many visible triples."""
+) -> _Search | None:
+    """Return a search after excluding edges, or None if there are too many visible triples."""
     units = find_units(outline, triangles, cost)
     max_triples = MAX_TRIPLES if 0.0 < seconds < np.inf else _MAX_UNTIMED_TRIPLES
     candidates = find_candidates(outline, triangles, max_triples)
@@ -196,38 +206,7 @@ def _find_reduced_candidates(
         return None
     weights = compute_weights(outline.points, candidates.triangles, cost, units)
     excluded, alive = exclude_edges(candidates, weights, cost, units)
-    return candidates, weights, units, excluded, alive
-
-
-def _prove_reduced(
-    outline: Boundary,
-    triangles: np.ndarray,
-    cost: Cost,
-    seconds: float,
-    candidates: Candidates,
-    weights: np.ndarray,
-    units: Units,
-    excluded: np.ndarray,
-    alive: np.ndarray,
-) -> Proof:
-    """Improve a triangulation (m, 3), bound its gap; the last five arguments are a `_Reduced`."""
-    search = _Search(candidates, weights, units)
-    search.update_incumbent(_find_candidate_indices(candidates, triangles))
-    potentials, lift = search.solve(alive, cost, seconds)
-    total, bound = int(search.min_weight), search.compute_bound(potentials, lift)
-    triangles = candidates.triangles[search.incumbent]
-    gap = _compute_gap(outline, triangles, cost, units, total, bound)
-    return Proof(triangles, gap, candidates, weights, units, excluded, potentials, lift)
-
-
-def _compute_gap(
-    outline: Boundary, triangles: np.ndarray, cost: Cost, units: Units, total: int, bound: int
-) -> float:
-    """Return the relative gap of a triangulation (m, 3) to the optimum; 0 if proven optimal."""
-    exact, factor = compute_exact_total(outline, triangles, cost, units), units.factor
-    if proves_optimality(exact, bound // factor, len(triangles), units):
-        return 0.0
-    return max(total - bound, factor) / max(abs(total), 1)
+    return _Search(outline, cost, units, candidates, weights, excluded, alive)
 
 
 def _find_candidate_indices(candidates: Candidates, triangles: np.ndarray) -> np.ndarray:
