@@ -22,9 +22,7 @@ from triangulators.checking.units import (
 from triangulators.criteria import Criterion
 from triangulators.criteria.cost import Cost, make_cost, require_finite_total
 from triangulators.errors import TriangulationError
-from triangulators.geometry.half_edges import find_twins
-from triangulators.geometry.visibility import find_visible_pairs
-from triangulators.initial import find_ring_triangulation
+from triangulators.initial import find_ring_triangulation, make_cycle
 from triangulators.optimum.best_way import find_optimum
 from triangulators.optimum.visible_lists import compute_far_costs
 from triangulators.polygon import Boundary, boundary_area, checked_boundary
@@ -119,15 +117,9 @@ def _make_ring_evidence(
     outline: Boundary, triangles: np.ndarray, cost: Cost, units: Units
 ) -> Evidence:
     """Return evidence of the optimum of a polygon without holes, from any triangulation (m, 3)."""
-    ring = outline.edges[:, 0].copy()
-    position = np.empty(len(outline.points), dtype=np.int32)
-    position[ring] = np.arange(len(ring), dtype=np.int32)
-    local = np.ascontiguousarray(position[triangles])
-    start, target = find_visible_pairs(
-        outline.points[ring], local, find_twins(local), len(ring) ** 2
-    )
-    costs, _ = compute_far_costs(start, target, outline.points, ring, cost, units)
-    a, b = np.repeat(ring, np.diff(start)), ring[target]
+    ring = make_cycle(outline, "certify", triangles)
+    costs, _ = compute_far_costs(ring.start, ring.target, outline.points, ring.cycle, cost, units)
+    a, b = np.repeat(ring.cycle, np.diff(ring.start)), ring.cycle[ring.target]
     edges = np.column_stack((np.minimum(a, b), np.maximum(a, b)))
     return Evidence(*units[:3], edges, np.where(a < b, -costs, costs), 0)
 

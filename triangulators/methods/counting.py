@@ -8,8 +8,7 @@ import numpy as np
 import shapely
 
 from triangulators.compute.kernels import njit
-from triangulators.errors import SkippedError
-from triangulators.initial import Cycle, make_cycle
+from triangulators.initial import Cycle, make_cycle, require_few_vertices
 from triangulators.polygon import Boundary, checked_boundary
 
 MAX_VERTICES = 2000  # maximum for `draw_triangulation`, which stores a matrix of all vertex pairs
@@ -114,10 +113,7 @@ def _draw_from_counts(
 
 def draw_triangulation(outline: Boundary, *, seed: int = 0) -> np.ndarray:
     """Return a random triangulation (n - 2, 3), all being equally likely, from a seed."""
-    if len(outline.edges) > MAX_VERTICES:
-        raise SkippedError(
-            f"random: the polygon has {len(outline.edges)} vertices, more than {MAX_VERTICES}"
-        )
+    require_few_vertices(outline, "random", MAX_VERTICES)
     ring = make_cycle(outline, "random")
     ways = compute_log_counts(ring.start, ring.target)
     chances = np.random.default_rng(seed).random(max(len(ring.cycle) - 2, 0))

@@ -10,7 +10,7 @@ import shapely
 from triangulators import criteria
 from triangulators.criteria.cost import Cost, compute_total_cost, make_cost
 from triangulators.errors import SkippedError, TriangulationError
-from triangulators.initial import Cycle, make_cycle
+from triangulators.initial import Cycle, make_cycle, require_few_vertices
 from triangulators.polygon import Boundary, boundary_area, checked_boundary
 from triangulators.polygon_arrays import polygon_of_rings
 
@@ -54,10 +54,7 @@ def pareto_front(
 
 def triangulate(outline: Boundary, *, k: int = 0) -> np.ndarray:
     """Return triangulation k (n - 2, 3) of the front of overdraw and shape, by overdraw; cached."""
-    if len(outline.edges) > MAX_VERTICES:
-        raise SkippedError(
-            f"pareto: the polygon has {len(outline.edges)} vertices, more than {MAX_VERTICES}"
-        )
+    require_few_vertices(outline, "pareto", MAX_VERTICES)
     triangles = _find_front_of_overdraw_and_shape(
         polygon_of_rings(outline.points, outline.ring_offsets).wkb
     ).triangles

@@ -9,9 +9,14 @@ from triangulators.compute.kernels import njit
 from triangulators.errors import SkippedError
 from triangulators.geometry.half_edges import find_twins
 from triangulators.geometry.predicates import orientation
-from triangulators.geometry.shortest_diagonals import sort_by_length, triangulate_greedily
 from triangulators.geometry.visibility import find_visible_sites
-from triangulators.initial import find_any_triangulation, make_cycle
+from triangulators.initial import (
+    find_any_triangulation,
+    make_cycle,
+    require_few_vertices,
+    sort_by_length,
+    triangulate_greedily,
+)
 from triangulators.polygon import Boundary
 
 MAX_GREEDY_VERTICES = 3000  # for `triangulate_greedy`, which compares pairs of vertices
@@ -86,11 +91,7 @@ def _find_zigzag(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
 
 def triangulate_greedy(outline: Boundary) -> np.ndarray:
     """Return the greedy triangulation (m, 3): shortest diagonals first, without crossings."""
-    if len(outline.edges) > MAX_GREEDY_VERTICES:
-        raise SkippedError(
-            f"greedy: the polygon has {len(outline.edges)} vertices,"
-            f" more than {MAX_GREEDY_VERTICES}"
-        )
+    require_few_vertices(outline, "greedy", MAX_GREEDY_VERTICES)
     if not outline.holes:
         return _triangulate_cycle_greedily(outline)
     start = find_any_triangulation(outline)
@@ -135,11 +136,7 @@ def _select_uncrossed_pairs_of_cycle(n: int, pairs: np.ndarray) -> np.ndarray:
 
 def triangulate_largest_first(outline: Boundary) -> np.ndarray:
     """Return triangles (n - 2, 3), the largest first (E. Persson, "Triangulation", 2009)."""
-    if len(outline.edges) > MAX_LARGEST_VERTICES:
-        raise SkippedError(
-            f"max-area: the polygon has {len(outline.edges)} vertices,"
-            f" more than {MAX_LARGEST_VERTICES}"
-        )
+    require_few_vertices(outline, "max-area", MAX_LARGEST_VERTICES)
     ring = make_cycle(outline, "max-area")
     n = len(ring.cycle)
     sees = np.zeros((n, n), dtype=np.bool_)
