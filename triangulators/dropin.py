@@ -18,7 +18,7 @@ expects. `triangulate_many(..., "flips:l1")` triangulates many polygons in one c
 import numpy as np
 
 from triangulators.errors import TriangulationError, UnknownNameError, suggest
-from triangulators.geometry.earcut import run_earcut
+from triangulators.geometry.ear_clipping import run_earcut
 from triangulators.geometry.flips import shorten_diagonals
 from triangulators.geometry.order import is_walk
 

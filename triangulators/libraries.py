@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 
 from triangulators.errors import TriangulationError
-from triangulators.geometry.earcut import run_earcut
+from triangulators.geometry.ear_clipping import run_earcut
 from triangulators.polygon import Boundary, find_sites, orient_rings
 from triangulators.polygon_arrays import polygon_of_rings
 

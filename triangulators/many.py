@@ -16,8 +16,7 @@ from triangulators.criteria.cost import Cost, find_plain_cost
 from triangulators.criteria.criterion import FEATURES
 from triangulators.devices import CPU, check_device_name, count_usable_cores
 from triangulators.errors import ArgumentError, TriangulationError, UnknownNameError, format_error
-from triangulators.geometry.ear_clipping import MAX_VERTICES
-from triangulators.geometry.earcut import find_far_offsets
+from triangulators.geometry.ear_clipping import MAX_VERTICES, find_far_offsets
 from triangulators.methods.flips import (
     AS_EARCUT,
     COST,

@@ -7,7 +7,7 @@ from tests.ports.polygons import earcut_rings
 from tests.triangulators.cases import random_simple, read_rings, star, with_hole
 from triangulators import dropin, flip, triangulate, triangulate_many, vertices
 from triangulators.criteria import predict
-from triangulators.geometry.earcut import find_far_offsets
+from triangulators.geometry.ear_clipping import find_far_offsets
 from triangulators.verify import verify
 
 METHODS = ("flips", "refined", "optimal:half-perimeter")

@@ -6,8 +6,7 @@ from scenes import load
 from tests.ports.polygons import earcut_rings, random_polygons
 from tests.triangulators.cases import smooth, star
 from triangulators import triangulate, triangulate_many, vertices
-from triangulators.geometry.ear_clipping import MAX_VERTICES, clip_ears_of_ring
-from triangulators.geometry.earcut import run_earcut
+from triangulators.geometry.ear_clipping import MAX_VERTICES, clip_ears_of_ring, run_earcut
 
 
 def test_triangles_equal_those_of_earcut():
