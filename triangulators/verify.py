@@ -19,13 +19,7 @@ import shapely
 from triangulators.compute.kernels import njit
 from triangulators.criteria import predict
 from triangulators.geometry.half_edges import is_triangulation, link_half_edges
-from triangulators.geometry.predicates import (
-    ALL_LEFT,
-    OUTSIDE,
-    classify_orientations,
-    compute_orientations,
-    find_edge_tolerance,
-)
+from triangulators.geometry.predicates import compute_orientations, find_edge_tolerance, orientation
 from triangulators.polygon import Boundary, boundary, boundary_area, find_vertices_on_edges
 from triangulators.polygon_arrays import PolygonArray, offsets_of, rings_at
 
@@ -86,9 +80,9 @@ def verify_boundary(outline: Boundary, triangles: np.ndarray) -> Verification:
         triangles = check_triangle_indices(triangles, outline.points)
     except ValueError as error:
         return Verification(len(triangles), expected, float("nan"), [str(error)])
-    orientation = compute_orientations(outline.points, triangles)
-    problems = [f"triangle {row} is clockwise" for row in np.flatnonzero(orientation < 0.0)[:5]]
-    problems += [f"triangle {row} has no area" for row in np.flatnonzero(orientation == 0.0)[:5]]
+    turns = compute_orientations(outline.points, triangles)
+    problems = [f"triangle {row} is clockwise" for row in np.flatnonzero(turns < 0.0)[:5]]
+    problems += [f"triangle {row} has no area" for row in np.flatnonzero(turns == 0.0)[:5]]
     loose = find_unmatched_edges(outline, triangles)
     junctions: list[tuple[int, Edge]] = []
     if loose:
@@ -121,9 +115,18 @@ def check_triangle_indices(triangles: Any, points: np.ndarray) -> np.ndarray:
         raise ValueError(f"triangles are {array.dtype}, expected integer indices")
     rows = np.ascontiguousarray(array, dtype=np.int32)
     overflows = array.dtype.itemsize > rows.itemsize and not np.array_equal(rows, array)
-    if overflows or classify_orientations(points, rows) == OUTSIDE:
+    if overflows or not _are_indices_below(len(points), rows):
         raise ValueError(f"triangles have indices outside 0..{len(points) - 1}")
     return rows
+
+
+@njit(nogil=True)
+def _are_indices_below(count: int, triangles: np.ndarray) -> bool:
+    # `triangles.min()` would import SciPy's linear algebra whenever this kernel is loaded (0.13 s).
+    in_range = True
+    for vertex in triangles.reshape(-1):
+        in_range = in_range and 0 <= vertex < count
+    return in_range
 
 
 def find_unmatched_edges(outline: Boundary, triangles: np.ndarray) -> Counter[Edge]:
@@ -173,23 +176,24 @@ def _list_unconfirmed_polygons(
         points, rings = rings_at(indices[k], coords, ring_offsets, geom_offsets)
         rows = triangles[row_offsets[k] : row_offsets[k + 1]]
         corner = rows.reshape(-1)
-        # `rows.min()` would import SciPy's linear algebra whenever this kernel is loaded (0.13 s).
-        in_range = len(rows) > 0
-        for vertex in corner:
-            in_range = in_range and 0 <= vertex < len(points)
+        in_range = len(rows) > 0 and _are_indices_below(len(points), rows)
         if not in_range or not is_triangulation(points, rings, corner, link_half_edges(corner)):
             unconfirmed.append(indices[k])
     return unconfirmed
 
 
+@njit(nogil=True)
 def orient_triangles(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Return triangles (m, 3) as int32, all counter-clockwise, without triangles of zero area."""
-    triangles = np.ascontiguousarray(triangles, dtype=np.int32)
-    if classify_orientations(points, triangles) == ALL_LEFT:
-        return triangles
-    orientation = compute_orientations(points, triangles)
-    triangles = np.where((orientation < 0.0)[:, None], triangles[:, [0, 2, 1]], triangles)
-    return np.ascontiguousarray(triangles[orientation != 0.0])
+    """Return triangles (m, 3), all counter-clockwise, without triangles of zero area."""
+    oriented, count = np.empty_like(triangles), 0
+    for row in range(len(triangles)):
+        a, b, c = triangles[row, 0], triangles[row, 1], triangles[row, 2]
+        turn = orientation(points, a, b, c)
+        if turn != 0.0:
+            oriented[count, 0] = a
+            oriented[count, 1], oriented[count, 2] = (b, c) if turn > 0.0 else (c, b)
+            count += 1
+    return oriented[:count]
 
 
 def insert_dropped_vertices(outline: Boundary, triangles: np.ndarray) -> np.ndarray:

@@ -156,23 +156,6 @@ def compute_orientations(points: np.ndarray, triangles: np.ndarray) -> np.ndarra
     return result
 
 
-ALL_LEFT, NOT_ALL_LEFT, OUTSIDE = range(3)
-
-
-@njit(nogil=True)
-def classify_orientations(points: np.ndarray, triangles: np.ndarray) -> int:
-    """Return ALL_LEFT, NOT_ALL_LEFT, or OUTSIDE if a triangle has an index outside `points`."""
-    count = len(points)
-    result = ALL_LEFT
-    for row in range(len(triangles)):
-        a, b, c = triangles[row, 0], triangles[row, 1], triangles[row, 2]
-        if min(a, b, c) < 0 or max(a, b, c) >= count:
-            return OUTSIDE
-        if orientation(points, a, b, c) <= 0.0:
-            result = NOT_ALL_LEFT
-    return result
-
-
 @njit(nogil=True)
 def is_on_segment(points: np.ndarray, v: int, a: int, b: int, tolerance: float) -> bool:
     """Whether vertex `v` lies on the open segment a-b, to within `tolerance` times |b - a|."""
