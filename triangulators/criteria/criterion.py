@@ -26,16 +26,8 @@ WEIGHTS_SEPARATOR = "/"  # separator between weights; not a comma, which separat
 BYTES_PER_TRIANGLE = 24.0  # three vertices of two 4-byte coordinates; M in the paper
 WORST_SHAPE = 240.0  # maximum of "shape" in degrees: |60 - 180| + 60 + 60, of a flat triangle
 
-CALIBRATED_FEATURES = (  # features that a device's fitted time per triangle may depend on
-    "triangles",
-    "area",
-    "half_perimeter",
-    "bbox_area",
-    "shape",
-    "expected_quads",
-    "expected_blocks",
-    "expected_setups",
-)
+# Features that a device's fitted time per triangle may depend on.
+CALIBRATED_FEATURES = tuple(name for name in FEATURES if name not in ("edge_length", "beauty"))
 
 MAX_WEIGHT = 1e200  # upper bound of a weight's size; sums of larger weights overflow
 
