@@ -25,7 +25,7 @@ from triangulators.methods.flips import (
     find_flip_test,
     improve_batch,
 )
-from triangulators.methods.optimal import SearchOptions
+from triangulators.methods.optimal import LIMIT
 from triangulators.optimum.cut_holes import MAX_HOLES, solve_by_cuts
 from triangulators.optimum.full_table import MAX_SMALL_VERTICES, triangulate_rings_optimally
 from triangulators.polygon_arrays import (
@@ -163,7 +163,8 @@ def triangulate_supported(
     if not choice.entry.builtin:
         choice.entry.load()
     check_device_name(device)
-    options, weights = SearchOptions.split(parameters)
+    limit = parameters.get("limit", LIMIT)
+    weights = {name: parameters[name] for name in parameters if name not in ("limit", "seed")}
     cost = None if repair else _find_batch_cost(choice, criterion, weights, device)
     steered = bool(parameters) or criterion is not None or repair
     flips = None if steered else _FLIPS.get(choice.full_name)
@@ -184,9 +185,9 @@ def triangulate_supported(
             selected = valid & (arrays.ring_counts == 1)
             from triangulators.gpu import engine  # imported only if a device is selected
 
-            engine.solve_on_device(device, batch, selected, options.limit, *feature)
+            engine.solve_on_device(device, batch, selected, limit, *feature)
         if cost["is_box"]:
-            _triangulate_optimally(batch, cost, valid, threads, options.limit)
+            _triangulate_optimally(batch, cost, valid, threads, limit)
     return result
 
 

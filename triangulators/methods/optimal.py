@@ -7,7 +7,7 @@ possible. Beyond `limit` vertices, pieces of that triangulation are optimised.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,23 +38,8 @@ MAX_BRIDGED_HOLES = 2  # for `bridges` over all edges, without excluding any fir
 MAX_TRIPLES = 1_500_000  # mutually visible vertices, for `bridges` over all edges
 
 
-class SearchOptions(NamedTuple):
-    """Parameters of `optimal` and `worst` other than the criterion and its parameters."""
-
-    limit: int = LIMIT  # vertices up to which a polygon is optimised as a whole, not in pieces
-    seed: int = 0  # seed of the random choices of the local search
-
-    @classmethod
-    def split(cls, parameters: Mapping[str, Any]) -> tuple["SearchOptions", dict[str, Any]]:
-        """Split a triangulator's parameters into search options and the criterion's parameters."""
-        options = {name: parameters[name] for name in cls._fields if name in parameters}
-        return cls(**options), {
-            name: parameters[name] for name in parameters if name not in options
-        }
-
-
 def triangulate(outline: Boundary, **parameters: Any) -> np.ndarray:
-    """Return the triangulation (m, 3) of minimum cost; parameters include `SearchOptions`."""
+    """Return the triangulation (m, 3) of minimum cost; see `_find_optimum_in_walk_order`."""
     return _find_optimum_in_walk_order(outline, 1.0, **parameters).triangles
 
 
@@ -114,21 +99,27 @@ def _find_optimum_in_walk_order(
     sign: float,
     *,
     criterion: criteria.Criterion | str | Callable[..., float] = "overdraw",
-    **parameters: Any,
+    limit: int = LIMIT,
+    seed: int = 0,
+    **weights: Any,
 ) -> _Result:
-    options, weights = SearchOptions.split(parameters)
+    """Return the optimum, or an approximation, of a criterion with `weights`.
+
+    sign: 1 to minimise, -1 to maximise; limit: number of vertices up to which a polygon is
+    optimised as a whole, not in pieces; seed: of the random choices of the local search.
+    """
     resolved = criteria.find(criterion, **weights)
-    small = find_optimum_of_small_polygon(outline, resolved, sign, options.limit)
+    small = find_optimum_of_small_polygon(outline, resolved, sign, limit)
     if small is not None:
         return _Result(put_in_walk_order(small, len(outline.points)), 0.0, resolved)
-    result = _search_optimum(outline, resolved, sign, options)
+    result = _search_optimum(outline, resolved, sign, limit, seed)
     return result._replace(triangles=put_in_walk_order(result.triangles, len(outline.points)))
 
 
 def _search_optimum(
-    outline: Boundary, criterion: criteria.Criterion, sign: float, options: SearchOptions
+    outline: Boundary, criterion: criteria.Criterion, sign: float, limit: int, seed: int
 ) -> _Result:
-    points, (limit, seed) = outline.points, options
+    points = outline.points
     if criterion.depends_on_position and len(points) > MAX_PLACED_VERTICES:
         raise SkippedError(
             f"{criterion.name}: the polygon has {len(points):,} vertices"
