@@ -27,10 +27,15 @@ TARGET_S = 0.1
 """Target for a million footprints on a GPU; printed, not asserted."""
 
 
+def read_renderer() -> str:
+    opening = engine._get_context_thread().submit(engine._open_engine, DEVICE)
+    return opening.result().compute.renderer
+
+
 @pytest.fixture(scope="module")
 def software() -> bool:
-    renderer, version = engine.describe_device(DEVICE)
-    print(f"\n{DEVICE}: {renderer}, {version}")
+    renderer = read_renderer()
+    print(f"\n{DEVICE}: {renderer}")
     return is_software(renderer)
 
 
@@ -68,7 +73,7 @@ def compare(benchmark: Any, arrays: PolygonArray, name: str, rounds: int) -> tup
     assert not engine._warned
     benchmark.extra_info.update(
         device=DEVICE,
-        renderer=engine.describe_device(DEVICE)[0],
+        renderer=read_renderer(),
         device_s=device_s,
         cpu_s=cpu_s,
         equal_triangles=equal,

@@ -48,7 +48,6 @@ class Compute:
     def __init__(self, ctx: Any) -> None:
         self.ctx = ctx
         self.renderer = str(ctx.info["GL_RENDERER"])
-        self.version = str(ctx.info["GL_VERSION"])
         self._programs: dict[tuple[Any, ...], Any] = {}
 
     def get_program(self, *names: str, **constants: int) -> Any:
@@ -185,12 +184,6 @@ def _warn_once(line: str) -> None:
     if line not in _warned:
         _warned.add(line)
         _LOG.warning(line)
-
-
-def describe_device(name: str) -> tuple[str, str]:
-    """Return the renderer and the version that a device's driver reports."""
-    compute = _get_context_thread().submit(_open_engine, name).result().compute
-    return compute.renderer, compute.version
 
 
 def close_all() -> None:
