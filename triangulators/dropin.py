@@ -181,18 +181,18 @@ def _triangulate_by_method(
     """Return triangles (m, 3) of "refined" or "optimal", or None if the rings are invalid."""
     # Imported here, because "flips:l1" needs none of these modules; importing takes a second.
     from triangulators.methods import flips, optimal
-    from triangulators.optimum.full_table import solve_ring
+    from triangulators.optimum.full_table import solve_by_full_table
     from triangulators.polygon import UNSURE, checked_boundary, find_ring_orientation
     from triangulators.polygon_arrays import polygon_of_rings
 
-    n, is_optimal = len(points), method == "optimal:half-perimeter"
+    is_optimal = method == "optimal:half-perimeter"
     if (
         is_optimal
         and len(ring_offsets) == 2
-        and find_ring_orientation(points[np.arange(-1, n)]) != UNSURE
+        and find_ring_orientation(points[np.arange(-1, len(points))]) != UNSURE
     ):
-        triangles = np.empty((n - 2, 3), dtype=np.int32)
-        if solve_ring(points, np.array([1.0, 0.0, 0.0]), triangles) < np.inf:
+        triangles = solve_by_full_table(points, np.array([1.0, 0.0, 0.0]))
+        if triangles is not None:
             return triangles
     triangulate = optimal.triangulate if is_optimal else flips.triangulate_refined
     try:

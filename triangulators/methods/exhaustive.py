@@ -36,8 +36,6 @@ def enumerate_triangulations(
     ring = make_cycle(outline, "exhaustive")
     if mode == "conforming":
         return np.asarray(ring.cycle[_list_triangulations(ring)])
-    if mode != "paper":
-        raise ValueError(f"unknown mode {mode!r} (choose from conforming, paper)")
     _check_triangulation_count(ring, MAX_PAPER_TRIANGULATIONS)
     results = Recursion(outline.points, drop_straight=True).list_triangulations(ring.cycle.tolist())
     ordered = sorted(map(sorted, results))

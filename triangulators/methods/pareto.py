@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from triangulators import criteria
-from triangulators.criteria.cost import Cost, compute_total_cost, make_cost
+from triangulators.criteria.cost import Cost, cost_at, make_cost
 from triangulators.errors import SkippedError, TriangulationError
 from triangulators.initial import Cycle, make_cycle, require_few_vertices
 from triangulators.polygon import Boundary, boundary_area, checked_boundary
@@ -71,9 +71,8 @@ def _find_front_of_overdraw_and_shape(wkb: bytes) -> Front:
 def _compute_fronts(ring: Cycle, first: Cost, second: Cost) -> dict[tuple[int, int], _Partial]:
     n = len(ring.cycle)
     fronts: dict[tuple[int, int], _Partial] = {}
-    below: list[list[int]] = [
-        [] for _ in range(n)
-    ]  # below[j]: vertices i < j that j sees, descending
+    # below[j]: vertices i < j that j sees, descending
+    below: list[list[int]] = [[] for _ in range(n)]
     for i in range(n - 1, -1, -1):
         for j in ring.target[ring.start[i] : ring.start[i + 1]].tolist():
             if j == i + 1:
@@ -99,8 +98,7 @@ def _find_sub_polygon_front(
     origins: list[np.ndarray] = []
     for k in apexes:
         first, second = fronts[i, k].costs, fronts[k, j].costs
-        triangle = np.array([[i, k, j]], dtype=np.int32)
-        triangle_costs = np.array([compute_total_cost(points, triangle, cost) for cost in pair])
+        triangle_costs = np.array([cost_at(points, i, k, j, cost) for cost in pair])
         sums = (first[:, None] + second[None, :]).reshape(-1, 2) + triangle_costs
         rows = _find_non_dominated(sums)
         costs.append(sums[rows])

@@ -20,7 +20,7 @@ from triangulators.geometry.predicates import find_grid_unit
 from triangulators.geometry.unfold import grow_tree, replace_tree_triangles, unfold_tree
 from triangulators.geometry.visibility import find_visible_pairs
 from triangulators.optimum.cut_holes import solve_by_cuts
-from triangulators.optimum.full_table import MAX_SMALL_VERTICES, solve_ring
+from triangulators.optimum.full_table import MAX_SMALL_VERTICES, solve_by_full_table
 from triangulators.optimum.visible_lists import solve_visible_pairs
 from triangulators.polygon import Boundary
 
@@ -37,7 +37,7 @@ def find_optimum(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.nd
     """Return the optimum (n - 2, 3) of a counter-clockwise cycle (n, 2), from any triangulation."""
     n = len(points)
     if cost["is_box"] and n <= MAX_DENSE_VERTICES:
-        optimal = _solve_by_full_table(points, cost["box"])
+        optimal = solve_by_full_table(points, cost["box"])
         if optimal is not None:
             return optimal
     start, target = find_visible_pairs(points, triangles, find_twins(triangles), n * n)
@@ -45,7 +45,7 @@ def find_optimum(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.nd
         is_convex = len(target) == n * (n - 1) // 2
         is_dense = _count_apexes(n, target) * _SPARSE_TO_DENSE > n**3 / 6.0
         if is_dense and (is_convex or find_grid_unit(points) > 0.0):
-            optimal = _solve_by_full_table(points, cost["box"])
+            optimal = solve_by_full_table(points, cost["box"])
             if optimal is not None:
                 return optimal
     optimal = solve_visible_pairs(points, start, target, cost)
@@ -73,17 +73,11 @@ def find_optimum_of_small_polygon(
     cost = find_plain_cost(criterion, sign)
     if cost is None or not cost["is_box"]:
         return None
+    if not outline.holes:
+        return solve_by_full_table(points, cost["box"])
     triangles = np.empty((len(points) + 2 * outline.holes - 2, 3), dtype=np.int32)
-    if outline.holes:
-        is_solved = solve_by_cuts(points, outline.ring_offsets, cost["box"], triangles)
-    else:
-        is_solved = solve_ring(points, cost["box"], triangles) < np.inf
+    is_solved = solve_by_cuts(points, outline.ring_offsets, cost["box"], triangles)
     return triangles if is_solved else None
-
-
-def _solve_by_full_table(points: np.ndarray, box: np.ndarray) -> np.ndarray | None:
-    triangles = np.empty((len(points) - 2, 3), dtype=np.int32)
-    return triangles if solve_ring(points, box, triangles) < np.inf else None
 
 
 class Patchwork:

@@ -311,3 +311,9 @@ def triangulate_rings_optimally(
                 batch.triangle_offsets[index] : batch.triangle_offsets[index + 1]
             ]
             batch.done[index] = solve_ring(points, box, triangles) < np.inf
+
+
+def solve_by_full_table(points: np.ndarray, box: np.ndarray) -> np.ndarray | None:
+    """Return the minimum-cost triangulation (n - 2, 3) of a ring, or None; see `solve_ring`."""
+    triangles = np.empty((len(points) - 2, 3), dtype=np.int32)
+    return triangles if solve_ring(points, box, triangles) < np.inf else None
