@@ -65,9 +65,8 @@ def exclude_edges(
     spans = np.abs(points[edges[:, 0]] - points[edges[:, 1]]).sum(axis=1)
     queue = np.argsort(-spans, kind="stable")  # excluding a long edge removes many triangles
     alive = np.ones(len(candidates.triangles), dtype=np.bool_)
-    return _exclude_queued_edges(
-        candidates, weights // units.factor, queue, alive, cost, units
-    ), alive
+    value = weights // units.factor
+    return _exclude_queued_edges(candidates, value, queue, alive, cost, units), alive
 
 
 @njit
@@ -186,11 +185,8 @@ def extend_potentials(
     is_set = np.ones(len(extended), dtype=np.bool_)
     is_set[excluded] = False
     last_first = excluded[::-1].astype(np.int64)
-    return (
-        extended
-        if _set_excluded_potentials(candidates, weights, last_first, is_set, extended)
-        else None
-    )
+    is_valid = _set_excluded_potentials(candidates, weights, last_first, is_set, extended)
+    return extended if is_valid else None
 
 
 @njit(nogil=True)

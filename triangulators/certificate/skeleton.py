@@ -39,10 +39,8 @@ def solve_skeleton(
     cut = np.zeros(len(c.edges), dtype=np.bool_)
     if _connect_rings(c.points, c.edges, c.side, remaining, cut) > 1:
         return None
-    ring, inner = (
-        make_ring(c, cut, int(np.flatnonzero(c.side)[0])),
-        remaining & ~cut & (c.side == 0),
-    )
+    closing = int(np.flatnonzero(c.side)[0])
+    ring, inner = make_ring(c, cut, closing), remaining & ~cut & (c.side == 0)
     first, last = _find_ring_positions_of_edges(c, inner, ring)
     if (first < 0).any() or (last < 0).any():
         return None
@@ -63,7 +61,6 @@ def solve_skeleton(
     # The potential from the earlier to the later ring position is the far cost, negated (see
     # `compute_far_costs`). Potentials of edges a < b are those from a to b.
     potentials[inner] = np.where(first < last, -by_pair[: len(inner)], by_pair[: len(inner)])
-    closing = np.flatnonzero(c.side)[0]
     potentials[closing] = c.side[closing] * by_pair[-1]
     return ring[triangles], potentials
 
@@ -138,10 +135,8 @@ def _is_crossed(
 @njit
 def _is_in_angle(points: np.ndarray, before: int, vertex: int, after: int, other: int) -> bool:
     """Whether `other` is inside a vertex's angle, counter-clockwise from `after` to `before`."""
-    is_left_of_exit, is_left_of_entry = (
-        orientation(points, vertex, after, other) > 0.0,
-        orientation(points, before, vertex, other) > 0.0,
-    )
+    is_left_of_exit = orientation(points, vertex, after, other) > 0.0
+    is_left_of_entry = orientation(points, before, vertex, other) > 0.0
     if orientation(points, before, vertex, after) > 0.0:
         return is_left_of_exit and is_left_of_entry
     return is_left_of_exit or is_left_of_entry

@@ -177,10 +177,8 @@ def compute_noise(a: int, b: int, bits: int) -> np.int64:
 def compute_units(points: np.ndarray, a: int, b: int, c: int, cost: Cost, units: Units) -> np.int64:
     """Return the cost of the triangle a-b-c in units, rounded down, without noise."""
     a, b, c = rotate_lowest_first(a, b, c)
-    scaled, max_units = (
-        cost_at(points, a, b, c, cost) * units.scale,
-        float(_MAX_WEIGHT // units.factor),
-    )
+    scaled = cost_at(points, a, b, c, cost) * units.scale
+    max_units = float(_MAX_WEIGHT // units.factor)
     if not scaled >= -max_units:  # also true for NaN
         return np.int64(TOO_LARGE // units.factor)
     return np.int64(np.floor(min(scaled, max_units)))

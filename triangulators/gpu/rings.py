@@ -132,13 +132,7 @@ def store_results(
     bases (n,) uint32: at the apex k of a triangle i, k, j, its base as i | j << 16; costs (k,)
     float64: costs that the device reported, expected quads if `is_quads`, else half-perimeters.
     """
-    offsets, corners, longest, turned, unit = (
-        rings.vertex_offsets,
-        rings.corners,
-        rings.longest,
-        rings.turned,
-        rings.unit,
-    )
+    offsets, corners, _kind, longest, turned, unit = rings
     below = np.empty((MAX_VERTICES, 2), dtype=np.int32)
     stack = np.empty(MAX_VERTICES, dtype=np.int32)
     for number, index in enumerate(indices):

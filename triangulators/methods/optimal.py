@@ -80,9 +80,8 @@ def _bound_rounding_gap(
     total = compute_total_cost(
         points, triangles, replace_fields(cost, weights=np.abs(cost["weights"]))
     )
-    if (
-        scale > 0.0 and 2.0 * total * scale < MAX_EXACT_INTEGER
-    ):  # a diagonal counts for both its triangles
+    # A diagonal counts for both its triangles.
+    if scale > 0.0 and 2.0 * total * scale < MAX_EXACT_INTEGER:
         return 0.0
     size = abs(compute_total_cost(points, triangles, cost))
     return (16 * count + 32) * 2.0**-53 * total / size if size > 0.0 else math.inf

@@ -223,10 +223,8 @@ def _is_blocked(edges: np.ndarray, x: float, y: float, ax: float, ay: float, dou
         from_start = cx * ey - cy * ex
         from_end = (edges[2, k] - edges[0, k]) * (ay - edges[1, k])
         from_end -= (edges[3, k] - edges[1, k]) * (ax - edges[0, k])
-        below, above = (
-            max(min(begin, end), min(from_start, from_end)),
-            min(max(begin, end), max(from_start, from_end)),
-        )
+        below = max(min(begin, end), min(from_start, from_end))
+        above = min(max(begin, end), max(from_start, from_end))
         min_crossing = fmin(min_crossing, max(below, -above))
     return min_crossing < -doubt
 

@@ -97,10 +97,8 @@ def _fill_rows_of_vertex(space: np.ndarray, n: int, i: int, sign: int, base: int
     for j in range(np.uint64(first), np.uint64(space.shape[1])):
         a, b = np.int32(space[_X, j] - x), np.int32(space[_Y, j] - y)
         space[_FROM_X, j], space[_FROM_Y, j], space[_ROW, j] = a, b, _NO_INT
-        is_left_of_exit, is_left_of_entry = (
-            np.int32(ox * b) > np.int32(oy * a),
-            np.int32(ix * b) > np.int32(iy * a),
-        )
+        is_left_of_exit = np.int32(ox * b) > np.int32(oy * a)
+        is_left_of_entry = np.int32(ix * b) > np.int32(iy * a)
         # A diagonal starts into the angle at i: left of both sides, or of either if it is reflex.
         inside = (is_left_of_exit & is_left_of_entry) | (
             (is_left_of_exit | is_left_of_entry) & (not convex)
