@@ -6,7 +6,6 @@ module uses all devices, and other OpenGL code in the process is not disturbed.
 
 import logging
 import os
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from importlib.resources import files
@@ -106,15 +105,23 @@ class Storage:
 def open_context(name: str) -> Compute:
     """Open llvmpipe, gpu0, gpu1, ... in the calling thread, or raise `DeviceError`."""
     try:
+        import glcontext
         import moderngl
     except ImportError as error:
         raise DeviceError(f"{name}: {error}") from error
     number = 0 if name == LLVMPIPE else int(name[3:])
     passed, problems = 0, list[str]()
-    for backend in _open_contexts(problems):
+    libraries = {"libgl": "libGL.so.1", "libegl": "libEGL.so.1"}
+    for index in range(MAX_DEVICES):
         try:
+            backend = glcontext.get_backend_by_name("egl")(
+                mode="standalone", glversion=VERSION, device_index=index, **libraries
+            )
             ctx = moderngl.create_context(context=backend, require=VERSION)
-        except Exception as error:  # moderngl raises plain Exception
+        except Exception as error:  # both raise plain Exception
+            # "requested device index 2, but found 2 devices": no more devices.
+            if "but found" in str(error):
+                break
             problems.append(str(error))
             continue
         compute = Compute(ctx)
@@ -128,26 +135,6 @@ def open_context(name: str) -> Compute:
         f"{name}: no EGL device of this name supports compute shaders{reason}; "
         "`raster-harness doctor` lists devices"
     )
-
-
-def _open_contexts(problems: list[str]) -> Iterator[Any]:
-    """Yield a context of glcontext for each EGL device; append the message of each failure."""
-    import glcontext
-
-    for index in range(MAX_DEVICES):
-        try:
-            yield glcontext.get_backend_by_name("egl")(
-                mode="standalone",
-                glversion=VERSION,
-                device_index=index,
-                libgl="libGL.so.1",
-                libegl="libEGL.so.1",
-            )
-        except Exception as error:  # glcontext raises plain Exception
-            # "requested device index 2, but found 2 devices": no more devices.
-            if "but found" in str(error):
-                return
-            problems.append(str(error))
 
 
 @cache
