@@ -35,10 +35,11 @@ def find_initial_triangulations(outline: Boundary) -> Iterator[np.ndarray]:
         except TriangulationError:
             continue
         triangles = orient_triangles(outline.points, indices)
-        if not _is_triangulation(outline, triangles):
+        corner = triangles.reshape(-1)
+        twin = link_half_edges(corner)
+        if not is_triangulation(outline.points, outline.ring_offsets, corner, twin):
             triangles = insert_dropped_vertices(outline, triangles)
-            accepted = _is_triangulation(outline, triangles)
-            if not accepted and not verify_boundary(outline, triangles).conforming:
+            if not verify_boundary(outline, triangles).conforming:
                 continue
         is_found = True
         yield outline.site[triangles]
@@ -52,12 +53,6 @@ def find_initial_triangulations(outline: Boundary) -> Iterator[np.ndarray]:
             "no initial triangulation: the results of ear clipping and Delaunay do not conform; "
             "remove vertices that lie within a rounding error of an edge"
         )
-
-
-def _is_triangulation(outline: Boundary, triangles: np.ndarray) -> bool:
-    corner = triangles.reshape(-1)
-    twin = link_half_edges(corner)
-    return bool(is_triangulation(outline.points, outline.ring_offsets, corner, twin))
 
 
 def find_best_initial(outline: Boundary, cost: Cost) -> np.ndarray:
