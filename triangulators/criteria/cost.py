@@ -163,15 +163,8 @@ def weigh_block(
 def allocate_block(size: int) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
     """Return the arrays (corners, totals) that `weigh_block` needs for up to `size` triangles."""
     lanes = size + 8
-    corners = (
-        np.zeros(lanes),
-        np.zeros(lanes),
-        np.zeros(lanes),
-        np.zeros(lanes),
-        np.zeros(lanes),
-        np.zeros(lanes),
-    )
-    return corners, np.empty(lanes)
+    rows = np.zeros((6, lanes))
+    return (rows[0], rows[1], rows[2], rows[3], rows[4], rows[5]), np.empty(lanes)
 
 
 @njit

@@ -21,7 +21,6 @@ from triangulators.geometry.predicates import find_bounding_box, find_grid_unit
 from triangulators.initial import find_any_triangulation, find_best_initial, find_ring_triangulation
 from triangulators.optimum.any_cost import INFEASIBLE_COST
 from triangulators.optimum.best_way import (
-    MAX_PIECE_TRIANGLES,
     find_optimum,
     find_optimum_of_small_polygon,
     optimise_along_random_trees,
@@ -131,9 +130,7 @@ def _search_optimum(
         return _Result(cycle[find_optimum(points[cycle], start, cost)], 0.0, criterion)
     if len(outline.edges) > limit:
         start = find_best_initial(outline, cost)
-        return _Result(
-            sweep_pieces(points, start, cost, min(MAX_PIECE_TRIANGLES, limit), seed), math.inf
-        )
+        return _Result(sweep_pieces(points, start, cost, limit, seed), math.inf)
     optimal = _find_optimum_with_few_holes(outline, cost)
     if optimal is not None:
         return _Result(optimal, 0.0, criterion)

@@ -90,7 +90,6 @@ class Patchwork:
         self.cost = cost
         self._tree = np.zeros(self.twin.shape, dtype=np.bool_)
         self._visited = np.zeros(len(self.twin), dtype=np.bool_)
-        self._covered = np.zeros(len(self.twin), dtype=np.bool_)  # pieces may overlap freely
         self._position_of = np.full(self.twin.size, -1, dtype=np.int32)
 
     def optimise_piece(
@@ -99,7 +98,7 @@ class Patchwork:
         """Replace a tree of adjacent triangles by its optimum; return their indices (k,)."""
         rows = np.empty(max_size, dtype=np.int32)
         how = (max_size, depth_first, first_edge)
-        size = grow_tree(self.twin, root, *how, self._tree, rows, self._visited, self._covered, 0)
+        size = grow_tree(self.twin, root, *how, self._tree, rows, self._visited, self._visited, 0)
         rows = rows[:size]
         cycle, local, outline = unfold_tree(self.triangles, self.twin, self._tree, root, size)
         self._tree[rows] = False
@@ -138,13 +137,9 @@ def optimise_along_random_trees(
 
 
 def sweep_pieces(
-    points: np.ndarray,
-    triangles: np.ndarray,
-    cost: Cost,
-    piece: int = MAX_PIECE_TRIANGLES,
-    seed: int = 0,
+    points: np.ndarray, triangles: np.ndarray, cost: Cost, limit: int, seed: int
 ) -> np.ndarray:
-    """Optimise overlapping trees of up to `piece` triangles; return all triangles (m, 3)."""
+    """Optimise overlapping trees of `limit` triangles, at most 200; return all triangles (m, 3)."""
     work = Patchwork(points, triangles, cost)
     rng = np.random.default_rng(seed)
     best = work.compute_cost()
@@ -152,7 +147,7 @@ def sweep_pieces(
         waiting = np.ones(len(triangles), dtype=np.bool_)
         for root in rng.permutation(len(triangles)).tolist():
             if waiting[root]:
-                waiting[work.optimise_piece(root, piece)] = False
+                waiting[work.optimise_piece(root, min(MAX_PIECE_TRIANGLES, limit))] = False
         total = work.compute_cost()
         if total >= best - _MIN_GAIN * abs(best):
             break
