@@ -1,6 +1,5 @@
 """Triangulation of one polygon by a triangulator's name, with a check of the result."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -8,6 +7,7 @@ import shapely
 
 from triangulators import criteria
 from triangulators.criteria.cost import require_finite_total
+from triangulators.criteria.criterion import CriterionLike
 from triangulators.errors import TriangulationError
 from triangulators.geometry.order import put_in_walk_order
 from triangulators.polygon import Boundary, checked_boundary
@@ -19,7 +19,7 @@ def triangulate(
     polygon: shapely.Polygon,
     name: str,
     *,
-    criterion: criteria.Criterion | str | Callable[..., float] | None = None,
+    criterion: CriterionLike | None = None,
     repair: bool = False,
     order: str | None = None,
     **parameters: Any,
@@ -91,7 +91,7 @@ def triangulate_with_gap(
     polygon: shapely.Polygon,
     name: str,
     *,
-    criterion: criteria.Criterion | str | Callable[..., float] | None = None,
+    criterion: CriterionLike | None = None,
     **parameters: Any,
 ) -> tuple[np.ndarray, float | None]:
     """Triangulate a polygon; return the triangles and an upper bound of their gap to the optimum.
@@ -137,7 +137,7 @@ def _order_triangles(
 def _run_triangulator(
     polygon: shapely.Polygon,
     name: str,
-    criterion: criteria.Criterion | str | Callable[..., float] | None,
+    criterion: CriterionLike | None,
     parameters: dict[str, Any],
     *,
     with_gap: bool = False,

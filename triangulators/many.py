@@ -1,6 +1,6 @@
 """Triangulation of millions of small polygons, by threads of compiled code or on a device."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from typing import Any
@@ -10,10 +10,10 @@ import shapely
 from mapbox_earcut import triangulate_float64
 
 from triangulators.calling import triangulate
-from triangulators.criteria import FLIP_TESTS, Criterion
+from triangulators.criteria import FLIP_TESTS
 from triangulators.criteria import find as find_criterion
 from triangulators.criteria.cost import Cost, find_plain_cost
-from triangulators.criteria.criterion import FEATURES
+from triangulators.criteria.criterion import FEATURES, CriterionLike
 from triangulators.devices import CPU, check_device_name, count_usable_cores
 from triangulators.errors import ArgumentError, TriangulationError, UnknownNameError, format_error
 from triangulators.geometry.ear_clipping import MAX_VERTICES, find_far_offsets
@@ -57,7 +57,7 @@ def triangulate_many(
     check: bool = True,
     threads: int | None = None,
     device: str = CPU,
-    criterion: Criterion | str | Callable[..., float] | None = None,
+    criterion: CriterionLike | None = None,
     repair: bool = False,
     order: str | None = None,
     **parameters: Any,
@@ -144,7 +144,7 @@ def triangulate_supported(
     check: bool = True,
     threads: int | None = None,
     device: str = CPU,
-    criterion: Criterion | str | Callable[..., float] | None = None,
+    criterion: CriterionLike | None = None,
     repair: bool = False,
     order: str | None = None,
     **parameters: Any,

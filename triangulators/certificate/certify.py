@@ -1,7 +1,6 @@
 """Certificates: a triangulation's gap to the optimum, by an independently checked lower bound."""
 
 import math
-from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
 
@@ -19,8 +18,8 @@ from triangulators.checking.units import (
     has_exact_sums,
     proves_optimality,
 )
-from triangulators.criteria import Criterion
 from triangulators.criteria.cost import Cost, make_cost, require_finite_total
+from triangulators.criteria.criterion import CriterionLike
 from triangulators.errors import TriangulationError
 from triangulators.initial import find_ring_triangulation, make_cycle
 from triangulators.optimum.best_way import find_optimum
@@ -34,7 +33,7 @@ MAX_RING_VERTICES = 2000  # for rings whose lower bound a dynamic program comput
 def certify(
     polygon: shapely.Polygon,
     triangles: np.ndarray,
-    criterion: Criterion | str | Callable[..., float] = "half-perimeter",
+    criterion: CriterionLike = "half-perimeter",
     *,
     seconds: float = PROGRAM_TIMEOUT_S,
     evidence: bool = True,

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -105,6 +106,10 @@ class Criterion:
 
         sums = sum_features(points, np.ascontiguousarray(triangles, dtype=np.int32))
         return float(np.dot(self.weights_for(float(sums[1]), len(triangles)), sums))
+
+
+CriterionLike: TypeAlias = Criterion | str | Callable[..., float]
+"""A criterion, its name, or a Numba function of three points (six numbers)."""
 
 
 def make_weighted_criterion(

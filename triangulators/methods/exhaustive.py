@@ -4,7 +4,7 @@ Mode `paper` is the paper's recursion; it drops vertices that are collinear afte
 results have T-junctions. Mode `conforming` lists every conforming triangulation once.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache, lru_cache
 from typing import Literal
 
@@ -13,6 +13,7 @@ import shapely
 
 from triangulators import criteria
 from triangulators.criteria.cost import find_cheapest, make_cost
+from triangulators.criteria.criterion import CriterionLike
 from triangulators.errors import SkippedError
 from triangulators.geometry.predicates import orient
 from triangulators.initial import Cycle, make_cycle
@@ -84,10 +85,7 @@ def _combine_triangulations(
 
 
 def triangulate(
-    outline: Boundary,
-    *,
-    criterion: criteria.Criterion | str | Callable[..., float] = "overdraw",
-    **parameters: object,
+    outline: Boundary, *, criterion: CriterionLike = "overdraw", **parameters: object
 ) -> np.ndarray:
     """Return the triangulation (n - 2, 3) with the minimum of a criterion, by listing all."""
     ring = make_cycle(outline, "exhaustive")

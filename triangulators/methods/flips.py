@@ -1,7 +1,6 @@
 """Flips of existing triangles, and the triangulators that flip after ear clipping."""
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ from triangulators.compute.kernels import njit
 from triangulators.compute.operations import copy_rows
 from triangulators.criteria import FLIP_TESTS
 from triangulators.criteria.cost import Cost, compute_total_cost, find_plain_cost, make_cost
+from triangulators.criteria.criterion import CriterionLike
 from triangulators.errors import UnknownNameError
 from triangulators.geometry.ear_clipping import clip_ears_of_ring
 from triangulators.geometry.flips import (
@@ -162,7 +162,7 @@ def find_flip_test(cost: Cost) -> int:
 def flip(
     points: np.ndarray,
     triangles: np.ndarray,
-    by: criteria.Criterion | str | Callable[..., float] = "l1",
+    by: CriterionLike = "l1",
     order: str = "walk",
     scale: float = 1.0,
     **parameters: Any,
@@ -235,10 +235,7 @@ def flip(
 
 
 def _resolve_cost(
-    points: np.ndarray,
-    rows: np.ndarray,
-    by: criteria.Criterion | str | Callable[..., float],
-    parameters: dict[str, Any],
+    points: np.ndarray, rows: np.ndarray, by: CriterionLike, parameters: dict[str, Any]
 ) -> tuple[Cost, int]:
     if isinstance(by, str) and by in FLIP_TESTS and not parameters:
         return NO_COST, FLIP_TESTS.index(by)
@@ -256,10 +253,7 @@ def _resolve_cost(
 
 
 def triangulate(
-    outline: Boundary,
-    *,
-    criterion: criteria.Criterion | str | Callable[..., float] = "l1",
-    **parameters: Any,
+    outline: Boundary, *, criterion: CriterionLike = "l1", **parameters: Any
 ) -> np.ndarray:
     """Return ear clipping's triangles (m, 3) after `flip` by `criterion`, in native order."""
     return flip(outline.points, ear_clipping(outline), criterion, "native", **parameters)
@@ -273,10 +267,7 @@ def triangulate_as_earcut(outline: Boundary) -> np.ndarray:
 
 
 def triangulate_refined(
-    outline: Boundary,
-    *,
-    criterion: criteria.Criterion | str | Callable[..., float] = "half-perimeter",
-    **parameters: Any,
+    outline: Boundary, *, criterion: CriterionLike = "half-perimeter", **parameters: Any
 ) -> np.ndarray:
     """Return ear clipping's triangulation (m, 3), improved by `refine` for a criterion."""
     resolved = criteria.find(criterion, **parameters)

@@ -7,7 +7,6 @@ possible. Beyond `limit` vertices, pieces of that triangulation are optimised.
 """
 
 import math
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +14,7 @@ import numpy as np
 from triangulators import criteria
 from triangulators.checking.units import MAX_EXACT_INTEGER, find_exact_scale
 from triangulators.criteria.cost import Cost, compute_total_cost, make_cost, replace_fields
+from triangulators.criteria.criterion import CriterionLike
 from triangulators.errors import SkippedError
 from triangulators.geometry.order import put_in_walk_order
 from triangulators.geometry.predicates import find_bounding_box, find_grid_unit
@@ -96,7 +96,7 @@ def _find_optimum_in_walk_order(
     outline: Boundary,
     sign: float,
     *,
-    criterion: criteria.Criterion | str | Callable[..., float] = "overdraw",
+    criterion: CriterionLike = "overdraw",
     limit: int = LIMIT,
     seed: int = 0,
     **weights: Any,

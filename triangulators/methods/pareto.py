@@ -1,6 +1,5 @@
 """The Pareto front of two criteria: `optimum.visible_lists` with sets of non-dominated costs."""
 
-from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -9,6 +8,7 @@ import shapely
 
 from triangulators import criteria
 from triangulators.criteria.cost import Cost, cost_at, make_cost
+from triangulators.criteria.criterion import CriterionLike
 from triangulators.errors import SkippedError, TriangulationError
 from triangulators.initial import Cycle, make_cycle, require_few_vertices
 from triangulators.polygon import Boundary, boundary_area, checked_boundary
@@ -18,8 +18,6 @@ MAX_FRONT_SIZE = 100_000  # points of a sub-polygon's front; few in practice, bu
 MAX_VERTICES = 100  # maximum for the triangulator "pareto", which then takes up to a minute
 # Costs that differ by less than this fraction of the largest cost are treated as equal.
 _RELATIVE_TOLERANCE = 1e-9
-
-CriterionLike = criteria.Criterion | str | Callable[..., float]
 
 
 class Front(NamedTuple):
