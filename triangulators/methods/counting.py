@@ -43,51 +43,44 @@ def count_triangulations_of_cycle(ring: Cycle, max_count: int | None = None) -> 
 
 @njit
 def compute_log_counts(start: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Return the logarithms (p,) of the numbers of triangulations of all pairs' sub-polygons.
+    """Return the logarithms (n, n) of the numbers of triangulations of the sub-polygons i..j.
 
-    The numbers would overflow; in a sum, terms are divided by the largest, whose logarithm is
-    `top`. Vertex i descends: `row[k]` is the logarithm for the sub-polygon i..k, `below[j, k]` for
-    k..j, minus infinity for pairs that are not visible. Stores n^2 numbers; takes n^3 / 6 steps.
+    They are at [j, i], minus infinity for pairs that are not visible. The numbers would overflow;
+    in a sum, terms are divided by the largest, whose logarithm is `top`. Vertex i descends: row[k]
+    is the logarithm for the sub-polygon i..k. Takes n^3 / 6 steps.
     """
     n = len(start) - 1
-    result = np.full(len(target), -np.inf)
     row = np.full(n, -np.inf)
-    below = np.full((n, n), -np.inf)
+    counts = np.full((n, n), -np.inf)
     for i in range(n - 1, -1, -1):
         for p in range(start[i], start[i + 1]):
             j = target[p]
-            if j == i + 1:
-                result[p] = 0.0
-            else:
+            count = 0.0
+            if j > i + 1:
                 top = -np.inf
                 for k in range(i + 1, j):
-                    top = max(top, row[k] + below[j, k])
-                total = 0.0
+                    top = max(top, row[k] + counts[j, k])
+                count = top
                 if top > -np.inf:
+                    total = 0.0
                     for k in range(i + 1, j):
-                        total += np.exp(row[k] + below[j, k] - top)
-                    result[p] = top + np.log(total)
-            row[j] = below[j, i] = result[p]
+                        total += np.exp(row[k] + counts[j, k] - top)
+                    count = top + np.log(total)
+            row[j] = counts[j, i] = count
         for p in range(start[i], start[i + 1]):
             row[target[p]] = -np.inf
-    return result
+    return counts
 
 
 @njit
-def _draw_from_counts(
-    start: np.ndarray, target: np.ndarray, ways: np.ndarray, chances: np.ndarray
-) -> np.ndarray:
+def _draw_from_counts(counts: np.ndarray, chances: np.ndarray) -> np.ndarray:
     """Return a random triangulation (n - 2, 3) of a cycle; chances (n - 2,): uniform in [0, 1).
 
     Of the W(i, j) triangulations of the sub-polygon i..j, W(i, k) W(k, j) have the apex k. These
     fractions are subtracted from a chance; the first k that makes it negative is the apex, or the
     last possible k if rounding leaves a remainder.
     """
-    n = len(start) - 1
-    counts = np.full((n, n), -np.inf)
-    for i in range(n):
-        for p in range(start[i], start[i + 1]):
-            counts[i, target[p]] = counts[target[p], i] = ways[p]
+    n = len(counts)
     triangles = np.empty((n - 2, 3), dtype=np.int32)
     waiting = [(0, n - 1)]
     size = 0
@@ -98,7 +91,7 @@ def _draw_from_counts(
         remaining = chances[size]
         apex = -1
         for k in range(i + 1, j):
-            share = counts[i, k] + counts[j, k] - counts[i, j]
+            share = counts[k, i] + counts[j, k] - counts[j, i]
             if share > -np.inf:
                 apex = k
                 remaining -= np.exp(share)
@@ -115,6 +108,6 @@ def draw_triangulation(outline: Boundary, *, seed: int = 0) -> np.ndarray:
     """Return a random triangulation (n - 2, 3), all being equally likely, from a seed."""
     require_few_vertices(outline, "random", MAX_VERTICES)
     ring = make_cycle(outline, "random")
-    ways = compute_log_counts(ring.start, ring.target)
+    counts = compute_log_counts(ring.start, ring.target)
     chances = np.random.default_rng(seed).random(max(len(ring.cycle) - 2, 0))
-    return np.asarray(ring.cycle[_draw_from_counts(ring.start, ring.target, ways, chances)])
+    return np.asarray(ring.cycle[_draw_from_counts(counts, chances)])
