@@ -19,6 +19,7 @@ from triangulators.criteria.criterion import (
     mixed,
     read_weights,
 )
+from triangulators.criteria.features import exact_quads, sum_features, sum_features_of_many
 from triangulators.errors import ArgumentError, UnknownNameError, suggest
 
 __all__ = [
@@ -36,9 +37,7 @@ AUXILIARY_FEATURES = ("triangles", "area", "bbox_area", "expected_setups")  # su
 
 
 def count_exact_quads(*points: float) -> float:
-    """Return `features.exact_quads` of three points (six numbers); imported on the first call."""
-    from triangulators.criteria.features import exact_quads
-
+    """Return `features.exact_quads` of three points (six numbers); not a kernel, so picklable."""
     return float(exact_quads(*points))
 
 
@@ -238,8 +237,6 @@ def predict(points: np.ndarray, triangles: np.ndarray) -> dict[str, float]:
     """
     points = np.ascontiguousarray(points, dtype=np.float64)
     triangles = np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1, 3)
-    from triangulators.criteria.features import sum_features
-
     sums = sum_features(points, triangles)[None]
     return {name: float(column[0]) for name, column in _combine_features(sums).items()}
 
@@ -251,8 +248,6 @@ def predict_many(
     triangle_offsets: np.ndarray,
 ) -> dict[str, np.ndarray]:
     """Return the sums of `predict` for p polygons, as columns (p,) by name; arrays: see `Batch`."""
-    from triangulators.criteria.features import sum_features_of_many
-
     sums = sum_features_of_many(coords, vertex_offsets, triangles, triangle_offsets)
     return _combine_features(sums)
 

@@ -7,6 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from triangulators.criteria.features import sum_features
 from triangulators.errors import ArgumentError
 
 FEATURES = (  # of a triangle (see `features`), in the order of weights
@@ -102,8 +103,6 @@ class Criterion:
         if self.function is not None:
             costs = [self.function(*points[row].ravel().tolist()) for row in triangles]
             return math.fsum(costs)
-        from triangulators.criteria.features import sum_features
-
         sums = sum_features(points, np.ascontiguousarray(triangles, dtype=np.int32))
         return float(np.dot(self.weights_for(float(sums[1]), len(triangles)), sums))
 
