@@ -13,6 +13,7 @@ import numpy as np
 from triangulators import criteria
 from triangulators.criteria import FLIP_TESTS
 from triangulators.errors import ArgumentError, UnavailableError, UnknownNameError, suggest
+from triangulators.geometry.order import is_walk
 
 ENTRY_POINTS = "raster_harness.triangulators"
 Function = Callable[..., np.ndarray]
@@ -37,8 +38,6 @@ class Entry:
 
     def uses_walk(self, order: str | None) -> bool:
         """Return whether to put triangles in walk order; None is the entry's default order."""
-        from triangulators.geometry.order import is_walk  # imported late: compiled code
-
         return is_walk(self.order if order is None else order)
 
     def find_install_command(self) -> str | None:

@@ -175,7 +175,12 @@ def _warn_once(line: str) -> None:
 
 def close_all() -> None:
     """Close all devices and clear the warnings; the next batch opens a device again."""
-    _get_context_thread().submit(_close_all).result()
+
+    def close() -> None:
+        while _open_engines:
+            _open_engines.popitem()[1].compute.close()
+
+    _get_context_thread().submit(close).result()
     _warned.clear()
 
 
@@ -207,12 +212,6 @@ def _after_fork() -> None:
 
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_after_fork)
-
-
-def _close_all() -> None:
-    """Close all devices; to be called in the thread of all OpenGL contexts only."""
-    while _open_engines:
-        _open_engines.popitem()[1].compute.close()
 
 
 def _solve_batch(name: str, *task: Any) -> int:
