@@ -88,7 +88,7 @@ def _bound_rounding_gap(
 
 class _Result(NamedTuple):
     triangles: np.ndarray
-    gap: float  # relative to the cost; infinite if unknown
+    gap: float = math.inf  # relative to the cost; infinite if unknown
     exact_for: criteria.Criterion | None = None  # optimised by a dynamic program in doubles
 
 
@@ -130,7 +130,7 @@ def _search_optimum(
         return _Result(cycle[find_optimum(points[cycle], start, cost)], 0.0, criterion)
     if len(outline.edges) > limit:
         start = find_best_initial(outline, cost)
-        return _Result(sweep_pieces(points, start, cost, limit, seed), math.inf)
+        return _Result(sweep_pieces(points, start, cost, limit, seed))
     optimal = _find_optimum_with_few_holes(outline, cost)
     if optimal is not None:
         return _Result(optimal, 0.0, criterion)
@@ -144,9 +144,8 @@ def _search_optimum(
         result = minimise_cost(outline, cost, seconds)
         if result is not None:
             return _Result(*result)
-    return _Result(
-        optimise_along_random_trees(points, find_best_initial(outline, cost), cost, seed), math.inf
-    )
+    start = find_best_initial(outline, cost)
+    return _Result(optimise_along_random_trees(points, start, cost, seed))
 
 
 def _find_optimum_with_few_holes(outline: Boundary, cost: Cost) -> np.ndarray | None:
