@@ -181,19 +181,14 @@ def make_ring(candidates: Candidates, cut: np.ndarray, root: int) -> np.ndarray:
 
 @njit(nogil=True)
 def find_ring_position(
-    points: np.ndarray,
-    ring: np.ndarray,
-    start: np.ndarray,
-    items: np.ndarray,
-    site: int,
-    other: int,
+    points: np.ndarray, ring: np.ndarray, start: np.ndarray, items: np.ndarray, v: int, other: int
 ) -> int:
-    """Return the position in the ring at which the angle of `site` contains `other`, or -1."""
+    """Return the position in the ring at which the angle of site v contains `other`, or -1."""
     n = len(ring)
-    for item in range(start[site], start[site + 1]):
+    for item in range(start[v], start[v + 1]):
         position: int = items[item]
         before, after = ring[position - 1], ring[position + 1 if position + 1 < n else 0]
-        if _is_in_angle(points, before, site, after, other):
+        if _is_in_angle(points, before, v, after, other):
             return position
     return -1
 
