@@ -109,10 +109,10 @@ def test_extended_potentials_are_feasible_for_all_triangles(name):
     for polygon in [*holed(), annulus(9, 1)]:
         _, solution = solve(polygon, name)
         evidence = solution.make_evidence()
-        left = np.isin(np.arange(len(evidence.edges)), solution.excluded, invert=True)
+        left = np.isin(np.arange(len(evidence.edges)), solution.search.excluded, invert=True)
         assert (evidence.potentials[left] == solution.potentials[left]).all()
         assert evidence.lift == solution.lift
-        excluded += len(solution.excluded)
+        excluded += len(solution.search.excluded)
     assert excluded > 500
 
 
