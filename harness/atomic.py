@@ -61,6 +61,23 @@ def _open_locked(path: Path) -> IO[bytes] | None:
     return None
 
 
+def is_stream(file: Path) -> bool:
+    """Return whether `file` is a pipe or this program's standard output."""
+    try:
+        return file.is_fifo() or os.path.samestat(file.stat(), os.fstat(1))
+    except OSError:
+        return False
+
+
+def write_output(file: Path, text: str) -> None:
+    """Replace `file` atomically, in a new folder if needed; write directly into a stream."""
+    if is_stream(file):
+        file.write_bytes(text.encode())
+        return
+    file.parent.mkdir(parents=True, exist_ok=True)
+    write(file, text.encode())
+
+
 def read(file: Path) -> bytes:
     """Return a file's content; raise OSError for devices, pipes and sockets, possibly endless."""
     if file.exists() and not file.is_file():

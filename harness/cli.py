@@ -15,23 +15,21 @@ from rich.console import Console
 
 from harness import __version__
 from harness.commands.index import PROGRAM, CommandGroup
-from harness.diagnostics import (
-    DEBUG_VARIABLE,
-    LOG_VARIABLE,
-    is_debugging,
-    print_traceback,
-    start_log,
-)
 from harness.errors import (
     BAD_INPUT,
     BROKEN_PIPE,
+    DEBUG_VARIABLE,
     DEFECT,
     INTERRUPTED,
+    LOG_VARIABLE,
     REGRESSION,
     HarnessError,
     UsageError,
     format_os_error,
+    is_debugging,
     is_memory_error,
+    print_traceback,
+    start_log,
 )
 from harness.machine import system
 from harness.progress import detach_terminal

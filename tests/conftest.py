@@ -14,7 +14,7 @@ from shapely.geometry import Polygon, box
 
 from harness import style
 from harness.cli import main
-from harness.diagnostics import DEBUG_VARIABLE, LOG_VARIABLE
+from harness.errors import DEBUG_VARIABLE, LOG_VARIABLE
 from harness.machine import system
 from harness.measuring import tasks
 from harness.measuring.run import run

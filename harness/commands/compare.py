@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from harness import atomic
 from harness.errors import InputError
 from harness.progress import Screen
 
@@ -108,9 +109,7 @@ def compare(
         "html": html,
     }.items():
         if file is not None:
-            from harness.webpages import write_atomically
-
-            write_atomically(file, _format_comparison(comparison, kind, grown))
+            atomic.write_output(file, _format_comparison(comparison, kind, grown))
     if summary := os.environ.get("GITHUB_STEP_SUMMARY"):
         with Path(summary).open("a", encoding="utf-8") as stream:
             stream.write(_format_comparison(comparison, "markdown", grown))

@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
+from harness import atomic
 from harness.errors import UsageError
 from harness.progress import Reporter
 from harness.settings import TIMEOUT_S
-from harness.webpages import is_stream
 
 
 def page(
@@ -51,4 +51,4 @@ def page(
         content = make_page_content(read_latest(run, Reporter().warn))
     write_page(content, out)
     message = f"page: {os.path.relpath(out)}; open it in a browser with WebGPU"
-    typer.echo(message, err=is_stream(out))
+    typer.echo(message, err=atomic.is_stream(out))

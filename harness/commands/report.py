@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
+from harness import atomic
 from harness.commands.options import PROFILES, Base
 from harness.progress import Reporter
-from harness.webpages import is_stream
 
 
 def report(
@@ -53,4 +53,4 @@ def report(
         from harness.report.plots import plot_run
 
         plot_run(stored)
-    typer.echo(f"report: {os.path.relpath(file)}", err=is_stream(file))
+    typer.echo(f"report: {os.path.relpath(file)}", err=atomic.is_stream(file))

@@ -21,7 +21,6 @@ from harness.metrics.per_polygon import compute_rank_correlation
 from harness.metrics.registry import list_predictions
 from harness.profile.profile import name_device_model
 from harness.results.run_folder import Run
-from harness.webpages import write_atomically
 
 FORMAT = "raster-harness device"
 VERSION = 1
@@ -127,7 +126,7 @@ def write_summary(run: Run, file: Path) -> Path:
         new = {_identify_view(view) for view in summary["views"]}
         retained = [view for view in stored["views"] if _identify_view(view) not in new]
         summary["views"] = [*retained, *summary["views"]]
-    write_atomically(file, json.dumps(summary, indent=1, ensure_ascii=False) + "\n")
+    atomic.write_output(file, json.dumps(summary, indent=1, ensure_ascii=False) + "\n")
     return file
 
 

@@ -7,7 +7,7 @@ from typing import Any, TypedDict
 
 import numpy as np
 
-from harness import __version__
+from harness import __version__, atomic
 from harness.errors import InputError
 from harness.frame import FIXED_VIEWS, View
 from harness.measuring.pool import MeasuringPool
@@ -30,8 +30,7 @@ from harness.results.drawings import Geometry
 from harness.results.parsing import record_to_json
 from harness.results.record import Record
 from harness.results.run_folder import Run
-from harness.style import choose_looks
-from harness.webpages import encode_array, load_template, pack_json, read_static, write_atomically
+from harness.style import choose_looks, encode_array, load_template, pack_json, read_static
 
 PACKAGE = "harness.page"
 SHARED = ("figures.js", "timing.js", "grid.js", "device.js", "run.js")
@@ -150,7 +149,7 @@ def write_page(content: PageContent | ProfileContent, file: Path) -> None:
         script="\n".join([*shared, *(read_static(PACKAGE, name) for name in scripts)]),
         data=pack_json({**content, "shaders": shaders}),
     )
-    write_atomically(file, text)
+    atomic.write_output(file, text)
 
 
 def make_page_content(run: Run) -> PageContent:

@@ -40,9 +40,8 @@ from harness.results.record import Record
 from harness.results.run_folder import Run
 from harness.stats.run_quality import get_run_state
 from harness.study.subjects import MEASURES
-from harness.style import choose_looks, flatten
+from harness.style import choose_looks, encode_array, flatten
 from harness.summary import make_row
-from harness.webpages import encode_array
 from triangulators.polygon_arrays import concatenate_ranges
 
 MAX_MARKS = 6_000  # maximum number of marks in a chart: polygons times triangulators

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from harness import __version__
+from harness import __version__, atomic
 from harness.errors import InputError
 from harness.frame import FIXED_VIEWS, View, make_grid_frame
 from harness.metrics.decision import Decided, decide_run
@@ -24,7 +24,7 @@ from harness.report.content import make_content
 from harness.results import drawings
 from harness.results.drawings import Geometry
 from harness.results.run_folder import STORED_PROFILE, Run
-from harness.webpages import load_template, pack_json, read_static, write_atomically
+from harness.style import load_template, pack_json, read_static
 
 PACKAGE = "harness.report"
 # Scripts of reports and of measuring pages, which share `CHARTS` and `STYLE`.
@@ -103,7 +103,7 @@ def write_report(
         script="\n".join(read_static(PACKAGE, name) for name in SCRIPTS),
         data=pack_json(content),
     )
-    write_atomically(target, text)
+    atomic.write_output(target, text)
     return target
 
 

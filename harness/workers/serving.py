@@ -23,8 +23,7 @@ from multiprocessing.context import ForkServerContext, SpawnContext
 from pathlib import Path
 from typing import Any
 
-from harness.diagnostics import start_log
-from harness.errors import HarnessError
+from harness.errors import HarnessError, start_log
 from harness.machine import system
 from triangulators.errors import MAX_TRACEBACK, summarize_error, truncate
 

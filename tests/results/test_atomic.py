@@ -11,12 +11,12 @@ import threading
 import pytest
 
 from harness import atomic
+from harness.atomic import write_output
 from harness.errors import HarnessError, InputError
 from harness.machine import system
 from harness.page import device_summaries
 from harness.profile.profile import read_coefficients
 from harness.results.run_folder import POLYGONS, Run, read_arrays
-from harness.webpages import write_atomically
 from tests.compare.runs import write_run
 from tests.conftest import assert_refused
 from tests.page.conftest import read_result
@@ -136,7 +136,7 @@ def endpoint(tmp_path, monkeypatch):
 
 def test_devices_and_sockets_stay(endpoint):
     with pytest.raises(FileExistsError, match=r"not a regular file: .*endpoint"):
-        write_atomically(endpoint, "text")
+        write_output(endpoint, "text")
     with pytest.raises(FileExistsError):
         atomic.write(endpoint, b"text")
     assert stat.S_ISSOCK(endpoint.stat().st_mode)
@@ -149,7 +149,7 @@ def test_a_pipe_is_written_into(tmp_path):
     received = []
     reader = threading.Thread(target=lambda: received.append(pipe.read_text()))
     reader.start()
-    write_atomically(pipe, "text")
+    write_output(pipe, "text")
     reader.join(10)
     assert received == ["text"]
     assert stat.S_ISFIFO(pipe.stat().st_mode)
@@ -157,8 +157,8 @@ def test_a_pipe_is_written_into(tmp_path):
 
 @pytest.mark.parametrize("to_file", [False, True])
 def test_standard_output_is_written_into(tmp_path, to_file):
-    code = "from pathlib import Path; from harness.webpages import write_atomically;"
-    code += "write_atomically(Path('/dev/stdout'), 'text')"
+    code = "from pathlib import Path; from harness.atomic import write_output;"
+    code += "write_output(Path('/dev/stdout'), 'text')"
     target = tmp_path / "out"
     with target.open("wb") as file:
         stdout = file if to_file else subprocess.PIPE
