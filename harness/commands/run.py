@@ -115,14 +115,13 @@ def run(
 ) -> None:
     """Measure triangulators on a scene, with exact counters and repeated times; store the run."""
     from harness.commands import outcome, run_inputs
-    from harness.frame import View
+    from harness.frame import View, is_model_with_views
     from harness.machine.system import get_database_path
     from harness.measuring.other_version import FOLDER as BASE_FOLDER
     from harness.measuring.plan import Plan
     from harness.measuring.run import RunOptions
     from harness.measuring.run import run as carry_out
     from harness.rasterisers.base import Options
-    from harness.viewing import is_model_with_views
     from scenes.spec import join_name
 
     timing = QUICK if quick else TimingSettings(precision=precision, budget_s=budget)

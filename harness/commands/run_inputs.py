@@ -12,12 +12,11 @@ import typer
 from harness import atomic
 from harness.commands.options import PROFILES, is_given
 from harness.errors import HarnessError, InputError, UsageError
-from harness.frame import FIXED_VIEW_MESSAGE, FIXED_VIEWS
+from harness.frame import FIXED_VIEW_MESSAGE, FIXED_VIEWS, is_model_with_views
 from harness.measuring.other_version import OtherVersion, open_other_version
 from harness.measuring.plan import Plan
 from harness.results.run_folder import STORED_PROFILE, read_run
 from harness.triangulating.recipes import CALIBRATED, Recipe, parse, parse_all
-from harness.viewing import is_model_with_views
 from scenes.registry import is_tiled
 
 

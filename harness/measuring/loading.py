@@ -5,6 +5,7 @@ from contextlib import closing
 
 from harness import rasterisers
 from harness.errors import InputError, NoRasteriserError, UsageError
+from harness.frame import is_model_with_views
 from harness.machine.user_modules import allow_user_module
 from harness.measuring.plan import Plan
 from harness.measuring.pool import (
@@ -19,7 +20,6 @@ from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.triangulating.recipes import Recipe
 from harness.triangulating.result import describe_large_polygon
-from harness.viewing import is_model_with_views
 from harness.workers.worker import Limits, OpenWorker, TaskError, Worker
 from scenes import Scene, SceneError, load, registry
 from scenes.spec import is_function

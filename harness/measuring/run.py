@@ -21,7 +21,7 @@ from harness.errors import (
     NothingMeasuredError,
     UsageError,
 )
-from harness.frame import FIXED_VIEW_MESSAGE, FIXED_VIEWS, View, get_scene_view
+from harness.frame import FIXED_VIEW_MESSAGE, FIXED_VIEWS, View, get_scene_view, get_viewing
 from harness.machine import environment, system
 from harness.machine.environment import describe_processor
 from harness.measuring.loading import find_backends, import_third_party_triangulators, load_scene
@@ -47,7 +47,6 @@ from harness.results.run_writer import RunFolder
 from harness.stats.run_quality import assess_records
 from harness.supervisor import allow_cleanup
 from harness.triangulating.recipes import ORIGINAL, Recipe
-from harness.viewing import get_viewing
 from harness.workers.worker import OpenWorker, Worker
 from scenes import Scene
 from scenes.spec import format_label as scene_label

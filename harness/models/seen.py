@@ -14,6 +14,7 @@ import shapely
 from numpy.typing import NDArray
 
 from harness.errors import HarnessError
+from harness.frame import ModelScene, Rows, Viewing
 from harness.grid import SUBPIXEL
 from harness.models.diagonals import find_outlines
 from harness.models.flat_faces import Floats, Ints, ModelPart, find_flat_faces
@@ -30,7 +31,6 @@ from harness.models.views import (
 )
 from harness.rasterisers.spans import DEEPEST
 from harness.settings import RESOLUTIONS
-from harness.viewing import ModelScene, Rows, Viewing
 from scenes.scene import Scene, SceneError
 from scenes.spec import convert_arguments, parse_name
 from triangulators.polygon_arrays import PolygonArray, offsets_of

@@ -28,8 +28,7 @@ from harness.settings import MAX_LOOKUPS, MAX_WORK, ORDERS, SAMPLES, Order
 from scenes.spec import format_install_command
 
 if TYPE_CHECKING:
-    from harness.frame import Frame
-    from harness.viewing import Viewing
+    from harness.frame import Frame, Viewing
 
 Triangles = NDArray[np.int32]
 Counters = dict[str, NDArray[np.int64]]

@@ -9,7 +9,13 @@ import shapely
 import trimesh
 
 from harness.errors import IncompatibleRunsError, InputError, NothingMeasuredError, UsageError
-from harness.frame import FIXED_VIEW_MESSAGE, View, get_scene_view, make_scene_frame
+from harness.frame import (
+    FIXED_VIEW_MESSAGE,
+    View,
+    get_scene_view,
+    is_model_with_views,
+    make_scene_frame,
+)
 from harness.measuring.plan import Plan
 from harness.measuring.tasks import compute_min_quads, compute_outline_bounds
 from harness.metrics.groups import compare_views, describe_views, group_run
@@ -23,7 +29,6 @@ from harness.settings import MODEL_TRIANGULATORS
 from harness.triangulating.carrying import make_original_triangulation
 from harness.triangulating.recipes import parse, parse_all
 from harness.triangulating.triangulate import triangulate_polygons
-from harness.viewing import is_model_with_views
 from scenes import Scene, load
 from tests.conftest import assert_refused, require_ok
 from tests.measuring.test_run import FAST, measure

@@ -9,14 +9,13 @@ import pytest
 import trimesh
 
 from harness.errors import NoRasteriserError, UsageError
-from harness.frame import Frame, get_scene_view, make_bare_frame, make_scene_frame
+from harness.frame import Frame, Viewing, get_scene_view, make_bare_frame, make_scene_frame
 from harness.measuring import tasks
 from harness.models.seen import read
 from harness.rasterisers import Options, get
 from harness.triangulating.carrying import carry_to_views, make_original_triangulation
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
-from harness.viewing import Viewing
 from tests.models.various import make_solid
 from tests.rasterisers import pictures
 from tests.rasterisers.conftest import (
