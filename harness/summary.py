@@ -42,7 +42,9 @@ def print_summary(decided: Iterable[Decided], console: Console) -> None:
             console.print(_make_table(decision, wide=wide))
         for record in group.records:
             if not record.is_ok or record.reason:
-                console.print(_format_note(record))
+                verb = "" if record.is_ok else f" {record.status}"
+                note = f"{record.name} on {record.id.device_name}{verb}: {record.reason}"
+                console.print(Text(note))
         lines = [
             *describe_views(group),
             *_describe_proofs(group.measured),
@@ -68,20 +70,16 @@ def _make_table(decision: Decision, *, wide: bool) -> Table:
     has_break_even = any(standing.break_even for standing in decision.standings)
     if has_break_even:
         table.add_column("break-even")
-    complete = max(record.all_polygons for record in records)
     for standing in decision.standings:
         table.add_row(
             standing.name,
-            *(_format_number(metric(standing.record), metric.form) for metric in metrics),
-            *_make_comparison_cells(
-                standing, standing is base, complete, has_break_even=has_break_even
-            ),
+            *_format_metrics(metrics, standing.record),
+            *_make_comparison_cells(standing, decision, has_break_even=has_break_even),
             style="" if standing.complete else "dim",
         )
     bound = compute_lower_bound(base.record) if base.complete else None
     if bound is not None:
-        cells = [_format_number(metric(bound), metric.form) for metric in metrics]
-        table.add_row("lower bound (outline)", *cells, style="dim")
+        table.add_row("lower bound (outline)", *_format_metrics(metrics, bound), style="dim")
     return table
 
 
@@ -92,11 +90,9 @@ def make_combined_table(decisions: Sequence[Decision]) -> tuple[list[str], list[
     heading = ["scene, device", "triangulator", *(m.heading or m.label for m in metrics)]
     rows = []
     for decision in decisions:
-        complete = max(standing.record.all_polygons for standing in decision.standings)
         for standing in decision.standings:
-            numbers = (_format_number(metric(standing.record), metric.form) for metric in metrics)
-            is_base = standing is decision.base
-            ratio, _ = _make_comparison_cells(standing, is_base, complete, has_break_even=True)
+            numbers = _format_metrics(metrics, standing.record)
+            ratio, _ = _make_comparison_cells(standing, decision, has_break_even=True)
             rows.append([format_title(decision), standing.name, *numbers, ratio.plain])
     return [*heading, "time relative to the base (95 % CI)"], rows, 2
 
@@ -145,17 +141,15 @@ def _describe_regret(records: Sequence[Record]) -> list[str]:
 
 
 def _make_comparison_cells(
-    standing: Standing, is_base: bool, complete: int, *, has_break_even: bool
+    standing: Standing, decision: Decision, *, has_break_even: bool
 ) -> list[Text]:
-    """Return two cells, time ratio and break-even, or one cell with time ratio and verdict.
-
-    complete : number of polygons of the triangulators that drew the most
-    """
+    """Return two cells, time ratio and break-even, or one cell with time ratio and verdict."""
     drawn, ratio, colour, note = standing.record.polygons, standing.ratio, "", ""
+    complete = max(other.record.all_polygons for other in decision.standings)
     if drawn != complete:
         cell = f"{drawn} of {complete} done"
-    elif is_base or ratio is None:
-        cell = "-" if is_base else ""
+    elif standing is decision.base or ratio is None:
+        cell = "-" if standing is decision.base else ""
     else:
         cell = f"{ratio.value:.3f} ({ratio.low:.3f}-{ratio.high:.3f})"
         colour = {FASTER: "green", SLOWER: "red"}.get(ratio.verdict, "")
@@ -165,13 +159,10 @@ def _make_comparison_cells(
     return [Text(text, style=colour) for text in cells]
 
 
-def _format_note(record: Record) -> Text:
-    verb = "" if record.is_ok else f" {record.status}"
-    return Text(f"{record.name} on {record.id.device_name}{verb}: {record.reason}")
-
-
-def _format_number(value: float | None, form: str) -> str:
-    return "" if value is None else form.format(value)
+def _format_metrics(metrics: Sequence[Metric], record: Record) -> list[str]:
+    """Return the record's value of each metric, "" if unknown."""
+    values = ((metric.form, metric(record)) for metric in metrics)
+    return ["" if value is None else form.format(value) for form, value in values]
 
 
 def write_csv(decided: Iterable[Decided], file: Path) -> None:
@@ -195,9 +186,7 @@ def make_row(record: Record, decision: Decision | None) -> dict[str, Any]:
         "triangulator": record.name,
         "rasteriser": case.rasteriser,
         "device": case.device_name,
-        "resolution": case.view.resolution,
-        "rotation": case.view.rotation,
-        "fit": case.view.fit,
+        **vars(case.view),
         "samples": case.options.samples,
         "work": case.options.work,
         "texture": case.options.texture,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,15 +32,10 @@ def open_executor(dask: str | None, reporter: Reporter) -> Iterator[Executor]:
     """Yield the executor for the value of --dask; None or "" means this process."""
     from harness.scaling.executors import DaskExecutor, Executor
 
-    if not dask:
-        yield Executor()
-        return
-    executor = DaskExecutor(dask)
-    try:
-        reporter.say(f"{executor.threads} workers; dashboard: {executor.dashboard}")
+    with closing(DaskExecutor(dask) if dask else Executor()) as executor:
+        if isinstance(executor, DaskExecutor):
+            reporter.say(f"{executor.threads} workers; dashboard: {executor.dashboard}")
         yield executor
-    finally:
-        executor.close()
 
 
 def triangulate_many_files(
