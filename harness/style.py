@@ -250,13 +250,13 @@ def format_step(before: float, after: float) -> str:
     return f"{format_number(before)} → {format_number(after)}{growth}"
 
 
-def flatten(values: Mapping[str, Any], between: str = ".") -> dict[str, Any]:
-    """Flatten nested values: {"timing": {"precision": 1}} becomes {"timing.precision": 1}."""
+def flatten(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Flatten nested values: {"timing": {"precision": 1}} becomes {"timing: precision": 1}."""
     flattened: dict[str, Any] = {}
     for name, value in values.items():
         if isinstance(value, Mapping) and value:
-            inner = flatten(value, between).items()
-            flattened |= {f"{name}{between}{key}": item for key, item in inner}
+            inner = flatten(value).items()
+            flattened |= {f"{name}: {key}": item for key, item in inner}
         else:
             flattened[name] = value
     return flattened

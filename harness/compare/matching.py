@@ -192,7 +192,7 @@ def _flatten_compared_facts(facts: Mapping[str, Any]) -> dict[str, Any]:
         for label, device in (facts.get("devices") or {}).items()
     }
     parts = {"plan": facts.get("plan") or {}, "environment": machine, "devices": devices}
-    return flatten(parts, ": ")
+    return flatten(parts)
 
 
 @dataclass(frozen=True)

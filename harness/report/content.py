@@ -366,7 +366,7 @@ def list_facts(run: Run) -> list[tuple[str, str, str]]:
         if isinstance(values, list):
             values = {str(number): value for number, value in enumerate(values)}
         if isinstance(values, dict):
-            rows += [(section, name, _format_value(v)) for name, v in flatten(values, ": ").items()]
+            rows += [(section, name, _format_value(v)) for name, v in flatten(values).items()]
     return rows
 
 
