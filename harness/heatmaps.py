@@ -1,8 +1,7 @@
 """Heat maps of a triangulation's cost: colours for lanes shaded in each pixel, and the edges."""
 
+import io
 from collections.abc import Mapping
-from pathlib import Path
-from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,10 +34,8 @@ def make_lane_maps(frame: Frame, triangles: NDArray[np.int32]) -> tuple[Map, Map
     return covered[: frame.height, : frame.width], helpers[: frame.height, : frame.width]
 
 
-def draw_heatmaps(
-    frame: Frame, triangulations: Mapping[str, NDArray[np.int32]], out: Path | IO[bytes]
-) -> None:
-    """Write a PNG of the lanes of a polygon's triangulations, (m, 3) by name, side by side."""
+def draw_heatmaps(frame: Frame, triangulations: Mapping[str, NDArray[np.int32]]) -> bytes:
+    """Return a PNG of the lanes of a polygon's triangulations, (m, 3) by name, side by side."""
     corners = frame.points / SUBPIXEL
     low = np.maximum(np.floor(corners.min(axis=0)).astype(int) - PADDING_PX, 0)
     high = np.ceil(corners.max(axis=0)).astype(int) + PADDING_PX
@@ -93,7 +90,9 @@ def draw_heatmaps(
             pen.text((x + FONT_PX + 4, y), f"{number}{more}", "black")
             x += 3 * FONT_PX
         pen.text((x, y), label, "black")
-    picture.save(out, format="PNG")
+    content = io.BytesIO()
+    picture.save(content, format="PNG")
+    return content.getvalue()
 
 
 def _make_level_colours(palette: tuple[str, ...], count: int) -> NDArray[np.uint8]:

@@ -192,17 +192,13 @@ def filter_series(series: Sequence[Series], names: Mapping[str, Sequence[str]]) 
     """Return the series that have a selected name of each kind ("scene", "triangulator", ...)."""
     selected = list(series)
     for kind, values in names.items():
-        existing = {_get_name(entry.id, kind) for entry in selected}
+        attribute = "name" if kind == "triangulator" else kind  # of a case
+        existing = {getattr(entry.id, attribute) for entry in selected}
         for value in values:
             if value not in existing:
                 raise make_unknown_name_error(kind, value, existing)
-        selected = [entry for entry in selected if _get_name(entry.id, kind) in values]
+        selected = [entry for entry in selected if getattr(entry.id, attribute) in values]
     return selected
-
-
-def _get_name(case: CaseId, kind: str) -> str:
-    names = {"scene": case.scene, "triangulator": case.name, "rasteriser": case.rasteriser}
-    return names[kind]
 
 
 def select_series(series: Sequence[Series]) -> list[Series]:

@@ -252,10 +252,8 @@ def _format_bencher(decisions: Sequence[Decision]) -> str:
             if record.time and record.time.median_s is not None:
                 measures["latency"] = {"value": record.time.median_s * 1e9}
                 if ends := record.time.ci95_s:
-                    names = ("lower_value", "upper_value")
-                    measures["latency"] |= dict(
-                        zip(names, (end * 1e9 for end in ends), strict=True)
-                    )
+                    low, high = (end * 1e9 for end in ends)
+                    measures["latency"] |= {"lower_value": low, "upper_value": high}
             measures |= {name: {"value": value} for name, value in record.counters.items()}
             benchmarks[f"{format_title(decision)}: {standing.name}"] = measures
     return json.dumps(benchmarks, indent=1) + "\n"

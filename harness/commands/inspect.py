@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -170,9 +169,7 @@ def _draw_picture(
         raise InputError(
             f"polygon {polygon} of {scene.name}: no triangulator succeeded; see the reasons above"
         )
-    content = io.BytesIO()
-    draw_heatmaps(frame, drawn, content)
-    atomic.write(file, content.getvalue())
+    atomic.write(file, draw_heatmaps(frame, drawn))
     typer.echo(f"picture: {file}")
 
 

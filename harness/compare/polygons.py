@@ -1,7 +1,6 @@
 """Polygons with the largest growth of cost between two runs, with heatmaps."""
 
 import base64
-import io
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -42,9 +41,8 @@ class GrownPolygon:
         """Return heatmaps of BASE and HEAD next to each other, as a data URL."""
         from harness.heatmaps import draw_heatmaps
 
-        content = io.BytesIO()
-        draw_heatmaps(self.frame, self.triangles, content)
-        return f"data:image/png;base64,{base64.b64encode(content.getvalue()).decode()}"
+        picture = draw_heatmaps(self.frame, self.triangles)
+        return f"data:image/png;base64,{base64.b64encode(picture).decode()}"
 
 
 def find_largest_growth(base: Run, head: Run, comparison: Comparison) -> list[GrownPolygon]:

@@ -103,12 +103,11 @@ def test_inspect_draws_a_picture(harness, block):
 
 
 def test_a_picture_of_inspect_survives_a_full_disk(harness, block, monkeypatch):
-    def fill_disk(frame, triangulations, out):
-        out.write_bytes(b"part") if isinstance(out, Path) else out.write(b"part")
+    def fill_disk(*_, **__):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     Path("picture.png").write_bytes(b"complete")
-    monkeypatch.setattr("harness.heatmaps.draw_heatmaps", fill_disk)
+    monkeypatch.setattr("harness.atomic.move", fill_disk)
     assert harness("inspect", str(block), "--out", "picture.png")[0] != 0
     assert Path("picture.png").read_bytes() == b"complete"
 
@@ -130,9 +129,12 @@ def test_profile_reports_webgpu_in_place_of_opengl(harness, monkeypatch):
 
 def test_inspect_numbers_polygons_as_the_scene_does(harness, block, monkeypatch):
     names = []
-    monkeypatch.setattr(
-        "harness.heatmaps.draw_heatmaps", lambda frame, *_: names.extend(frame.source.tolist())
-    )
+
+    def draw(frame, *_):
+        names.extend(frame.source.tolist())
+        return b""
+
+    monkeypatch.setattr("harness.heatmaps.draw_heatmaps", draw)
     code, out, _ = harness("inspect", str(block), "--polygon", "2")
     assert (code, names) == (0, [2])
     assert "counted from 0" not in out
