@@ -36,7 +36,7 @@ GROUP = "raster_harness.rasterisers"  # group of third-party entry points
 
 BUILT_IN = {
     "opengl": "harness.rasterisers.opengl:OpenGL",
-    "osmesa": "harness.rasterisers.osmesa:OSMesa",
+    "osmesa": "harness.rasterisers.opengl:OSMesa",
     "bounding-box": "harness.rasterisers.compute:BoundingBox",
     "scanline": "harness.rasterisers.compute:Scanline",
     "binning": "harness.rasterisers.reference:Binning",

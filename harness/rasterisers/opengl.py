@@ -1,5 +1,6 @@
-"""OpenGL on an EGL device: counting with atomic operations, and plain drawing for timing."""
+"""OpenGL on an EGL device or OSMesa: counting with atomic operations, plain drawing for timing."""
 
+import ctypes.util
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
@@ -25,13 +26,15 @@ from harness.rasterisers.base import (
     split_batches,
     sum_per_polygon,
 )
-from harness.rasterisers.context import Context
+from harness.rasterisers.context import Context, OSMesaContext
 from harness.rasterisers.reference import SHADED, count_visible_per_triangle
 from triangulators.devices import is_software, selects_renderer
 
 KEEP_ALPHA = (True, True, True, False)
 WRITE_ALL = (True, True, True, True)
 """Colour masks for counting and for drawing; `_count_per_polygon` has the reason."""
+
+INSTALL_OSMESA = "apt-get install -y libosmesa6"
 
 IN_ORDER_RENDERERS = ("softpipe",)  # renderers that finish each triangle before the next
 
@@ -207,6 +210,33 @@ class OpenGL(GLRasteriser):
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         self.context.activate()
         return Mesh(self, frame, triangles, options)
+
+
+class OSMesa(OpenGL):
+    """Rasteriser with the shaders and counters of `opengl`, on OSMesa.
+
+    OSMesa is the off-screen interface of Mesa before 25.1, a software driver.
+    """
+
+    name = "osmesa"
+    device_names: ClassVar[tuple[str, ...]] = ("osmesa",)
+    remedies: ClassVar[Mapping[str, str]] = {
+        "": f"run: {INSTALL_OSMESA} (not in Mesa 25.1 and newer)"
+    }
+    drawn_by: ClassVar[str] = "llvmpipe"
+
+    @classmethod
+    def devices(cls) -> list[Device]:
+        """Return the only device, if libOSMesa is installed."""
+        # The library is located but not opened, as opening it loads a driver.
+        installed = ctypes.util.find_library("OSMesa")
+        if installed is None:
+            return []
+        environment = {"GALLIUM_DRIVER": "llvmpipe", "LP_NUM_THREADS": "0"}
+        return [Device("osmesa", True, environment, {"library": installed})]
+
+    def _open(self, device: Device) -> Any:
+        return OSMesaContext(device.details["library"])
 
 
 class Mesh(Drawing):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from harness.errors import NoRasteriserError, UsageError
 from harness.frame import Frame
 from harness.grid import SUBPIXEL
-from harness.rasterisers import devices, osmesa
+from harness.rasterisers import devices, opengl
 from harness.rasterisers.base import (
     Counters,
     Device,
@@ -53,7 +53,7 @@ class Pyrender(Rasteriser):
     device_names: ClassVar[tuple[str, ...]] = ("gpu0", "llvmpipe", "osmesa")
     module: ClassVar[str] = "pyrender"
     remedies: ClassVar[Mapping[str, str]] = {
-        "osmesa": f"run: {osmesa.INSTALL}",
+        "osmesa": f"run: {opengl.INSTALL_OSMESA}",
         "": f"run: {devices.INSTALL}",
     }
 
@@ -69,7 +69,7 @@ class Pyrender(Rasteriser):
                 platform = {"PYOPENGL_PLATFORM": "egl", "EGL_DEVICE_ID": number}
                 environment = {**device.environment, **platform}
                 usable.append(replace(device, environment=environment))
-        for device in osmesa.OSMesa.devices():
+        for device in opengl.OSMesa.devices():
             environment = {**device.environment, "PYOPENGL_PLATFORM": "osmesa"}
             usable.append(replace(device, environment=environment))
         return usable

@@ -1,7 +1,7 @@
 """The command `doctor`: working devices are measured, and missing ones get a fix."""
 
 from harness import doctor, rasterisers
-from harness.rasterisers import devices, osmesa
+from harness.rasterisers import devices, opengl
 
 
 def test_working_devices_are_reported_and_every_problem_has_a_fix():
@@ -21,7 +21,7 @@ def test_working_devices_are_reported_and_every_problem_has_a_fix():
 def test_bare_machine_gets_install_commands(monkeypatch):
     problem = "llvmpipe: libEGL.so.1: cannot open shared object file"
     monkeypatch.setattr(devices, "list_egl_devices", lambda: ((), (problem,)))
-    monkeypatch.setattr(osmesa.OSMesa, "devices", classmethod(lambda cls: []))
+    monkeypatch.setattr(opengl.OSMesa, "devices", classmethod(lambda cls: []))
     monkeypatch.setattr(rasterisers.get("pyrender"), "devices", classmethod(lambda cls: []))
     findings = {finding.name: finding for finding in doctor.examine_devices()}
     llvmpipe = findings["opengl on llvmpipe"]
