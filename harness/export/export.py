@@ -26,7 +26,7 @@ from harness.export.writers import (
 )
 from harness.machine.user_modules import allow_user_module
 from harness.triangulating.isolated import triangulate_many
-from harness.triangulating.result import describe_large_polygon
+from harness.triangulating.triangulate import describe_large_polygon
 from scenes import load
 from scenes.files import Chunk, read, read_chunks
 from scenes.readers.reader import is_model

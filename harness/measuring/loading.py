@@ -19,7 +19,7 @@ from harness.measuring.tasks import Supported, find_supported
 from harness.progress import Reporter
 from harness.rasterisers.base import Options
 from harness.triangulating.recipes import Recipe
-from harness.triangulating.result import describe_large_polygon
+from harness.triangulating.triangulate import describe_large_polygon
 from harness.workers.worker import Limits, OpenWorker, TaskError, Worker
 from scenes import Scene, SceneError, load, registry
 from scenes.spec import is_function

@@ -26,8 +26,11 @@ from harness.errors import UsageError
 from harness.machine.environment import hash_sources
 from harness.machine.git import check_out, find_commit, find_project_folder
 from harness.triangulating.recipes import Recipe
-from harness.triangulating.result import FrameTriangulation, check_triangles
-from harness.triangulating.triangulate import make_small_polygons
+from harness.triangulating.triangulate import (
+    FrameTriangulation,
+    check_triangles,
+    make_small_polygons,
+)
 from harness.workers.serving import TaskError
 from triangulators.errors import truncate
 

@@ -22,8 +22,12 @@ from harness.rasterisers import BUILT_IN
 from harness.rasterisers.base import Counters, Device, Options, Triangles
 from harness.settings import TimingSettings
 from harness.triangulating.recipes import Recipe
-from harness.triangulating.result import FrameTriangulation
-from harness.triangulating.triangulate import time_in_rounds, triangulate_polygons, warm_up
+from harness.triangulating.triangulate import (
+    FrameTriangulation,
+    time_in_rounds,
+    triangulate_polygons,
+    warm_up,
+)
 from harness.workers.pool import WorkerPool, WorkerSpec, get_third_party_limits, wait_for_result
 from harness.workers.worker import Limits, OpenWorker, TaskError, TaskTimeoutError
 from triangulators.compute.compiled_files import is_cached

@@ -34,7 +34,7 @@ from harness.results.run_writer import RunFolder
 from harness.settings import TimingSettings
 from harness.stats.run_quality import find_undisturbed
 from harness.triangulating.recipes import Recipe
-from harness.triangulating.result import FrameTriangulation
+from harness.triangulating.triangulate import FrameTriangulation
 
 SHORT_DRAW_S = 20e-6  # duration of a draw below which the cost of the draw call dominates
 

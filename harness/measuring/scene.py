@@ -25,7 +25,7 @@ from harness.triangulating.carrying import (
     make_original_triangulation,
 )
 from harness.triangulating.recipes import ORIGINAL, Recipe
-from harness.triangulating.result import FrameTriangulation
+from harness.triangulating.triangulate import FrameTriangulation
 from harness.workers.worker import TaskError, TaskTimeoutError
 from scenes import Scene
 

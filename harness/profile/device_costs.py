@@ -43,7 +43,7 @@ from harness.profile.profile import describe_origin, is_of_this_machine, read_la
 from harness.rasterisers.base import Options, order_submission
 from harness.rasterisers.vertex_batches import sum_batches_of_draws
 from harness.triangulating.recipes import Recipe
-from harness.triangulating.result import FrameTriangulation
+from harness.triangulating.triangulate import FrameTriangulation
 from triangulators.errors import suggest
 from triangulators.geometry.order import put_in_walk_order
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from harness.errors import UsageError
 from harness.frame import Frame, Viewing
 from harness.triangulating.recipes import ORIGINAL, Recipe
-from harness.triangulating.result import FrameTriangulation, Rows, sum_criteria_per_polygon
+from harness.triangulating.triangulate import FrameTriangulation, Rows, sum_criteria_per_polygon
 from triangulators.polygon_arrays import offsets_of
 from triangulators.verify import verify
 

@@ -17,7 +17,7 @@ from shapely import Polygon
 
 import triangulators
 from harness.triangulating import recipes
-from harness.triangulating.result import check_triangles
+from harness.triangulating.triangulate import check_triangles
 from harness.workers.serving import TaskError
 from triangulators import parse
 from triangulators.polygon_arrays import PolygonArray, Triangulations, offsets_of

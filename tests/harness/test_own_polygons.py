@@ -155,7 +155,7 @@ def test_models_without_triangles_are_refused(harness):
 
 def test_large_polygon_is_announced_with_the_quadratic_steps(harness, monkeypatch):
     """By `run` and `inspect` after loading, by `triangulate` before its triangulation."""
-    monkeypatch.setattr("harness.triangulating.result.LARGE_HOLES", 2)
+    monkeypatch.setattr("harness.triangulating.triangulate.LARGE_HOLES", 2)
     squares = [shapely.box(x, 0, x + 4, 4) for x in (0, 10)]
     holes = [shapely.box(11 + x, 1, 12 + x, 2).exterior for x in (0, 1.5)]
     squares[1] = shapely.Polygon(squares[1].exterior, holes)

@@ -18,8 +18,7 @@ from harness.rasterisers.base import order_submission
 from harness.rasterisers.reference import count_per_triangle
 from harness.triangulating.carrying import carry_to_views, make_original_triangulation
 from harness.triangulating.recipes import parse
-from harness.triangulating.result import FrameTriangulation
-from harness.triangulating.triangulate import triangulate_polygons
+from harness.triangulating.triangulate import FrameTriangulation, triangulate_polygons
 from scenes import Scene, SceneError
 from tests.models.build import KITE, LONG, Builder
 from tests.models.various import make_solid

@@ -15,8 +15,7 @@ from harness.results import drawings
 from harness.results.run_folder import read_run
 from harness.results.run_writer import RunFolder
 from harness.triangulating.recipes import parse
-from harness.triangulating.result import sum_criteria_per_polygon
-from harness.triangulating.triangulate import triangulate_polygons
+from harness.triangulating.triangulate import sum_criteria_per_polygon, triangulate_polygons
 from scenes import load
 from tests.chromium import Chromium
 from tests.conftest import BRIEF_TIMING

@@ -13,8 +13,7 @@ from harness.settings import DEFAULT_TRIANGULATORS
 from harness.triangulating import database as database_module
 from harness.triangulating import triangulate
 from harness.triangulating.recipes import Recipe, parse, parse_all
-from harness.triangulating.result import FrameTriangulation
-from harness.triangulating.triangulate import triangulate_polygons
+from harness.triangulating.triangulate import FrameTriangulation, triangulate_polygons
 from scenes import load
 from tests.inline import InlineWorker
 from tests.measuring.test_run import skip_batch
