@@ -11,7 +11,6 @@ original                the triangles in a model's file
 
 import importlib.util
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -22,7 +21,7 @@ from shapely import Polygon
 
 import triangulators
 from harness.errors import UsageError
-from harness.machine.user_modules import allow_user_module
+from harness.machine.user_modules import FUNCTION, allow_user_module
 from harness.results.record import BASE_MARK, NUMBER_MARK, UPRIGHT_MARK, format_full_name
 from triangulators import criteria, registry
 from triangulators.errors import TriangulationError, suggest, summarize_error
@@ -32,7 +31,6 @@ NUMBERED = {"random": "seed", "pareto": "k", "listed": "k"}  # parameter that th
 ORIGINAL = "original"  # name of the triangles in a model's file
 
 CALIBRATED = ":calibrated"
-FUNCTION = re.compile(r"[^\W\d][\w.]*:[^\W\d][\w.]*")  # name of a third-party triangulator
 
 
 @dataclass(frozen=True)
@@ -68,20 +66,17 @@ class Recipe:
     def parameters(self) -> dict[str, Any]:
         """Parameters other than base and polygon, JSON-ready."""
         if self.calibration is not None:
-            return {"calibration": [list(term) for term in self._calibration_without_draw]}
+            # No criterion has the cost of a draw, as it does not depend on the triangulation.
+            terms = [[name, cost] for name, cost in self.calibration if name != "draw"]
+            return {"calibration": terms}
         if self.number is not None:
             return {NUMBERED[self.base]: self.number}
         return {"seed": self.seed} if self.base == "random" else {}
 
     @property
-    def _calibration_without_draw(self) -> tuple[tuple[str, float], ...]:
-        # The cost of a draw does not depend on the triangulation, so no criterion has that term.
-        return tuple(term for term in self.calibration or () if term[0] != "draw")
-
-    @property
     def _call(self) -> tuple[str, dict[str, Any]]:
         if self.calibration is not None:
-            calibrated = criteria.calibrated(dict(self._calibration_without_draw))
+            calibrated = criteria.calibrated(dict(self.parameters["calibration"]))
             return self.base.removesuffix(CALIBRATED), {"criterion": calibrated}
         return self.base, self.parameters
 
@@ -110,10 +105,6 @@ class Recipe:
         name, arguments = self._call
         batch = triangulate_supported(polygons, name, threads=1, **arguments)
         return batch, batch.compiled
-
-    def triangulate(self, polygon: Polygon) -> NDArray[np.int32]:
-        """Return (m, 3) triangles; raise as `triangulators.triangulate` does."""
-        return self.triangulate_with_gap(polygon)[0]
 
     def get_batch_gap(self, vertices: int) -> float | None:
         """Return the gap of a polygon that `triangulate_batch` solved; None without gaps.

@@ -242,7 +242,7 @@ def warm_up(*recipes: Recipe) -> None:
         for polygon in polygons:
             # the triangulation of the scene reports errors
             with suppress(Exception, SystemExit, GeneratorExit):
-                check_triangles(polygon, recipe.triangulate(polygon))
+                check_triangles(polygon, recipe.triangulate_with_gap(polygon)[0])
         _warm.add(recipe.base)
 
 
