@@ -211,11 +211,9 @@ def kill_group(leader: int) -> None:
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(leader, signal.SIGKILL)
         return
+    kill_descendants(leader)
     with contextlib.suppress(psutil.NoSuchProcess):
-        process = psutil.Process(leader)
-        for child in [*process.children(recursive=True), process]:
-            with contextlib.suppress(psutil.NoSuchProcess):
-                child.kill()
+        psutil.Process(leader).kill()
 
 
 def kill_descendants(ancestor: int) -> None:
@@ -251,8 +249,8 @@ def kill_orphans(parent: int) -> None:
         for child in psutil.Process(parent).children():
             with contextlib.suppress(*gone):
                 if os.getsid(child.pid) != session:
-                    for process in [*child.children(recursive=True), child]:
-                        process.kill()
+                    kill_descendants(child.pid)
+                    child.kill()
 
 
 def read_umask() -> int:

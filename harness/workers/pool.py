@@ -12,14 +12,13 @@ from typing import Any, TypeVar
 import psutil
 
 from harness.machine import system
-from harness.workers.worker import Limits, OpenWorker, TaskError, Worker
+from harness.workers.worker import POLL_S, Limits, OpenWorker, TaskError, Worker
 
 T = TypeVar("T")
 
 _LOG = logging.getLogger(__name__)
 
 MEMORY_SHARE = 0.75  # of the free memory, for a third party's triangulator
-POLL_S = 0.1  # interval at which a waiting caller can handle a signal
 
 
 def get_third_party_limits() -> Limits:
@@ -45,7 +44,7 @@ class WorkerPool:
         self.timeout_s = timeout_s
         self.seconds: dict[str, float] = defaultdict(float)
         self._workers: dict[str, Worker] = {}
-        self._threads: dict[str, ThreadPoolExecutor] = {}
+        self._threads = defaultdict[str, ThreadPoolExecutor](lambda: ThreadPoolExecutor(1))
 
     def submit(
         self,
@@ -59,10 +58,10 @@ class WorkerPool:
 
         `Worker.call` describes the options, and the errors that the future's `result()` raises.
         """
-        if spec.name not in self._threads:
-            self._threads[spec.name] = ThreadPoolExecutor(max_workers=1)
         limit_s = timeout_s or self.timeout_s
-        return self._threads[spec.name].submit(self._call, spec, function, arguments, limit_s, tick)
+        return self._threads[spec.name].submit(
+            self._call, spec, function, *arguments, timeout_s=limit_s, tick=tick
+        )
 
     def run(
         self, spec: WorkerSpec, function: Callable[..., T], *arguments: Any, **options: Any
@@ -100,20 +99,13 @@ class WorkerPool:
             self.seconds[stage] += time.perf_counter() - start
 
     def _call(
-        self,
-        spec: WorkerSpec,
-        function: Callable[..., T],
-        arguments: Sequence[Any],
-        timeout_s: float,
-        tick: Callable[[float], None] | None,
+        self, spec: WorkerSpec, function: Callable[..., T], *arguments: Any, **options: Any
     ) -> T:
         if spec.name not in self._workers:
             worker = self._open_worker(spec.name, spec.environment, spec.limits)
             self._workers[spec.name] = worker
         try:
-            return self._workers[spec.name].call(
-                function, *arguments, timeout_s=timeout_s, tick=tick
-            )
+            return self._workers[spec.name].call(function, *arguments, **options)
         except TaskError:
             # A lost graphics context does not recover.
             _LOG.info("%s: the next task gets a new process", spec.name)

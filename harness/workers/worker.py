@@ -25,7 +25,6 @@ from typing import Any, NoReturn, TypeVar
 import psutil
 
 from harness.machine import system
-from harness.machine.user_modules import hide_working_folder
 from harness.workers import serving
 from harness.workers.serving import Limits, TaskError, TaskTimeoutError
 from triangulators.errors import summarize_error
@@ -41,7 +40,7 @@ MAX_OUTPUT_LINES = 5  # lines of a failed process's output in a message
 MAX_OUTPUT_CHARACTERS = 500
 
 SUSPENSION_CHECK_S = 4.0  # interval of checks; a process is killed if two find it suspended
-POLL_S = 0.1  # interval at which a waiting caller's `tick` is called
+POLL_S = 0.1  # interval at which a waiting caller's `tick` is called, or a signal handled
 START_TIMEOUT_S = 120.0  # limit for starting a process; imports take seconds
 END_TIMEOUT_S = 2.0  # limit for a process to end on request
 _STARTING = threading.Lock()  # held while this process's environment is changed to start another
@@ -136,7 +135,8 @@ class Worker:
             )
             self._process = context.Process(target=serving.serve, args=arguments, daemon=True)
             try:
-                with hide_working_folder():  # which a new Python would search first
+                # multiprocessing runs `python -c`, which searches the current folder first.
+                with system.set_variables({"PYTHONSAFEPATH": "1"}):
                     self._process.start()
             except (EOFError, OSError) as error:  # the fork server has ended
                 self._process = None
