@@ -326,11 +326,9 @@ def order_submission(frame: Frame, triangles: Triangles, options: Options) -> Tr
     if frame.viewing is not None and options.order == "native":
         view = np.searchsorted(frame.viewing.piece_offsets, frame.find_owners(array), side="right")
         array = array[np.lexsort((_rank_in_view(frame, frame.viewing, array), view))]
-    elif frame.tiles is None:
-        array = _apply_order(frame, array, options)
     else:
-        tiles = [_apply_order(frame, array[rows], options) for rows in frame.split_by_draw(array)]
-        array = np.concatenate(tiles)
+        draws = [_apply_order(frame, array[rows], options) for rows in frame.split_by_draw(array)]
+        array = np.concatenate(draws)
     return np.ascontiguousarray(array, np.int32)
 
 
@@ -352,14 +350,11 @@ def _rank_in_view(frame: Frame, viewing: Viewing, array: Triangles) -> NDArray[n
 
 
 def _apply_order(frame: Frame, array: Triangles, options: Options) -> Triangles:
-    if options.order == "walk":
-        from triangulators.geometry.order import put_in_walk_order
+    if options.order in ("walk", "vertex-cache"):
+        from triangulators.geometry.order import put_in_walk_order, sort_for_vertex_cache
 
-        return put_in_walk_order(array, len(frame.points))
-    if options.order == "vertex-cache":
-        from triangulators.geometry.order import sort_for_vertex_cache
-
-        return sort_for_vertex_cache(array, len(frame.points))
+        reorder = put_in_walk_order if options.order == "walk" else sort_for_vertex_cache
+        return reorder(array, len(frame.points))
     if options.order == "morton":
         return array[np.argsort(_compute_morton_codes(frame, array), kind="stable")]
     if options.order == "shuffled":

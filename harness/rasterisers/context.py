@@ -4,6 +4,7 @@ import ctypes
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, ClassVar
 
 import moderngl
@@ -66,7 +67,6 @@ class Context:
         self._backend = backend
         self._target: tuple[tuple[int, ...], Any] = (), None
         self._picture: Any = None
-        self._texture: Any = None
         self._gen_queries = self._load_function("glGenQueries", "int", "pointer")
         self._delete_queries = self._load_function("glDeleteQueries", "int", "pointer")
         self.begin_query = self._load_function("glBeginQuery", "uint", "uint")
@@ -164,15 +164,15 @@ class Context:
             self._picture = self.ctx.texture((width, height), 1, dtype="u4")
         return self._picture
 
-    def get_texture(self) -> Any:
-        """Return a mip-mapped RGBA8 texture of noise with trilinear filtering."""
-        if self._texture is None:
-            size = (TEXTURE_PX, TEXTURE_PX)
-            content = np.random.default_rng(0).integers(128, 256, (*size, 4), np.uint8)
-            self._texture = self.ctx.texture(size, 4, content)
-            self._texture.build_mipmaps()
-            self._texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
-        return self._texture
+    @cached_property
+    def texture(self) -> Any:
+        """A mip-mapped RGBA8 texture of noise with trilinear filtering."""
+        size = (TEXTURE_PX, TEXTURE_PX)
+        content = np.random.default_rng(0).integers(128, 256, (*size, 4), np.uint8)
+        texture = self.ctx.texture(size, 4, content)
+        texture.build_mipmaps()
+        texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+        return texture
 
     @contextmanager
     def create_queries(self, number: int) -> Iterator[list[int]]:

@@ -295,7 +295,7 @@ class Mesh(Drawing):
         self.target.scissor = self.frame.scissor
         self.program["size"] = (SUBPIXEL * width, SUBPIXEL * height)
         if self.textured:
-            self.context.get_texture().use(0)
+            self.context.texture.use(0)
             self.program["content"] = 0
             self.program["lookups"] = self.options.texture
         ctx = self.context.ctx

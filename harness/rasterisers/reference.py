@@ -30,8 +30,6 @@ from triangulators.compute.kernels import njit
 # Counters of devices that shade quads.
 SHADED = ("fragments", "quads", "helper_lanes", "partial_quads", "covering_triangles")
 
-REFERENCE_COUNTERS = (*SHADED, "blocks", "bbox_tests")  # defined by `count_per_triangle`
-
 
 def count_per_triangle(
     points: NDArray[np.int32], triangles: Triangles, window: NDArray[np.int64] = UNBOUNDED
@@ -107,16 +105,16 @@ class Reference(CpuRasteriser):
 
     name = "reference"
     limitation = "one sample per pixel, no fragment work and no textures"
-    counters: ClassVar[tuple[str, ...]] = REFERENCE_COUNTERS
+    counters: ClassVar[tuple[str, ...]] = (*SHADED, "blocks", "bbox_tests")
     supports_scissor = True
     supports_depth = True
 
     def _draw_and_count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:
         if frame.depths is not None:
             counts = count_visible_per_triangle(frame, triangles)
-            return {name: sum_per_polygon(frame, triangles, n) for name, n in counts.items()}
-        counts = count_per_triangle(frame.points, triangles, frame.window)
-        return {name: sum_per_polygon(frame, triangles, counts[name]) for name in self.counters}
+        else:
+            counts = count_per_triangle(frame.points, triangles, frame.window)
+        return {name: sum_per_polygon(frame, triangles, n) for name, n in counts.items()}
 
     def _prepare(self, frame: Frame, triangles: Triangles, options: Options) -> Drawing:
         return _FillDrawing(frame, triangles)
