@@ -63,7 +63,7 @@ def collect_facts(seed: int, triangulators: Sequence[str] = ()) -> dict[str, Any
         "command": ["harness", *sys.argv[1:]],
         "seed": seed,
         "python": platform.python_version(),
-        "packages": {name: _get_version(name) for name in RECORDED_PACKAGES},
+        "packages": {name: get_version(name) for name in RECORDED_PACKAGES},
         "kernel": f"{platform.system()} {platform.release()}",
         "cpu": describe_processor()["name"],
         "cores": system.query_psutil(lambda: psutil.cpu_count(logical=False)),
@@ -122,7 +122,8 @@ def _query_nvidia() -> list[dict[str, str]] | None:
     return [dict(zip(fields, row.split(", "), strict=False)) for row in rows]
 
 
-def _get_version(package: str) -> str | None:
+def get_version(package: str) -> str | None:
+    """Return the version of an installed package, or None."""
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:

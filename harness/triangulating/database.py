@@ -6,7 +6,6 @@ is refused, as is one of another program. A damaged database is deleted and crea
 """
 
 import hashlib
-import importlib.metadata
 import json
 import logging
 import math
@@ -24,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 import triangulators
 from harness.errors import StorageError
 from harness.machine import system
-from harness.machine.environment import describe_processor, hash_sources
+from harness.machine.environment import describe_processor, get_version, hash_sources
 from triangulators.compute.compiled_files import is_trusted, make_folder
 from triangulators.polygon_arrays import PolygonArray
 
@@ -257,10 +256,8 @@ def get_triangulators_version() -> str:
     code_hash = hash_sources(Path(triangulators.__file__).parent)
     digest = hashlib.blake2b(code_hash.encode(), digest_size=12)
     for name in ("shapely", "mapbox-earcut", "manifold3d", "highspy", "PyOpenGL"):
-        try:
-            digest.update(f"{name} {importlib.metadata.version(name)}".encode())
-        except importlib.metadata.PackageNotFoundError:
-            digest.update(f"no {name}".encode())
+        version = get_version(name)
+        digest.update((f"{name} {version}" if version else f"no {name}").encode())
     return digest.hexdigest()
 
 
