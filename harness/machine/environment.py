@@ -104,7 +104,7 @@ def hash_sources(*packages: Path) -> str:
     digest = hashlib.sha256()
     for folder in packages:
         files = (Path(top, name) for top, _, names in os.walk(folder) for name in names)
-        for file in sorted(file for file in files if file.suffix in (".py", ".glsl")):
+        for file in sorted(file for file in files if file.suffix in (".py", ".glsl", ".wgsl")):
             digest.update(str(file.relative_to(folder.parent)).encode())
             digest.update(file.read_bytes())
     return digest.hexdigest()[:16]

@@ -132,6 +132,16 @@ def test_cache_sizes_are_in_bytes(tmp_path):
     assert dict(environment._read_caches(tmp_path)) == {"L1d": 48 * 1024, "L2": 2048 * 1024}
 
 
+@pytest.mark.parametrize("name", ["module.py", "shaders/count.glsl", "shaders/count.wgsl"])
+def test_the_code_hash_changes_with_modules_and_shaders(tmp_path, name):
+    file = tmp_path / "package" / name
+    file.parent.mkdir(parents=True)
+    file.write_text("before")
+    before = environment.hash_sources(tmp_path / "package")
+    file.write_text("after")
+    assert environment.hash_sources(tmp_path / "package") != before
+
+
 def test_missing_processor_facts_are_compatible():
     assert groups.may_be_same_processor("AMD EPYC", EPYC)
     assert groups.may_be_same_processor("", EPYC)
