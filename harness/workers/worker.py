@@ -66,6 +66,7 @@ class Worker:
         self._limits = limits
         self._process: BaseProcess | None = None
         self._server: int | None = None
+        self._written = 0  # bytes of output before the current task
         self._connection: Connection
         self._start()
 
@@ -88,12 +89,12 @@ class Worker:
             self._end(at_once=True)  # killed since its last task
         if self._process is None:
             self._start()
-        written = self._output.stat().st_size
-        self._receive(written, START_TIMEOUT_S, None)
+        self._written = self._output.stat().st_size
+        self._receive(START_TIMEOUT_S, None)
         try:
             self._connection.send((function, arguments))
         except OSError:
-            self._raise_crash(written)
+            self._raise_crash()
         except Exception as error:
             # End the process: it has announced that it waits for a task, and will not do so again.
             self._end(at_once=True)
@@ -102,9 +103,9 @@ class Worker:
             ) from error
         try:
             # Imports that unpickling the task triggers do not count as the task's time.
-            answer = self._receive(written, START_TIMEOUT_S, None)
+            answer = self._receive(START_TIMEOUT_S, None)
             if answer is None:
-                answer = self._receive(written, timeout_s, tick)
+                answer = self._receive(timeout_s, tick)
         except KeyboardInterrupt:
             # End the process: the answer to this task would be taken for the next task's answer.
             self._end(at_once=True)
@@ -150,10 +151,8 @@ class Worker:
         with contextlib.suppress(psutil.NoSuchProcess):  # the process has ended already
             self._server = psutil.Process(self._process.pid).ppid() if forked else None
 
-    def _receive(
-        self, written: int, timeout_s: float | None, tick: Callable[[float], None] | None
-    ) -> Any:
-        """Return the process's next message; errors quote the output after `written` bytes."""
+    def _receive(self, timeout_s: float | None, tick: Callable[[float], None] | None) -> Any:
+        """Return the process's next message; errors quote the output since the task began."""
         assert self._process is not None
         start = time.monotonic()
         next_check_s, suspended = SUSPENSION_CHECK_S, False
@@ -164,40 +163,46 @@ class Worker:
                 suspended = system.is_suspended(self._process.pid or 0)
                 if suspended and before:
                     self._end(at_once=True)
-                    self._raise_failure(f"{self.name} was suspended (SIGSTOP) and killed", written)
+                    self._raise_failure(f"{self.name} was suspended (SIGSTOP) and killed")
             # The process may have answered before it ended; then there is a message to read.
             if self._process.exitcode is not None and not self._connection.poll(0):
-                self._raise_crash(written)
+                self._raise_crash()
             if timeout_s is not None and waited > timeout_s:
                 self._end(at_once=True)
                 reason = f"{self.name} exceeded the time limit of {timeout_s:g} s and was killed"
-                self._raise_failure(reason, written, TaskTimeoutError)
+                self._raise_failure(reason, TaskTimeoutError)
             if tick:
                 tick(waited)
         try:
             return self._connection.recv()
         except (EOFError, OSError):
-            self._raise_crash(written)
+            self._raise_crash()
         except Exception as error:
             raise TaskError(
                 f"{self.name}: the result cannot be read: {summarize_error(error)}"
             ) from error
 
-    def _raise_crash(self, written: int) -> NoReturn:
+    def _raise_crash(self) -> NoReturn:
         assert self._process is not None
         self._process.join(END_TIMEOUT_S)
         cause = system.describe_exit(self._process.exitcode)
         if self._server is not None and not system.is_running(self._server):
             cause = "the fork server was killed, by this process or another"
         self._end(at_once=True)
-        self._raise_failure(f"{self.name} crashed: {cause}", written)
+        self._raise_failure(f"{self.name} crashed: {cause}")
 
-    def _raise_failure(
-        self, reason: str, written: int, kind: type[TaskError] = TaskError
-    ) -> NoReturn:
-        message = self._add_last_output(reason, written)
-        _LOG.info("%s", message)
-        raise kind(message)
+    def _raise_failure(self, reason: str, kind: type[TaskError] = TaskError) -> NoReturn:
+        """Raise an error with the reason and the end of the task's output."""
+        with contextlib.suppress(OSError), self._output.open("rb") as file:
+            size = file.seek(0, os.SEEK_END)
+            file.seek(max(self._written, size - 4 * MAX_OUTPUT_CHARACTERS))
+            lines = file.read().decode(errors="replace").strip().splitlines()[-MAX_OUTPUT_LINES:]
+            text = " | ".join(line.strip() for line in lines)
+            if text:
+                ellipsis = "... " if len(text) > MAX_OUTPUT_CHARACTERS else ""
+                reason += f"; last output: {ellipsis}{text[-MAX_OUTPUT_CHARACTERS:]}"
+        _LOG.info("%s", reason)
+        raise kind(reason)
 
     def _end(self, *, at_once: bool = False) -> None:
         process, self._process = self._process, None
@@ -215,23 +220,8 @@ class Worker:
         if self._server is not None:
             system.kill_orphans(self._server)
         self._connection.close()
-        _LOG.info(
-            "%s: process %s ended, %s",
-            self.name,
-            process.pid,
-            system.describe_exit(process.exitcode),
-        )
-
-    def _add_last_output(self, reason: str, written: int) -> str:
-        with contextlib.suppress(OSError), self._output.open("rb") as file:
-            size = file.seek(0, os.SEEK_END)
-            file.seek(max(written, size - 4 * MAX_OUTPUT_CHARACTERS))
-            lines = file.read().decode(errors="replace").strip().splitlines()[-MAX_OUTPUT_LINES:]
-            text = " | ".join(line.strip() for line in lines)
-            if text:
-                ellipsis = "... " if len(text) > MAX_OUTPUT_CHARACTERS else ""
-                return f"{reason}; last output: {ellipsis}{text[-MAX_OUTPUT_CHARACTERS:]}"
-        return reason
+        cause = system.describe_exit(process.exitcode)
+        _LOG.info("%s: process %s ended, %s", self.name, process.pid, cause)
 
     def __enter__(self) -> "Worker":
         return self
