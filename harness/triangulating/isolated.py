@@ -73,13 +73,11 @@ def triangulate_many(
             crashes += 1
             limit = f"; after {MAX_CRASHES} crashes, a crashing polygon's neighbours fail as well"
             reason = str(error) + limit * (last - first > 1)
-            done = Triangulations(
-                np.empty((0, 3), np.int32),
-                np.zeros(last - first + 1, np.int64),
-                dict.fromkeys(range(last - first), reason),
-            )
-        pieces += list(done)
-        failed |= {first + number: reason for number, reason in done.failed.items()}
+            pieces += [np.empty((0, 3), np.int32)] * (last - first)
+            failed |= dict.fromkeys(range(first, last), reason)
+        else:
+            pieces += list(done)
+            failed |= {first + number: reason for number, reason in done.failed.items()}
     joined = _join_pieces(pieces, failed, np.zeros(len(pieces), np.bool_))
     return _mark_invalid(arrays, joined, conforming)
 
