@@ -5,7 +5,6 @@ import io
 import logging
 import os
 import platform
-import signal
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -113,8 +112,7 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):  # names of files may have any character
             with contextlib.suppress(OSError):
                 stream.reconfigure(errors="backslashreplace")
-    # A signal that was ignored at the start stays ignored.
-    with system.handle_signals(_stop, lambda before: before != signal.SIG_IGN):
+    with system.handle_signals(_stop):
         try:
             _received.clear()
             code = app(standalone_mode=False, prog_name=PROGRAM)

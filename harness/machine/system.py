@@ -49,14 +49,13 @@ def get_cache_file(name: str) -> Path:
 
 
 @contextlib.contextmanager
-def handle_signals(
-    handler: Callable[[int, Any], None], replaces: Callable[[Any], bool]
-) -> Iterator[None]:
-    """Install `handler` for `STOPPING` signals if `replaces(present handler)`, during the block."""
+def handle_signals(handler: Callable[[int, Any], None]) -> Iterator[None]:
+    """Handle `STOPPING` signals in the block, in the main thread; ignored ones stay ignored."""
+    is_main = threading.current_thread() is threading.main_thread()  # others cannot set handlers
     before = {
         number: signal.signal(number, handler)
         for number in STOPPING
-        if replaces(signal.getsignal(number))
+        if is_main and signal.getsignal(number) != signal.SIG_IGN
     }
     try:
         yield
@@ -68,13 +67,8 @@ def handle_signals(
 @contextlib.contextmanager
 def delay_signals() -> Iterator[None]:
     """Delay `STOPPING` signals to the end of the block; if one came, raise KeyboardInterrupt."""
-    if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread handles signals
-        return
     received: list[int] = []
-    with handle_signals(
-        lambda number, _: received.append(number), lambda handler: handler != signal.SIG_IGN
-    ):
+    with handle_signals(lambda number, _: received.append(number)):
         yield
     if received:
         raise KeyboardInterrupt
@@ -188,10 +182,8 @@ def read_steal_time_s() -> float:
 
 def read_other_processes_s() -> float:
     """Return the CPU seconds of all other processes since the start of the system; 0 if unknown."""
-    total, process = (
-        query_psutil(psutil.cpu_times),
-        query_psutil(lambda: psutil.Process().cpu_times()),
-    )
+    total = query_psutil(psutil.cpu_times)
+    process = query_psutil(lambda: psutil.Process().cpu_times())
     if total is None or process is None:
         return 0.0
     states = ("user", "nice", "system", "irq", "softirq")

@@ -1,7 +1,6 @@
 """Execution of a plan: scene, frames, triangulations, counters and times, records."""
 
 import signal
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -274,9 +273,6 @@ def _handle_signals(pool: MeasuringPool, reporter: Reporter) -> Iterator[None]:
     All other signals raise KeyboardInterrupt at once. So does Ctrl-C while nothing is timed,
     because a triangulation may take hours, and counters are stored already.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread receives signals
-        return
 
     def stop(number: int, _: object) -> None:
         is_second, pool.stopping = pool.stopping, True
@@ -288,8 +284,7 @@ def _handle_signals(pool: MeasuringPool, reporter: Reporter) -> Iterator[None]:
             raise KeyboardInterrupt
         reporter.say("stopping after the timing in progress; press Ctrl-C again to stop at once")
 
-    # Ignored signals stay ignored, as under nohup.
-    with system.handle_signals(stop, lambda before: before != signal.SIG_IGN):
+    with system.handle_signals(stop):
         yield
 
 
