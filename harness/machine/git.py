@@ -120,12 +120,11 @@ def check_out(top: Path, commit: str) -> Iterator[Path]:
     try:
         try:
             run_git(top, "worktree", "add", "--detach", "--force", str(folder), commit)
-        except subprocess.CalledProcessError as error:
-            reason = error.stderr.decode(errors="replace").strip().splitlines()
-            raise UsageError(f"--beside {commit}: {reason[-1] if reason else error}") from error
         except (OSError, subprocess.SubprocessError) as error:
+            output = (getattr(error, "stderr", None) or b"").decode(errors="replace").strip()
+            reason = output.splitlines()[-1] if output else error
             raise UsageError(
-                f"--beside {commit}: checkout failed ({error}); give a commit of this repository"
+                f"--beside {commit}: checkout failed ({reason}); check it out, and give the folder"
             ) from error
         yield folder
     finally:

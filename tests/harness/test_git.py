@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from harness.errors import UsageError
 from harness.machine.git import check_out, describe_project, find_commit, read_git_state
 from tests.harness.test_environment import git, repository
 
@@ -65,6 +66,8 @@ def test_git_starts_no_program_of_the_repository(project, tmp_path):
     assert not marker.exists()
     git(project, "config", "filter.a=b.clean", str(program))
     assert read_git_state(project) is None
+    with pytest.raises(UsageError, match=r"name contains .*give the folder"):
+        check_out(project, "HEAD").__enter__()
 
 
 def test_git_applies_the_users_filters(project, tmp_path, monkeypatch):
