@@ -101,6 +101,8 @@ class MeasuringPool(WorkerPool):
     other : the interleaved baseline, which runs the recipes with `Recipe.other`, or None
     """
 
+    abandoned = (SECOND_PROCESS.name,)
+
     def __init__(
         self,
         open_worker: OpenWorker,
@@ -302,12 +304,8 @@ class MeasuringPool(WorkerPool):
             for label, opened in self._opened.items()
         }
 
-    def close(
-        self, *, at_once: bool = False, abandoned: Sequence[str] = (SECOND_PROCESS.name,)
-    ) -> None:
-        """End all processes, by default without waiting for the second process's task."""
-        super().close(at_once=at_once, abandoned=abandoned)
-
-    def _forget_worker_state(self, spec: WorkerSpec) -> None:
+    def replace_worker(self, spec: WorkerSpec) -> None:
+        """End a worker; if its process had compiled kernels, they are loaded again."""
+        super().replace_worker(spec)
         if spec == TRIANGULATORS:
             self._compiled.clear()

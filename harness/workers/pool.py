@@ -3,11 +3,11 @@
 import logging
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import psutil
 
@@ -38,6 +38,8 @@ class WorkerSpec:
 
 class WorkerPool:
     """Worker processes by name, started on first use; each runs one task at a time."""
+
+    abandoned: ClassVar[tuple[str, ...]] = ()  # names of workers whose tasks `close` does not await
 
     def __init__(self, open_worker: OpenWorker, timeout_s: float) -> None:
         self._open_worker = open_worker
@@ -78,15 +80,15 @@ class WorkerPool:
         if worker := self._workers.pop(spec.name, None):
             worker.close()
 
-    def close(self, *, at_once: bool = False, abandoned: Sequence[str] = ()) -> None:
+    def close(self, *, at_once: bool = False) -> None:
         """End all workers after their tasks in progress; cancel tasks that wait.
 
-        With `at_once` all workers, otherwise those named in `abandoned`, are killed at once.
+        With `at_once` all workers, otherwise only those in `abandoned`, are killed at once.
         """
         for name, thread in self._threads.items():
-            thread.shutdown(wait=not at_once and name not in abandoned, cancel_futures=True)
+            thread.shutdown(wait=not at_once and name not in self.abandoned, cancel_futures=True)
         for name, worker in list(self._workers.items()):
-            worker.close(at_once=at_once or name in abandoned)
+            worker.close(at_once=at_once or name in self.abandoned)
         self._workers.clear()
 
     @contextmanager
@@ -110,11 +112,7 @@ class WorkerPool:
             # A lost graphics context does not recover.
             _LOG.info("%s: the next task gets a new process", spec.name)
             self.replace_worker(spec)
-            self._forget_worker_state(spec)
             raise
-
-    def _forget_worker_state(self, spec: WorkerSpec) -> None:
-        """Hook of subclasses: forget the state of a worker whose process is replaced."""
 
 
 def wait_for_result(future: Future[T]) -> T:
