@@ -44,10 +44,9 @@ class BoundingBox(GLRasteriser):
     def __init__(self, device: Device) -> None:
         super().__init__(device)
         self.context.require_extensions(*context.COMPUTE_EXTENSIONS)
-        self._draw_program = self.context.build_compute_shader("triangle", self.source)
-        self._count_program = self.context.build_compute_shader(
-            "triangle", self.source, define="COUNT"
-        )
+        sources = ("triangle", self.source)
+        self._draw_program = self.context.build_compute_shader(*sources)
+        self._count_program = self.context.build_compute_shader(*sources, defines=["COUNT"])
         self.context.raise_pending_error("building the shaders")
 
     def _draw_and_count(self, frame: Frame, triangles: Triangles, options: Options) -> Counters:

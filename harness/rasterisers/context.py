@@ -1,7 +1,7 @@
 """OpenGL contexts, with a few functions that moderngl lacks, and the context of libOSMesa."""
 
 import ctypes
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from harness.errors import NoRasteriserError, UsageError
 from harness.frame import Frame
 from harness.rasterisers.base import Sample, Stopwatch, Triangles, check_size, read_shader
+
+INT, UINT, POINTER = ctypes.c_int, ctypes.c_uint, ctypes.c_void_p
 
 SAMPLES_PASSED = 0x8914
 TIME_ELAPSED = 0x88BF
@@ -67,13 +69,13 @@ class Context:
         self._backend = backend
         self._target: tuple[tuple[int, ...], Any] = (), None
         self._picture: Any = None
-        self._gen_queries = self._load_function("glGenQueries", "int", "pointer")
-        self._delete_queries = self._load_function("glDeleteQueries", "int", "pointer")
-        self.begin_query = self._load_function("glBeginQuery", "uint", "uint")
-        self.end_query = self._load_function("glEndQuery", "uint")
-        self._query_result = self._load_function("glGetQueryObjectui64v", "uint", "uint", "pointer")
+        self._gen_queries = self._load_function("glGenQueries", INT, POINTER)
+        self._delete_queries = self._load_function("glDeleteQueries", INT, POINTER)
+        self.begin_query = self._load_function("glBeginQuery", UINT, UINT)
+        self.end_query = self._load_function("glEndQuery", UINT)
+        self._query_result = self._load_function("glGetQueryObjectui64v", UINT, UINT, POINTER)
         self.flush = self._load_function("glFlush")
-        self.clear = self._load_function("glClear", "uint")
+        self.clear = self._load_function("glClear", UINT)
         self.max_size = int(self.ctx.info["GL_MAX_RENDERBUFFER_SIZE"])
         self.max_samples = int(self.ctx.max_samples)
         has_statistics = (
@@ -82,12 +84,11 @@ class Context:
         )
         self.statistics = STATISTICS if has_statistics else {}
 
-    def _load_function(self, name: str, *kinds: str) -> Any:
-        types = {"uint": ctypes.c_uint, "int": ctypes.c_int, "pointer": ctypes.c_void_p}
+    def _load_function(self, name: str, *types: Any) -> Any:
         address = self._backend.load(name)
         if not address:
             raise OSError(f"OpenGL driver: function {name} not found")
-        return ctypes.CFUNCTYPE(None, *(types[kind] for kind in kinds))(address)
+        return ctypes.CFUNCTYPE(None, *types)(address)
 
     def activate(self) -> None:
         """Make this the current context, and free its unreferenced objects."""
@@ -104,12 +105,14 @@ class Context:
                 f"OpenGL driver: missing extensions ({', '.join(missing)}); install a newer driver"
             )
 
-    def make_header(self, *extensions: str) -> str:
-        """Return a shader's first lines: version, `extensions`, and those an old context needs."""
+    def _make_header(self, extensions: Sequence[str], defines: Sequence[str]) -> str:
+        """Return a shader's version, extensions (and those an old context needs), and macros."""
         modern = self.ctx.version_code >= MODERN_VERSION
         needed = extensions if modern else (*OLDER_EXTENSIONS, *extensions)
-        lines = [f"#extension {name} : require" for name in needed]
-        return "\n".join(["#version 450 core" if modern else "#version 330 core", *lines, ""])
+        lines = ["#version 450 core" if modern else "#version 330 core"]
+        lines += [f"#extension {name} : require" for name in needed]
+        lines += [f"#define {name}" for name in defines]
+        return "\n".join([*lines, ""])
 
     def create_buffer(self, array: NDArray[Any]) -> Any:
         """Upload an array; an empty array becomes four bytes, as OpenGL has no empty buffers."""
@@ -117,8 +120,7 @@ class Context:
 
     def build_program(self, vertex: str, fragment: str, *defines: str) -> Any:
         """Build a program from two files in shaders/; `defines` are macros such as DEPTH."""
-        header = self.make_header(*(EARLY_EXTENSIONS if "DEPTH" in defines else ()))
-        header += "".join(f"#define {name}\n" for name in defines)
+        header = self._make_header(EARLY_EXTENSIONS if "DEPTH" in defines else (), defines)
         try:
             return self.ctx.program(
                 vertex_shader=header + read_shader(f"{vertex}.glsl"),
@@ -130,14 +132,11 @@ class Context:
                 f"OpenGL driver: shader compilation failed ({message}); choose another device"
             ) from error
 
-    def build_compute_shader(self, *names: str, define: str = "") -> Any:
-        """Build a compute shader from concatenated files in shaders/; `define` is a macro."""
-        header = self.make_header(*COMPUTE_EXTENSIONS)
-        if define:
-            header += f"#define {define}\n"
-        return self.ctx.compute_shader(
-            header + "".join(read_shader(f"{name}.glsl") for name in names)
-        )
+    def build_compute_shader(self, *names: str, defines: Sequence[str] = ()) -> Any:
+        """Build a compute shader from concatenated files in shaders/; `defines` are macros."""
+        header = self._make_header(COMPUTE_EXTENSIONS, defines)
+        source = "".join(read_shader(f"{name}.glsl") for name in names)
+        return self.ctx.compute_shader(header + source)
 
     def get_framebuffer(
         self, width: int, height: int, samples: int = 1, *, deep: bool = False
