@@ -145,8 +145,7 @@ def find_project_folder(triangulators: Sequence[str]) -> Path | None:
 def describe_project(triangulators: Sequence[str]) -> dict[str, Any] | None:
     """Return name, commit (without git, from `COMMITS`) and changes of the user's repository."""
     folder = find_project_folder(triangulators)
-    state = None if folder is None else read_git_state(folder)
-    if state is not None and folder is not None:
+    if folder is not None and (state := read_git_state(folder)) is not None:
         return {"name": _make_printable(folder.name), **state}
     commit = next((os.environ[name] for name in COMMITS if os.environ.get(name)), None)
     if commit is None:

@@ -80,13 +80,7 @@ class WebGPU(Rasteriser):
     limitation = "one sample per pixel and no textures"
     counters: ClassVar[tuple[str, ...]] = SHADED
     supports_scissor = True
-    device_names: ClassVar[tuple[str, ...]] = (
-        "gpu0",
-        "lavapipe",
-        "llvmpipe",
-        "swiftshader",
-        "warp",
-    )
+    device_names = ("gpu0", "lavapipe", "llvmpipe", "swiftshader", "warp")
     module = "wgpu"
     remedies: ClassVar[Mapping[str, str]] = {
         "lavapipe": f"run: {devices.INSTALL_VULKAN}",

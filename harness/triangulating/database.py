@@ -149,7 +149,7 @@ class ModelDatabase:
             if not os.fstat(descriptor).st_size:
                 os.write(descriptor, LOCK_MARK)
             # After damage, another process may have created a new file already.
-            if damage is None or not self._is_opened_file():
+            if damage is None or not self.path.exists() or self.path.stat().st_ino != self._inode:
                 try:
                     return self._connect()
                 except sqlite3.OperationalError:
@@ -205,9 +205,6 @@ class ModelDatabase:
         raise StorageError(
             f"{file}: {problem}; set RASTER_HARNESS_CACHE to a new file, or give --no-cache"
         )
-
-    def _is_opened_file(self) -> bool:
-        return self.path.exists() and self.path.stat().st_ino == self._inode
 
     def _connect(self) -> sqlite3.Connection:
         """Connect; raise sqlite3.DatabaseError if the start of the file is damaged."""

@@ -111,8 +111,7 @@ class Recipe:
 
         A batch has only optima up to `LIMIT` vertices; beyond, the gap is unknown (infinite).
         """
-        name = self.base.partition(":")[0]
-        if name not in registry.BUILTIN or registry.BUILTIN[name].with_gap is None:
+        if registry.BUILTIN[self.base.partition(":")[0]].with_gap is None:
             return None
         from triangulators.methods.optimal import LIMIT  # compiled code
 
