@@ -6,25 +6,13 @@ from pkgutil import resolve_name
 
 from harness.errors import NoRasteriserError, UsageError, make_unknown_name_error
 from harness.machine.user_modules import allow_user_module
-from harness.rasterisers.base import (
-    Counters,
-    Device,
-    Drawing,
-    Options,
-    Rasteriser,
-    Sample,
-    Triangles,
-)
-from harness.rasterisers.counters import Counter, register_counters
+from harness.rasterisers.base import Device, Options, Rasteriser, Triangles
+from harness.rasterisers.counters import register_counters
 
 __all__ = [
-    "Counter",
-    "Counters",
     "Device",
-    "Drawing",
     "Options",
     "Rasteriser",
-    "Sample",
     "Triangles",
     "choose_default_rasteriser",
     "find_device",
