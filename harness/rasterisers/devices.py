@@ -156,12 +156,7 @@ def _list_devices(kinds: Sequence[DeviceKind]) -> Devices:
         for number, report in enumerate(reports):
             name = f"gpu{number}" if kind.name == "gpu" else kind.name
             details = {key: value for key, value in report.items() if key != "software"}
-            software = (
-                is_software(report["renderer"])
-                if is_egl
-                else bool(identify_software_adapter(report))
-            )
-            devices.append(Device(name, software, kind.environment, details))
+            devices.append(Device(name, kind.name != "gpu", kind.environment, details))
     return tuple(devices), tuple(problems)
 
 

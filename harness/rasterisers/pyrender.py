@@ -48,7 +48,6 @@ class Pyrender(Rasteriser):
 
     name = "pyrender"
     limitation = "fixed samples and shaders"
-    counters: ClassVar[tuple[str, ...]] = ()
     supports_depth = True
     device_names: ClassVar[tuple[str, ...]] = ("gpu0", "llvmpipe", "osmesa")
     module: ClassVar[str] = "pyrender"
@@ -124,7 +123,7 @@ class _SceneDrawing(Drawing):
     def __init__(self, owner: Pyrender, frame: Frame, triangles: Triangles) -> None:
         self.owner = owner
         self.size = (frame.width, frame.height)
-        self._module = module = owner.pyrender
+        module = owner.pyrender
         self.flags = (
             module.RenderFlags.FLAT | module.RenderFlags.SKIP_CULL_FACES | module.RenderFlags.RGBA
         )
@@ -133,20 +132,19 @@ class _SceneDrawing(Drawing):
                 yfov=FIELD_OF_VIEW, znear=0.05 * frame.width, zfar=4.0 * frame.width
             )
             pose = compute_camera_pose(frame.width, frame.height)
-            self.scenes = [self._make_scene(extrude_polygons(frame, triangles), camera, pose)]
-            return
-        camera = module.OrthographicCamera(
-            xmag=frame.width / 2, ymag=frame.height / 2, znear=0.5, zfar=2.5
-        )
-        pose = np.eye(4)
-        pose[:3, 3] = frame.width / 2, frame.height / 2, 1.0
-        draws = [triangles[rows] for rows in frame.split_by_draw(triangles)]
-        self.scenes = [
-            self._make_scene(project_triangles(frame, rows), camera, pose) for rows in draws
-        ]
+            solids = [extrude_polygons(frame, triangles)]
+        else:
+            camera = module.OrthographicCamera(
+                xmag=frame.width / 2, ymag=frame.height / 2, znear=0.5, zfar=2.5
+            )
+            pose = np.eye(4)
+            pose[:3, 3] = frame.width / 2, frame.height / 2, 1.0
+            draws = [triangles[rows] for rows in frame.split_by_draw(triangles)]
+            solids = [project_triangles(frame, rows) for rows in draws]
+        self.scenes = [self._make_scene(solid, camera, pose) for solid in solids]
 
     def _make_scene(self, solid: "Solid", camera: Any, pose: np.ndarray) -> Any:
-        module = self._module
+        module = self.owner.pyrender
         scene = module.Scene(bg_color=np.array(SKY), ambient_light=np.ones(3))
         primitive = module.Primitive(
             positions=solid.positions,
