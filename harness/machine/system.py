@@ -290,7 +290,8 @@ def lock_file(descriptor: int, *, wait: bool = True, required: bool = False) -> 
 def describe_exit(code: int | None) -> str:
     """Return how a process ended, in words, given the exit code that multiprocessing reports."""
     if code is not None and code < 0:
-        name = signal.Signals(-code).name
+        names = {number.value: number.name for number in signal.Signals}
+        name = names.get(-code, f"signal {-code}")  # most real-time signals have no name
         hint = " (perhaps out of memory)" if name == "SIGKILL" else ""
         return f"{name}{hint}"
     if code is not None and code > 255:  # a Windows status, such as 0xC0000005

@@ -41,7 +41,7 @@ def test_webgpu_is_the_default_without_egl(tmp_path, block):
     ("code", "expected"),
     [
         *((0, "exit code 0"), (-11, "SIGSEGV"), (-9, "SIGKILL (perhaps out of memory)")),
-        *((0xC0000005, "exit code 0xC0000005"), (None, "exit code None")),
+        *((-40, "signal 40"), (0xC0000005, "exit code 0xC0000005"), (None, "exit code None")),
     ],
 )
 def test_exit_codes_of_processes_are_described(code, expected):
