@@ -7,6 +7,7 @@ from harness.errors import UsageError
 from harness.rasterisers import Options
 from harness.rasterisers.base import ORDERS, order_submission
 from tests.rasterisers.conftest import loose_triangles, random_triangles
+from triangulators.geometry.order import put_in_walk_order, sort_for_vertex_cache
 
 
 @settings(deadline=None)
@@ -26,6 +27,18 @@ def test_native_order_is_unchanged_and_seeds_differ():
     options = (Options(order="shuffled", seed=seed) for seed in (1, 2))
     one, two = (order_submission(frame, triangles, shuffled) for shuffled in options)
     assert not np.array_equal(one, two)
+
+
+@pytest.mark.parametrize(
+    ("order", "reorder"),
+    [("walk", put_in_walk_order), ("vertex-cache", sort_for_vertex_cache)],
+)
+def test_orders_by_neighbours_are_those_of_their_functions(order, reorder):
+    frame, _ = random_triangles(seed=1, size=512, number=60, grid=1)
+    first = np.random.default_rng(0).permutation(len(frame.points) - 2).astype(np.int32)
+    strip = np.column_stack([first, first + 1, first + 2])
+    ordered = order_submission(frame, strip, Options(order=order))
+    assert np.array_equal(ordered, reorder(strip, len(frame.points)))
 
 
 def test_morton_order_visits_quadrant_after_quadrant():
