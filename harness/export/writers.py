@@ -12,7 +12,7 @@ import shapely
 from numpy.typing import NDArray
 
 from harness.atomic import Output
-from harness.models.gltf_file import write_glb
+from harness.models.gltf import write_glb
 from scenes.projection import Projection
 from scenes.readers.gltf import BIN, JSON, POLYGONS, RESTART, TRIANGLES
 from triangulators.polygon_arrays import PolygonArray, Triangulations, offsets_of

@@ -19,8 +19,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from triangulators.geometry.half_edges import link_half_edges
 from triangulators.polygon_arrays import offsets_of
@@ -103,6 +101,9 @@ class Faces(NamedTuple):
 
 def find_flat_faces(mesh: ModelMesh) -> tuple[Faces, Counter[str]]:
     """Return the flat faces, and the numbers of skipped triangles, edges and faces by reason."""
+    from scipy.sparse import coo_array  # slow to import, and exports need no faces
+    from scipy.sparse.csgraph import connected_components
+
     pairs, skipped = _find_neighbours(mesh)
     count = len(mesh.triangles)
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (count, count))
