@@ -15,7 +15,7 @@ from triangulators.criteria.cost import Cost, compute_total_cost, cost_at, find_
 from triangulators.geometry.flips import flip_while_gaining, is_convex
 from triangulators.geometry.half_edges import link_half_edges
 from triangulators.many import triangulate_supported
-from triangulators.polygon_arrays import PolygonArray, offsets_of
+from triangulators.polygon_arrays import PolygonArray
 
 _ROUNDING = 1e-6  # minimum relative gain; smaller ones may be caused by rounding of points
 WORK_NS = (1.0, 10.0, 20.0, 45.0)  # measured per cubed vertex count, for 0, 1, 2 and 3 holes
@@ -85,60 +85,38 @@ def choose_diagonals(faces: Faces, criterion: str) -> FaceDiagonals:
     """Choose the diagonals of each face by a criterion; raises as `get_cost_function` does."""
     cost = get_cost_function(criterion)
     sizes = np.diff(faces.triangle_offsets)
-    result, unsolved = faces.triangles.copy(), np.ones(len(sizes), dtype=np.bool_)
+    result, is_optimal = faces.triangles.copy(), np.zeros(len(sizes), dtype=np.bool_)
     outlines = _take_affordable(find_outlines(faces))
     optima = triangulate_supported(outlines.polygons, f"optimal:{criterion}", check=False)
-    solved = optima.compiled
-    counts = np.diff(optima.triangle_offsets)
-    polygon = np.repeat(np.arange(len(solved)), counts)
-    is_initialised = solved[polygon]  # the other rows of `optima` are uninitialised
-    first = outlines.polygons.vertex_offsets[polygon[is_initialised]]
+    owner = np.repeat(np.arange(len(outlines.face)), np.diff(optima.triangle_offsets))
+    is_initialised = optima.compiled[owner]  # the other rows of `optima` are uninitialised
+    owner = owner[is_initialised]
+    first = outlines.polygons.vertex_offsets[owner]
     rows = outlines.vertices[optima.triangles[is_initialised] + first[:, None]]
-    _copy_triangles(
-        faces.points,
-        faces.triangle_offsets,
-        outlines.face[solved],
-        (rows, offsets_of(counts[solved])),
-        result,
-        unsolved,
-    )
-    rows = np.repeat(unsolved, sizes)
-    corner = result[rows].astype(np.int32).reshape(-1)
+    solved = optima.compiled.copy()
+    solved[owner[_find_thin(faces.points, rows)]] = False
+    is_optimal[outlines.face[solved]] = True
+    result[np.repeat(is_optimal, sizes)] = rows[solved[owner]]
+    flipped = ~np.repeat(is_optimal, sizes)
+    corner = result[flipped].astype(np.int32).reshape(-1)
     _flip_to_lower_cost(faces.points, corner, link_half_edges(corner), cost)
-    result[rows] = corner.reshape(-1, 3)
+    result[flipped] = corner.reshape(-1, 3)
     changed = np.asarray(
         find_cheaper_faces(faces.points, faces.triangles, result, faces.triangle_offsets, cost)
     )
     same = ~np.repeat(changed, sizes)
     result[same] = faces.triangles[same]
-    return FaceDiagonals(result, changed, int((~unsolved).sum()))
+    return FaceDiagonals(result, changed, int(is_optimal.sum()))
 
 
 @njit(nogil=True)
-def _copy_triangles(
-    points: np.ndarray,
-    triangle_offsets: np.ndarray,
-    face: np.ndarray,
-    optimal: tuple[np.ndarray, np.ndarray],
-    result: np.ndarray,
-    unsolved: np.ndarray,
-) -> None:
-    """Copy faces without thin triangles into `result` (t, 3), and clear their `unsolved` (f,).
-
-    face: (c,) face numbers; optimal: triangles (k, 3) of these faces as point indices, and the
-    offset of each face in these; triangle_offsets: offsets of faces in `result`
-    """
-    triangles, row_offsets = optimal
-    for number in range(len(face)):
-        rows = triangles[row_offsets[number] : row_offsets[number + 1]]
-        has_thin = False
-        for row in range(len(rows)):
-            a, b, c = rows[row, 0], rows[row, 1], rows[row, 2]
-            has_thin |= _compute_min_height(points, a, b, c) <= MIN_HEIGHT
-        if not has_thin:
-            first = triangle_offsets[face[number]]
-            result[first : first + len(rows)] = rows
-            unsolved[face[number]] = False
+def _find_thin(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Return the (m,) mask of the thin triangles of (m, 3)."""
+    thin = np.empty(len(triangles), dtype=np.bool_)
+    for row in range(len(triangles)):
+        a, b, c = triangles[row, 0], triangles[row, 1], triangles[row, 2]
+        thin[row] = _compute_min_height(points, a, b, c) <= MIN_HEIGHT
+    return thin
 
 
 @njit(nogil=True)
