@@ -194,7 +194,9 @@ def _check_faces(mesh: ModelMesh, slots: Ints, face: Ints) -> tuple[Faces, Count
     a, b, c = np.moveaxis(rounded[triangles], 1, 0)
     oriented = (b - a)[:, 0] * (c - a)[:, 1] > (b - a)[:, 1] * (c - a)[:, 0]
     off = _compute_affine_residuals(mesh.affine[vertices], points, owner, count)
-    repeated = _has_repeated_side(triangles, len(keys))
+    sides = (triangles * len(keys) + triangles[:, [1, 2, 0]]).reshape(-1)  # directed
+    _, number, times = np.unique(sides, return_inverse=True, return_counts=True)
+    repeated = (times[number] > 1).reshape(-1, 3).any(axis=1)
     uses_in_face = np.bincount(triangles.reshape(-1), minlength=len(keys))
     shaded = (mesh.uses[vertices] if mesh.uses is not None else 0) > uses_in_face
     reasons = {
@@ -251,13 +253,6 @@ def _compute_affine_residuals(values: Floats, points: Floats, owner: Ints, count
     fitted = across[owner] * x[:, None] + up[owner] * y[:, None]
     off = np.abs(centred - fitted).max(axis=1)
     return np.where(np.isnan(off), np.inf, off)
-
-
-def _has_repeated_side(triangles: Ints, count: int) -> NDArray[np.bool_]:
-    """Return (t,) whether a triangle has the same directed side as another triangle."""
-    keys = (triangles * count + triangles[:, [1, 2, 0]]).reshape(-1)
-    _, number, times = np.unique(keys, return_inverse=True, return_counts=True)
-    return np.asarray((times[number.reshape(-1)] > 1).reshape(-1, 3).any(axis=1))
 
 
 def _sum_groups(values: Floats, owner: Ints, count: int) -> Floats:
