@@ -122,10 +122,9 @@ def _count_dataset(
 ) -> None:
     """Count the shading of many files' polygons or tiles; write the results, and print a table."""
     from harness.results.run_folder import translate_errors
-    from harness.scaling import census_report
-    from harness.scaling.census import TOO_THIN, TileCensus
+    from harness.scaling.census import TileCensus, make_table, write_census
+    from harness.scaling.counts import TOO_THIN, CensusCounts
     from harness.scaling.dataset import Dataset
-    from harness.scaling.sums import CensusCounts
     from scenes.spec import format_suggestion
 
     dataset = Dataset(pattern, out / "parts", census)
@@ -152,10 +151,10 @@ def _count_dataset(
         remedy = "a larger pixels=" if is_tile else "a smaller --units-per-pixel"
         raise NothingMeasuredError(f"{os.path.relpath(out)}: no pixel is covered: give {remedy}")
     with translate_errors(out, "run the same command again"), reporter.stage("drawing", 1):
-        written = census_report.write_census(out, totals, census)
+        written = write_census(out, totals, census)
     for name, reason in totals.damaged[:MAX_DAMAGED_NAMED]:
         reporter.warn(f"tile {name} {reason}")
-    Screen(highlight=False).print(census_report.make_table(totals, census))
+    Screen(highlight=False).print(make_table(totals, census))
     typer.echo(
         f"{os.path.relpath(out)}: {counted:,} {census.noun} in {summary.seconds:.1f} s: "
         f"{', '.join(written)}"

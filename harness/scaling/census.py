@@ -1,42 +1,45 @@
-"""Census: gains of each triangulator over all polygons of a data set, counted exactly.
+"""Census: gains of each triangulator over all polygons of a data set; table, distribution and map.
 
-Each footprint is drawn alone on the pixel grid of a map. Polygons of map tiles are drawn as on a
-map, clipped at their tile's edge, and summed by zoom and layer.
+`harness.scaling.counts` counts the polygons of a part.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import pandas as pd
-import shapely
-from numpy.typing import NDArray
 
-from harness.frame import MARGIN_STEP_PX, UNBOUNDED
-from harness.grid import SUBPIXEL, snap_polygons
-from harness.rasterisers.reference import count_per_triangle
-from harness.scaling.dataset import CHUNK_ROWS, FilePart, PartResult, PartWork
-from harness.scaling.sums import (
+from harness import atomic
+from harness.scaling.counts import (
     BINS,
-    FOOTPRINTS,
+    COUNTS,
     GAINED,
     MEASURES,
     CensusCounts,
     Group,
+    PartCounter,
     Sums,
     read_part_result,
 )
-from harness.triangulating.isolated import triangulate_many
-from scenes.files import Chunk, read_chunks
-from scenes.scene import NoteCounter
-from scenes.slices import Slices, Tile, TileSelection, cut_file, cut_tiles, read_tiles
+from harness.scaling.dataset import CHUNK_ROWS, FilePart, PartResult, PartWork
+from harness.style import TWO_COLUMNS, choose_looks, draw_figure, make_figure, make_plain_table
+from scenes.files import read_chunks
+from scenes.slices import Slices, TileSelection, cut_file, cut_tiles, read_tiles
 from scenes.tiles.read import note_rounding
-from triangulators.polygon_arrays import PolygonArray
 
-PERIOD_PX = 4  # translations by multiples preserve 2x2 and 4x4 blocks, and all counters
-TOO_THIN = "thinner than the grid of 1/256 px"
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.table import Table
+
+SHARES = (0.01, 0.05, 0.10, 0.20, 0.30, 0.50)  # columns: share that gains as much
+QUANTILES = (0.05, 0.25, 0.50, 0.75, 0.95)
+
+EDGES = np.linspace(-1.0, 1.0, BINS + 1)  # bounds of the bins of a gain
+MAX_CELLS = 4000  # along a side of the map; a larger map is drawn coarser
 
 
 @dataclass(frozen=True)
@@ -68,11 +71,11 @@ class Census(Counting):
 
     def write_part(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
         """Count the footprints in a part's rows, and write the part's file."""
-        counter = _Counter(self.triangulators, threads)
+        counter = PartCounter(self.triangulators, threads)
         for chunk in read_chunks(
             part.path, layer=self.layer, where=self.where, size=CHUNK_ROWS, rows=part.rows
         ):
-            counter.add_chunk(chunk, self)
+            counter.add_chunk(chunk, self.units_per_pixel, self.cell)
         return counter.save(part, path)
 
 
@@ -91,7 +94,7 @@ class TileCensus(Counting):
 
     def write_part(self, part: FilePart, path: Path, threads: int | None) -> PartResult:
         """Count the polygons of a part's tiles, and write the part's file."""
-        counter = _Counter(self.triangulators, threads)
+        counter = PartCounter(self.triangulators, threads)
         assert part.rows is not None
         extents: set[int] = set()
         for tile in read_tiles(part.path, part.rows, self.selection):
@@ -101,209 +104,153 @@ class TileCensus(Counting):
         return counter.save(part, path)
 
 
-class _Batch(NamedTuple):
-    """Polygons of a zoom and layer, their labels, and `times`: how many tiles repeat them."""
+def make_gain_rows(sums: Sums, triangulators: Sequence[str]) -> pd.DataFrame:
+    """Return a row for each triangulator and measure: totals, total gain, distribution of gains.
 
-    group: Group
-    polygons: NDArray[np.object_]
-    labels: Sequence[str]
-    times: int = 1
-
-
-@dataclass
-class _Counter:
-    """Counts of a part, and `waiting`, the polygons of tiles that are not counted yet."""
-
-    triangulators: tuple[str, ...]
-    threads: int | None
-    counted: CensusCounts = field(default_factory=CensusCounts)
-    noted: NoteCounter = field(default_factory=NoteCounter)
-    notes: list[str] = field(default_factory=list)
-    waiting: list[_Batch] = field(default_factory=list)
-
-    def add_chunk(self, chunk: Chunk, census: Census) -> None:
-        self.noted.note("dropped", chunk.cleaned.dropped)
-        self.noted.note("repaired", chunk.cleaned.repaired)
-        self.notes += chunk.notes
-        polygons = chunk.cleaned.polygons
-        if not len(polygons):
-            return
-        labels = [chunk.labels[source] for source in chunk.cleaned.source.tolist()]
-        counted, table = self.count_batch(
-            [_Batch(FOOTPRINTS, polygons, labels)], census.units_per_pixel
-        )
-        centres = shapely.get_coordinates(shapely.centroid(polygons[counted]))
-        if chunk.projection is not None:
-            centres = chunk.projection.inverse(centres)
-        lanes = table[:, counted, MEASURES.index("helper_lanes")].astype(np.int64)
-        names = ("x", "y", "footprints", *(f"helper_lanes {name}" for name in self.triangulators))
-        cells = np.floor(centres / census.cell).astype(np.int64).T
-        rows = np.vstack([cells, np.ones(len(centres), np.int64), lanes])
-        self.counted.cells.append(pd.DataFrame(rows.T, columns=names))
-
-    def add_tile(self, tile: Tile, side: int) -> list[Any]:
-        """Add a tile's polygons to `waiting`, counted from `CHUNK_ROWS` on; return its layers."""
-        self.counted.layers.update(tile.content.layer_names)
-        if tile.damage:
-            self.counted.damaged.append((tile.name, tile.damage))
-            self.noted.counts["damaged", "tile or layer that cannot be read"] += tile.repeats
-        layers = [layer for layer in tile.content.layers if len(layer.polygons) or layer.dropped]
-        for layer in layers:
-            numbers = {"tiles": int(len(layer.polygons) > 0)}
-            label = f"{tile.name} {layer.name}"
-            for kind, notes in (("dropped", layer.dropped), ("repaired", layer.repaired)):
-                numbers[kind] = len(notes)
-                labelled = [(f"{label} {which}", why) for which, why in notes]
-                self.noted.note(kind, labelled, tile.repeats)
-            numbers = {name: tile.repeats * count for name, count in numbers.items()}
-            group = (tile.zoom, layer.name)
-            self.counted.add(group, Sums.empty(len(self.triangulators), **numbers))
-            labels = [f"{label} polygon {number}" for number in range(len(layer.polygons))]
-            self.waiting.append(_Batch(group, layer.polygons, labels, tile.repeats))
-        if sum(len(part.polygons) for part in self.waiting) >= CHUNK_ROWS:
-            self.count_waiting(side)
-        return layers
-
-    def count_waiting(self, side: int) -> None:
-        """Count and remove the waiting polygons, drawn in tiles of `side` pixels."""
-        if any(len(part.polygons) for part in self.waiting):
-            # The margin is a tile: polygons extend at most so far beyond the edge of their tile.
-            margin = -(-side // MARGIN_STEP_PX) * MARGIN_STEP_PX
-            window = np.array([margin, margin, margin + side - 1, margin + side - 1], np.int64)
-            self.count_batch(self.waiting, 1.0, margin, window)
-        self.waiting = []
-
-    def count_batch(
-        self,
-        batch: Sequence[_Batch],
-        units_per_pixel: float,
-        margin: int | None = None,
-        window: NDArray[np.int64] = UNBOUNDED,
-    ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-        """Triangulate p polygons by each of t triangulators, and add the counts to the groups.
-
-        Returns flags (p,) of the polygons that every triangulator triangulated, and the counts of
-        all polygons, (t, p, len(MEASURES)).
-        """
-        sizes = [len(part.polygons) for part in batch]
-        polygons = np.concatenate([part.polygons for part in batch])
-        labels = [label for part in batch for label in part.labels]
-        times = np.repeat([part.times for part in batch], sizes)
-        pieces, owners = scale_to_pixels(polygons, units_per_pixel, margin)
-        arrays = PolygonArray.from_shapely(pieces)
-        drawn = np.isin(np.arange(len(polygons)), owners)
-        skipped = [("dropped", k, TOO_THIN) for k in np.flatnonzero(~drawn).tolist()]
-        tables = []
-        for name in self.triangulators:
-            table, failed = _count_shading(
-                arrays, owners, len(polygons), name, window, self.threads
-            )
-            tables.append(table)
-            for k, why in sorted(failed.items()):
-                skipped.append(("failed", k, f"{name}: {why.removeprefix(f'{name}: ')}"))
-        counted = np.ones(len(polygons), np.bool_)
-        for kind, k, why in skipped:
-            self.noted.note(kind, [(labels[k], why)], int(times[k]))
-            counted[k] = False
-        number = {group: k for k, group in enumerate(dict.fromkeys(part.group for part in batch))}
-        groups = np.repeat([number[part.group] for part in batch], sizes)
-        counts = np.stack(tables)
-        for group, k in number.items():
-            members = (groups == k) & counted
-            dropped = int(times[(groups == k) & ~drawn].sum())
-            sums = _sum_counts(counts[:, members], polygons[members], times[members], dropped)
-            self.counted.add(group, sums)
-        return counted, counts
-
-    def save(self, part: FilePart, path: Path) -> PartResult:
-        zero = Sums.empty(len(self.triangulators))
-        sums = self.counted.sum_groups() if self.counted.groups else zero
-        done = PartResult(
-            polygons=sums.get_count("polygons"),
-            triangles=int(sums.get_total("triangles")[0]),
-            proven=0,
-            counts=[[*which, count] for which, count in sorted((+self.noted.counts).items())],
-            certified=None,
-            about=part.about,
-            notes=self.notes,
-            left_out=self.noted.list_examples("dropped", "failed"),
-        )
-        self.counted.save(path, done)
-        return done
-
-
-def scale_to_pixels(
-    polygons: NDArray[Any], units_per_pixel: float, margin: int | None = None
-) -> tuple[NDArray[Any], NDArray[np.int64]]:
-    """Scale polygons to pixels, move each near the origin, and snap it to 1/256 px.
-
-    Returns the pieces (p,), in px, and each piece's polygon; vanished polygons have none. Positions
-    modulo `PERIOD_PX` are preserved; `margin` translates all alike, if positions matter.
+    Shares and quantiles are exact to a bin's width, 0.5 %; a quantile is its bin's lower bound.
     """
-    # Near the origin, doubles represent 1/256 px exactly, as the reference's integers do.
-    scaled = shapely.transform(polygons, lambda xy: xy / units_per_pixel)
-    corner = shapely.bounds(scaled)[:, :2]
-    shift = PERIOD_PX * np.floor(corner / PERIOD_PX)
-    if margin is not None:
-        shift[:] = -margin
-    counts = shapely.get_num_coordinates(scaled)
-    moved = shapely.get_coordinates(scaled) - np.repeat(shift, counts, axis=0)
-    snapped = snap_polygons(shapely.set_coordinates(scaled, moved))
-    return snapped.pieces, snapped.source
+    index = pd.MultiIndex.from_product([triangulators, GAINED], names=["triangulator", "measure"])
+    table = index.to_frame(index=False)
+    totals = sums.totals[:, [MEASURES.index(measure) for measure in GAINED]]
+    base = np.broadcast_to(totals[0], totals.shape)
+    table["footprints"] = sums.get_count("polygons")
+    table["total"], table["total_of_base"] = totals.ravel(), base.ravel()
+    ratio = np.divide(totals, base, out=np.ones_like(totals), where=base > 0)
+    table["gain_of_total"] = (1.0 - ratio).ravel()
+    upto = np.cumsum(sums.bins, axis=2).reshape(-1, BINS)
+    count = upto[:, -1]
+    for share in SHARES:
+        lower = upto[:, np.searchsorted(EDGES, share - 1e-9) - 1]
+        table[f"share_gaining_{share:.0%}"] = (count - lower) / np.maximum(1, count)
+    lower = upto[:, np.searchsorted(EDGES, -0.01 - 1e-9) - 1]
+    table["share_losing_1%"] = lower / np.maximum(1, count)
+    for quantile in QUANTILES:
+        position = (upto < quantile * count[:, None]).sum(axis=1)
+        low = EDGES[np.minimum(position, BINS - 1)].round(4)
+        table[f"gain_p{100 * quantile:.0f}"] = np.where(count, low, 0.0)
+    return table
 
 
-def _sum_counts(
-    table: NDArray[np.float64], polygons: NDArray[Any], times: NDArray[np.int64], dropped: int
-) -> Sums:
-    """Sum the counts (t, p, len(MEASURES)) of p polygons, which occur `times` (p,) times."""
-    corners = shapely.get_num_coordinates(polygons) - 1 - shapely.get_num_interior_rings(polygons)
-    sums = Sums.empty(
-        len(table),
-        polygons=int(times.sum()),
-        vertices=int((times * corners).sum()),
-        dropped=dropped,
+def write_census(folder: Path, counted: CensusCounts, census: Census | TileCensus) -> list[str]:
+    """Write census.csv, other tables and plots into `folder`; return the names; raises OSError."""
+    names = census.triangulators
+    written = {"census.csv": _make_census_table(counted, census)}
+    if counted.damaged:
+        written["damaged.csv"] = pd.DataFrame(counted.damaged, columns=["tile", "reason"])
+    if isinstance(census, Census):
+        (cells,) = counted.cells
+        places = {axis: cells[axis] * census.cell for axis in ("x", "y")}
+        written["cells.csv"] = cells.assign(**places)
+        draw_figure(folder / "plots", "map", plot_map, cells, census)
+    for name, table in written.items():
+        text = table.to_csv(index=False, lineterminator="\n")
+        atomic.write(folder / name, text.encode())
+    draw_figure(
+        folder / "plots", "gains", plot_distribution, counted.sum_groups(), names, census.noun
     )
-    columns = table[:, :, [MEASURES.index(name) for name in GAINED]]
-    gained = compute_gains(columns[0], columns)
-    places = np.clip(np.floor((gained + 1.0) * BINS / 2), 0, BINS - 1).astype(int)
-    which = np.arange(len(table))[:, None, None], np.arange(len(GAINED))
-    np.add.at(sums.bins, (*which, places), times[:, None])
-    return sums._replace(totals=(table * times[:, None]).sum(axis=1))
+    return [*written, "plots/"]
 
 
-def compute_gains(base: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the relative saving of `other` compared with `base`; 0 if both are 0."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(base == other, 0.0, 1.0 - other / base)
+def _make_census_table(counted: CensusCounts, census: Census | TileCensus) -> pd.DataFrame:
+    tables = []
+    for (zoom, layer), sums in _sort_groups(counted):
+        table = make_gain_rows(sums, census.triangulators)
+        if isinstance(census, TileCensus):
+            table = table.drop(columns="footprints")
+            about = {"zoom": zoom, "layer": layer, **dict(zip(COUNTS, sums.counts, strict=True))}
+            for position, (name, value) in enumerate(about.items()):
+                table.insert(position, name, value)
+        tables.append(table)
+    return pd.concat(tables)
 
 
-def _count_shading(
-    polygons: PolygonArray,
-    owners: NDArray[np.int64],
-    count: int,
-    name: str,
-    window: NDArray[np.int64],
-    threads: int | None,
-) -> tuple[NDArray[np.float64], dict[int, str]]:
-    """Triangulate pieces on the pixel grid, and sum `MEASURES` over each polygon's triangles.
+def _sort_groups(counted: CensusCounts) -> list[tuple[Group, Sums]]:
+    return sorted(counted.groups.items(), key=lambda item: (item[0][0] or 0, item[0][1]))
 
-    owners : (p,) index (0 to count - 1) of each piece's polygon; window : as `Frame.window`.
-    Returns the sums (count, len(MEASURES)), and the reason of each failure by the polygon's index.
-    """
-    result = triangulate_many(polygons, name, check=False, threads=threads)
-    sizes = np.diff(result.triangle_offsets)
-    first = polygons.vertex_offsets[:-1].astype(np.int32)
-    triangles = result.triangles + np.repeat(first, sizes)[:, None]
-    points = np.rint(polygons.coords * SUBPIXEL).astype(np.int32)
-    counters = count_per_triangle(points, np.ascontiguousarray(triangles, np.int32), window)
-    columns: dict[str, NDArray[Any]] = {**counters, "triangles": np.ones(len(triangles))}
-    corners = polygons.coords[triangles]
-    width, height = np.ptp(corners, axis=1).T
-    (u, v) = (corners[:, k] - corners[:, 0] for k in (1, 2))
-    area = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / 2
-    columns |= {"half_perimeter": width + height, "overdraw": width * height - area}
-    owner = np.repeat(owners, sizes)
-    table = np.column_stack(
-        [np.bincount(owner, weights=columns[measure], minlength=count) for measure in MEASURES]
-    ).astype(np.float64)
-    return table, {int(owners[piece]): why for piece, why in result.failed.items()}
+
+def make_table(counted: CensusCounts, census: Census | TileCensus) -> Table:
+    """Return the table for the terminal: savings of helper lanes."""
+    base, *names = census.triangulators
+    if isinstance(census, TileCensus):
+        return _make_tile_table(counted, base, names)
+    sums = counted.sum_groups()
+    title = f"{sums.get_count('polygons'):,} footprints: helper lanes, compared with {base}"
+    headings = (">in all", ">median", ">gain 10 %", ">gain 30 %", ">lose 1 %")
+    table = make_plain_table(title, "triangulator", *headings)
+    every = make_gain_rows(sums, census.triangulators).query("measure == 'helper_lanes'")
+    for row in every.iloc[1:].to_dict("records"):
+        table.add_row(
+            row["triangulator"],
+            *(f"{-row[name]:+z.1%}" for name in ("gain_of_total", "gain_p50")),
+            *(f"{row[name]:.1%}" for name in ("share_gaining_10%", "share_gaining_30%")),
+            f"{row['share_losing_1%']:.1%}",
+        )
+    return table
+
+
+def _make_tile_table(counted: CensusCounts, base: str, triangulators: Sequence[str]) -> Table:
+    # Long names wrap after a colon or a hyphen.
+    names = [name.replace(":", ":\n").replace("-", "-\n") for name in triangulators]
+    table = make_plain_table(
+        f"map tiles: helper lanes, compared with {base}",
+        *("zoom", "layer", ">tiles", ">polygons", ">lost", ">helpers", *(f">{n}" for n in names)),
+        padding=(0, 1, 0, 0),
+    )
+    groups = [
+        ("" if zoom is None else str(zoom), *more) for (zoom, *more), _ in _sort_groups(counted)
+    ]
+    every = [sums for _, sums in _sort_groups(counted)]
+    if len(groups) > 1:
+        groups, every = [*groups, ("", "(all)")], [*every, counted.sum_groups()]
+    for group, sums in zip(groups, every, strict=True):
+        lanes = sums.get_total("helper_lanes")
+        # A tile has several layers, so tiles of layers cannot be summed.
+        tiles = "" if group[1] == "(all)" else f"{sums.get_count('tiles'):,}"
+        counts = (sums.get_count("polygons"), sums.get_count("dropped"), int(lanes[0]))
+        saved = [f"{value / lanes[0] - 1:+z.1%}" if lanes[0] else "" for value in lanes[1:]]
+        table.add_row(*group, tiles, *(f"{count:,}" for count in counts), *saved)
+    return table
+
+
+def plot_distribution(sums: Sums, triangulators: Sequence[str], noun: str) -> Figure:
+    """Draw the share of footprints by minimum gain, for helper lanes and quads."""
+    figure, panels = make_figure((TWO_COLUMNS, 2.8), columns=2, sharey=True)
+    styles = choose_looks(triangulators)
+    for panel, measure in zip(panels, ("helper_lanes", "quads"), strict=True):
+        for number, name in enumerate(triangulators[1:], start=1):
+            bins = sums.bins[number, GAINED.index(measure)]
+            share = np.cumsum(bins[::-1])[::-1] / max(1, bins.sum())
+            panel.step(100 * EDGES[:-1], 100 * share, color=styles[name].colour, label=name)
+        panel.set_xlim(-25, 100)
+        panel.set_ylim(0, 100)
+        panel.axvline(0, color="black", linewidth=0.8, linestyle="--")
+        panel.set_xlabel(f"gain in {measure.replace('_', ' ')}, % of {triangulators[0]}'s")
+    panels[0].set_ylabel(f"{noun} that gain at least as much, %")
+    panels[0].legend(fontsize=7)
+    figure.suptitle(f"Gain on {sums.get_count('polygons'):,} {noun}", fontsize=8)
+    return figure
+
+
+def plot_map(cells: pd.DataFrame, census: Census) -> Figure:
+    """Draw a map of the share of helper lanes that the last triangulator saves, by map cell."""
+    coarse = max(1, int(np.ceil(np.ptp(cells[["x", "y"]], axis=0).max() / MAX_CELLS)))
+    sums = cells.groupby([cells["y"] // coarse, cells["x"] // coarse]).sum()
+    base, *_, last = (sums[f"helper_lanes {name}"] for name in census.triangulators)
+    gain = (100 * (1 - last / base)).unstack()
+    (south, west), (north, east) = (sums.index.to_frame().agg(end) for end in ("min", "max"))
+    gain = gain.reindex(range(south, north + 1), columns=range(west, east + 1))
+    size = census.cell * coarse
+    extent = (west * size, (east + 1) * size, south * size, (north + 1) * size)
+    figure, (panel,) = make_figure((TWO_COLUMNS, 5.0))
+    seen = gain.to_numpy()[np.isfinite(gain)]
+    low_gain, high_gain = np.percentile(seen, [2, 98]) if len(seen) else (0.0, 1.0)
+    picture = panel.imshow(
+        gain, origin="lower", extent=extent, cmap="viridis", vmin=low_gain, vmax=high_gain
+    )
+    panel.grid(visible=False)
+    figure.colorbar(picture, shrink=0.8, label="helper lanes saved, %")
+    figure.suptitle(
+        f"{census.triangulators[-1]} against {census.triangulators[0]}, by cells of {size:g}",
+        fontsize=8,
+    )
+    return figure

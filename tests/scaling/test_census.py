@@ -10,11 +10,10 @@ import shapely
 from harness.grid import SUBPIXEL, to_grid
 from harness.progress import Reporter
 from harness.rasterisers.reference import count_per_triangle
-from harness.scaling.census import Census, compute_gains, scale_to_pixels
-from harness.scaling.census_report import make_gain_rows
+from harness.scaling.census import Census, make_gain_rows
+from harness.scaling.counts import GAINED, CensusCounts, compute_gains, scale_to_pixels
 from harness.scaling.dataset import Dataset
 from harness.scaling.executors import Executor
-from harness.scaling.sums import GAINED, CensusCounts
 from tests.conftest import assert_refused, make_geojson, require_ok
 from tests.scaling.conftest import EVERY
 from triangulators import triangulate

@@ -16,9 +16,9 @@ from harness.grid import SUBPIXEL
 from harness.progress import Reporter
 from harness.rasterisers.reference import count_per_triangle
 from harness.scaling.census import TileCensus
+from harness.scaling.counts import CensusCounts
 from harness.scaling.dataset import Dataset, Summary
 from harness.scaling.executors import Executor
-from harness.scaling.sums import CensusCounts
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import SceneError, load
@@ -63,7 +63,7 @@ def sum_scene(text: str, names: tuple[str, ...] = NAMES) -> dict[tuple[str, str]
 @pytest.mark.parametrize(("zoom", "pixels"), [(12, 512), (14, 512), (13, 256), (13, 1024)])
 def test_sums_equal_those_of_the_scene(zoom, pixels, tmp_path, monkeypatch):
     monkeypatch.setattr("scenes.slices.MAX_TILES", 2)
-    monkeypatch.setattr("harness.scaling.census.CHUNK_ROWS", 300)
+    monkeypatch.setattr("harness.scaling.counts.CHUNK_ROWS", 300)
     counted, summary = count_all(f"{FILE}:zoom={zoom},pixels={pixels}", tmp_path)
     expected = sum_scene(f"helsinki-tiles:zoom={zoom},tiles=999,pixels={pixels}")
     assert summary.parts == {12: 1, 13: 1, 14: 2}[zoom]
