@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from harness.errors import INCONCLUSIVE, HarnessError, UsageError
+from harness.errors import HarnessError, InconclusiveError, UsageError
 
 if TYPE_CHECKING:
     from harness.workers.worker import Worker
@@ -48,12 +48,6 @@ class TaskResult(NamedTuple):
 
     value: Any = None
     failed: str = ""
-
-
-class SchedulerUnreachableError(HarnessError):
-    """The Dask scheduler does not answer."""
-
-    exit_code = INCONCLUSIVE
 
 
 class Executor:
@@ -200,8 +194,8 @@ class DaskExecutor(Executor):
             with suppress(Exception):  # the scheduler may be unreachable, or was never reached
                 resource.close(timeout=5)
 
-    def _make_unreachable_error(self) -> SchedulerUnreachableError:
-        return SchedulerUnreachableError(
+    def _make_unreachable_error(self) -> InconclusiveError:
+        return InconclusiveError(
             f"no scheduler answers at {self._address}: start one (dask scheduler), "
             "then run the same command again"
         )

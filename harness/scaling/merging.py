@@ -5,9 +5,9 @@ Devices of different hosts are different devices, named device@host, because tim
 
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from harness.errors import IncompatibleRunsError, InputError, UsageError
 from harness.metrics.groups import find_mixed_processors, format_processors
@@ -20,8 +20,7 @@ from harness.results.run_writer import RunFolder
 STATUSES = ("ok", "skipped", "failed")  # by priority: a measured record replaces another
 
 
-@dataclass(frozen=True)
-class _Source:
+class _Source(NamedTuple):
     """A record and its run, in whose folder `record.key` names the record's arrays."""
 
     record: Record
@@ -71,11 +70,6 @@ def merge_runs(runs: Sequence[Run], out: Path) -> int:
     return len(sources)
 
 
-def _describe_case(record: Record) -> str:
-    case = record.id
-    return f"{record.name}, {case.group.condition}, {case.rasteriser} on {case.device_name}"
-
-
 def _select_records(runs: Iterable[Run]) -> list[_Source]:
     """Return one record per case; raise IncompatibleRunsError if two measured records differ."""
     sources: dict[str, _Source] = {}
@@ -86,8 +80,8 @@ def _select_records(runs: Iterable[Run]) -> list[_Source]:
                 sources[record.id.key] = new
             elif old.record.status == record.status == "ok" and old.record != record:
                 raise IncompatibleRunsError(
-                    f"records of one case differ: {_describe_case(record)} ({old.run.path} and "
-                    f"{run.path}); if the runs are of different hosts, name the hosts with --hosts"
+                    f"records of one case differ: {record.id} ({old.run.path} and {run.path}); "
+                    "if the runs are of different hosts, name the hosts with --hosts"
                 )
     return list(sources.values())
 
@@ -110,7 +104,7 @@ def _refuse_differing_counters(records: Iterable[Record]) -> None:
             differing = [n for n in names if record.counters.get(n) != other.counters.get(n)]
             name = min(differing, default="triangles")
             raise IncompatibleRunsError(
-                f"counters differ between hosts: {name} of {_describe_case(record)} and on "
+                f"counters differ between hosts: {name} of {record.id} and on "
                 f"{other.id.device_name}; use the same version of raster-harness and of the driver"
             )
 
@@ -147,7 +141,6 @@ def _merge_facts(runs: Sequence[Run]) -> RunFacts:
     """Return the content of run.json, independent of the order of the runs."""
     in_order = sorted((run.facts for run in runs), key=_format_value)
     in_order.sort(key=lambda facts: str(facts.get("created") or ""))
-    first = in_order[0]
     plans = [facts.get("plan") or {} for facts in in_order]
     names = [list(plan.get("triangulators") or []) for plan in plans]
     same = all(name == names[0] for name in names)
@@ -165,7 +158,7 @@ def _merge_facts(runs: Sequence[Run]) -> RunFacts:
     for facts in reversed(in_order):
         devices |= facts.get("devices") or {}
     return {
-        **first,
+        **in_order[0],
         "plan": plan,
         "warnings": sorted({w for facts in in_order for w in facts.get("warnings") or []}),
         "frames": _list_distinct(facts.get("frames") for facts in in_order),

@@ -10,16 +10,10 @@ from unittest.mock import Mock
 import psutil
 import pytest
 
-from harness.errors import UsageError
+from harness.errors import InconclusiveError, UsageError
 from harness.progress import Reporter
 from harness.scaling.dataset import Dataset
-from harness.scaling.executors import (
-    MAX_ATTEMPTS,
-    QUEUED_TASKS,
-    DaskExecutor,
-    Executor,
-    SchedulerUnreachableError,
-)
+from harness.scaling.executors import MAX_ATTEMPTS, QUEUED_TASKS, DaskExecutor, Executor
 from harness.scaling.triangulated import Triangulating
 from tests.paths import run_python
 from tests.scaling import tasks
@@ -64,7 +58,7 @@ def test_command_after_a_killed_scheduler_completes_the_rest(parts, tmp_path):
     dataset = Dataset(str(parts / "*.parquet"), tmp_path / "out", WORK)
     executor = DaskExecutor("local:1")
     try:
-        with pytest.raises(SchedulerUnreachableError, match="then run the same command again"):
+        with pytest.raises(InconclusiveError, match="then run the same command again"):
             dataset.complete(executor, quiet(), lambda: executor._cluster.close(timeout=60))
     finally:
         executor.close()
