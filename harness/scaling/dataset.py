@@ -248,19 +248,16 @@ class Dataset:
                     f"{file} was not written by this command: give another folder with -o"
                 )
             about = done.about
-            for name, value in self._about.items():
-                if about[name] != value:
-                    is_code = name == "code"
-                    cause = (
-                        "by another version of this program" if is_code else "with other options"
-                    )
-                    raise IncompatibleRunsError(
-                        f"{self.out} has results written {cause}; give another folder with -o"
-                    )
-            if about["identity"] not in identities.get(about["source"], {about["identity"]}):
+            problem = ""
+            if about["options"] != self._about["options"]:
+                problem = "written with other options"
+            elif about["code"] != self._about["code"]:
+                problem = "written by another version of this program"
+            elif about["identity"] not in identities.get(about["source"], {about["identity"]}):
+                problem = f"of an older version of {about['source']}"
+            if problem:
                 raise IncompatibleRunsError(
-                    f"{self.out} has results of an older version of {about['source']}; "
-                    "give another folder with -o"
+                    f"{self.out} has results {problem}; give another folder with -o"
                 )
             if about["key"] in part_keys:
                 self.done[about["key"]] = done
