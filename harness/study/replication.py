@@ -33,21 +33,6 @@ RANKED = ("overdraw", "half-perimeter", "expected-quads", "edge-length", "shape"
 
 BOX_RASTERISER = "bounding-box"
 
-# Results of docs/findings.md for each claim; tests/docs/test_figures.py compares them with
-# results/reference.
-Q_RANKS_LANES = "0.996 (0.993 to 0.998)"
-H_BEFORE_A_BY_LANES = "0.983 (0.961 to 0.993), A 0.869 (0.770 to 0.928)"
-H_BEFORE_A_BY_TIME = "0.947 (0.911 to 0.974), A 0.874 (0.733 to 0.920)"
-A_RANKS_TESTS = "1.000"
-D_IS_LAST = "0.751 (0.521 to 0.794)"
-H_AGAINST_EAR_CLIPPING = "0.851 of its time (city, 1024 px)"
-H_AGAINST_DELAUNAY = "0.950 of its time (city, 1024 px)"
-H_AGAINST_DELAUNAY_WALKED = "0.936 of its time (Helsinki, 1024 px); 1.001 on letters"
-REGRET_OF_Q = "0.01 % (0.00 to 0.02) (city, 1024 px)"
-H_TURNED = "0.92 at the worst angle (city, 512 px)"
-A_TURNED = "0.99 at the worst angle (city, 512 px)"
-
-
 Evidence = dict[str, pd.DataFrame]  # tables of a data set's studies, by name in `TABLES`
 
 TABLES = {  # gains.csv: triangles in native order, in walk order, and rotated
@@ -90,7 +75,7 @@ class Claim(NamedTuple):
     """A sentence of docs/findings.md, its result there, and the check of the result elsewhere."""
 
     sentence: str
-    reference: str
+    reference: str  # tests/docs/test_figures.py compares it with results/reference
     check: Callable[[Evidence], Finding | None]
 
 
@@ -196,61 +181,61 @@ def _check_rotation(evidence: Evidence, triangulator: str, *, below: bool) -> Fi
 CLAIMS = (
     Claim(
         "Within a polygon, Q predicts helper lanes: rank correlation of at least 0.95",
-        Q_RANKS_LANES,
+        "0.996 (0.993 to 0.998)",
         lambda e: _check_correlation(e, "expected-quads", "helper_lanes", 0.95),
     ),
     Claim(
         "H predicts helper lanes better than the paper's A, polygon by polygon",
-        H_BEFORE_A_BY_LANES,
+        "0.983 (0.961 to 0.993), A 0.869 (0.770 to 0.928)",
         lambda e: _check_h_against_a(e, "helper_lanes"),
     ),
     Claim(
         "H predicts the draw time better than the paper's A, polygon by polygon",
-        H_BEFORE_A_BY_TIME,
+        "0.947 (0.911 to 0.974), A 0.874 (0.733 to 0.920)",
         lambda e: _check_h_against_a(e, f"{TIME}0"),
     ),
     Claim(
         "A predicts the pixel tests of a rasteriser that scans bounding boxes: rank correlation of"
         " at least 0.999",
-        A_RANKS_TESTS,
+        "1.000",
         lambda e: _check_correlation(e, "overdraw", "bbox_tests", 0.999, boxes=True),
     ),
     Claim(
         "Of the criteria, D (shape) predicts helper lanes worst",
-        D_IS_LAST,
+        "0.751 (0.521 to 0.794)",
         _check_shape_is_last,
     ),
     Claim(
         "H-optimal triangulations are drawn faster than ear clipping",
-        H_AGAINST_EAR_CLIPPING,
+        "0.851 of its time (city, 1024 px)",
         lambda e: _check_faster(e.get("choice"), EAR_CLIPPING),
     ),
     Claim(
         "H-optimal triangulations are drawn faster than Delaunay",
-        H_AGAINST_DELAUNAY,
+        "0.950 of its time (city, 1024 px)",
         lambda e: _check_faster(e.get("choice"), DELAUNAY),
     ),
     Claim(
         "H-optimal triangulations are faster than Delaunay also if both are in the order of a walk,"
         " so the gain is due to the diagonals",
-        H_AGAINST_DELAUNAY_WALKED,
+        "0.936 of its time (Helsinki, 1024 px); 1.001 on letters",
         lambda e: _check_faster(e.get("walked"), DELAUNAY),
     ),
     Claim(
         "The regret of Q is at most 1 % of the quads",
-        REGRET_OF_Q,
+        "0.01 % (0.00 to 0.02) (city, 1024 px)",
         lambda e: _check_regret(e, "expected-quads", "quads", 0.01),
     ),
     Claim(
         "Rotated after triangulation, H-optimal triangulations have at most 0.95 of ear clipping's"
         " helper lanes",
-        H_TURNED,
+        "0.92 at the worst angle (city, 512 px)",
         lambda e: _check_rotation(e, H_OPTIMAL, below=True),
     ),
     Claim(
         "Rotated after triangulation, A-optimal triangulations have more than 0.95 of ear"
         " clipping's helper lanes",
-        A_TURNED,
+        "0.99 at the worst angle (city, 512 px)",
         lambda e: _check_rotation(e, "optimal:overdraw", below=False),
     ),
 )

@@ -10,7 +10,6 @@ import pytest
 from harness.errors import HarnessError, InconclusiveError, NothingMeasuredError, UsageError
 from harness.settings import StudySize
 from harness.stats.run_quality import DISTURBED, RunState
-from harness.study import replication
 from harness.study.replication import CLAIMS, Evidence, evaluate_claims, format_page
 from tests.conftest import assert_refused, require_ok, run_command
 
@@ -102,7 +101,7 @@ def test_page_shows_reference_and_finding():
     ranks = Evidence(correlations=correlations(**EAR_CLIPPING))
     text = format_page([("mine", ranks)], "On a machine.")
     assert "| mine | 2 | 1 | 8 |" in text
-    assert f"| {replication.Q_RANKS_LANES} | 0.990 (0.980 to 1.000) | holds |" in text
+    assert f"| {CLAIMS[0].reference} | 0.990 (0.980 to 1.000) | holds |" in text
     assert "not measured" in text
     assert all(claim.sentence in text for claim in CLAIMS)
 
