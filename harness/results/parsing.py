@@ -16,15 +16,7 @@ from typing import Any, cast
 from harness.errors import UsageError
 from harness.frame import View
 from harness.rasterisers.base import Options
-from harness.results.record import (
-    HOST_MARK,
-    CaseId,
-    Number,
-    Record,
-    RunFacts,
-    Time,
-    split_name,
-)
+from harness.results.record import HOST_MARK, CaseId, Number, Record, RunFacts, Time, split_name
 
 _KEY = re.compile("[0-9a-f]{16}")
 
@@ -152,11 +144,7 @@ def record_to_json(record: Record) -> dict[str, Any]:
     """Return the content of a record's line in `cases.jsonl`."""
     case = record.id
     values: dict[str, Any] = {"key": record.key, **asdict(case.view)}
-    values |= {
-        "scene": case.scene,
-        "scene_hash": case.scene_hash,
-        "triangulator": case.triangulator,
-    }
+    values |= {name: getattr(case, name) for name in ("scene", "scene_hash", "triangulator")}
     values |= {} if case.number is None else {"number": case.number}
     values |= {"upright": True} if case.upright else {}
     values |= {"rasteriser": case.rasteriser, "device": case.device}

@@ -183,14 +183,9 @@ def write_paper_table(correlations: pd.DataFrame, regrets: pd.DataFrame, folder:
     ranks = correlations[correlations["statistic"] == "spearman_within"].dropna(subset=["value"])
     ranks = ranks[ranks["criterion"].map(get_predictor_column).isin(list_predictions())]
     of_criteria = regrets[regrets["kind"] == "criterion"]
+    keys = ("rasteriser", "device", "measure", "name", "resolution")
     cells = {
-        (
-            row["rasteriser"],
-            row["device"],
-            row["measure"],
-            row["name"],
-            row["resolution"],
-        ): format_regret(row)
+        tuple(row[key] for key in keys): format_regret(row)
         for row in of_criteria.to_dict("records")
     }
     sizes = sorted({key[-1] for key in cells})
@@ -203,12 +198,10 @@ def write_paper_table(correlations: pd.DataFrame, regrets: pd.DataFrame, folder:
             for row in of_measure.to_dict("records"):
                 ends = f" ({row['ci_low']:.2f} to {row['ci_high']:.2f})"
                 rank = f"{row['value']:.2f}" + ("" if np.isnan(row["ci_low"]) else ends)
-                key = (rasteriser, device, measure, row["criterion"])
-                regret = [cells.get((*key, size), "") for size in sizes]
-                device_label = f"{rasteriser} on {device}"
-                rows.append(
-                    [device_label, get_measure_title(measure), row["criterion"], rank, *regret]
-                )
+                name = row["criterion"]
+                regret = [cells.get((rasteriser, device, measure, name, n), "") for n in sizes]
+                title = get_measure_title(measure)
+                rows.append([f"{rasteriser} on {device}", title, name, rank, *regret])
     for suffix, format_table in (("md", format_markdown_table), ("tex", format_latex_table)):
         text = format_table(heading, rows, 3)
         (folder / f"{PAPER_TABLE}.{suffix}").write_text(text, encoding="utf-8")
@@ -236,16 +229,14 @@ def print_regret(summary: pd.DataFrame, console: Console) -> None:
 
 def format_regret(row: Any) -> str:
     """Return a row's mean with its interval, in per cent, or why the interval is unknown."""
-    if np.isnan(row["ci_low"]):
-        return f"{row['mean']:.2%} ({explain_missing_interval(row)})"
-    return f"{row['mean']:.2%} ({row['ci_low']:.2%} to {row['ci_high']:.2%})"
-
-
-def explain_missing_interval(row: Any) -> str:
-    """Return why the interval of a row's mean is unknown."""
-    if row["polygons"] < MIN_VALUES:
-        return "too few polygons"
-    if math.isclose(row["worst"], row["mean"]):
-        return "all equal"
-    one_dominates = row["worst"] > row["mean"] * row["polygons"] / 2
-    return "one polygon dominates" if one_dominates else "few polygons dominate"
+    if not np.isnan(row["ci_low"]):
+        text = f"{row['ci_low']:.2%} to {row['ci_high']:.2%}"
+    elif row["polygons"] < MIN_VALUES:
+        text = "too few polygons"
+    elif math.isclose(row["worst"], row["mean"]):
+        text = "all equal"
+    elif row["worst"] > row["mean"] * row["polygons"] / 2:
+        text = "one polygon dominates"
+    else:
+        text = "few polygons dominate"
+    return f"{row['mean']:.2%} ({text})"
