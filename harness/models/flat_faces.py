@@ -213,13 +213,12 @@ def _check_faces(mesh: ModelMesh, slots: Ints, face: Ints) -> tuple[Faces, Count
         bad |= flags
     good_triangle, good_vertex = ~bad[face], ~bad[owner]
     renumbered = np.cumsum(good_vertex) - 1
-    offsets = offsets_of(np.bincount(face, minlength=count)[~bad])
     faces = Faces(
         rounded[good_vertex],
         vertices[good_vertex],
         renumbered[triangles[good_triangle]],
         slots[good_triangle],
-        offsets,
+        offsets_of(np.bincount(face, minlength=count)[~bad]),
     )
     return faces, +rejected
 

@@ -30,11 +30,7 @@ CRITERION = "edge-length"  # proportional to half-perimeter averaged over all ro
 
 Model = GltfModel | ObjModel
 
-FORMATS: dict[str, type[GltfModel] | type[ObjModel]] = {  # reader and writer by suffix
-    ".glb": GltfModel,
-    ".gltf": GltfModel,
-    ".obj": ObjModel,
-}
+FORMATS: dict[str, type[Model]] = {".glb": GltfModel, ".gltf": GltfModel, ".obj": ObjModel}
 
 _KIND = "a model"
 

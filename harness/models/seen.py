@@ -78,17 +78,10 @@ def find_part_faces(part: ModelPart) -> PartFaces:
     spans = [slice(*faces.triangle_offsets[k : k + 2]) for k in order]
     invalid_vertices = [np.unique(faces.triangles[span]) for span in spans[len(outlines.face) :]]
     vertices = np.concatenate([outlines.vertices, *invalid_vertices]).astype(np.int64)
+    points = faces.points[vertices[len(outlines.vertices) :]]
     offsets = offsets_of([len(indices) for indices in invalid_vertices])
-    polygons = PolygonArray.concatenate(
-        [
-            outlines.polygons,
-            PolygonArray(
-                faces.points[np.concatenate([empty, *invalid_vertices])],
-                offsets,
-                np.arange(len(offsets)),
-            ),
-        ]
-    )
+    rings = PolygonArray(points, offsets, np.arange(len(offsets)))
+    polygons = PolygonArray.concatenate([outlines.polygons, rings])
     position = np.zeros(len(faces.points), np.int64)  # of a vertex within its face
     first = np.repeat(polygons.vertex_offsets[:-1], polygons.vertex_counts)
     position[vertices] = np.arange(len(vertices)) - first
@@ -139,17 +132,15 @@ def read(
     polygons: list[shapely.Polygon] = []
     polygon_triangles: list[Rows] = []
     invalid_faces: list[tuple[Floats, Rows]] = []
-    placed_parts = []
+    instances = []
     for part in (part for parts in groups for part in parts):
         flat = find_part_faces(part)
         numbers = (len(polygons), len(invalid_faces))
-        placed_parts += [_place_part(part, flat, numbers, matrix) for matrix in part.placements]
+        instances += [_make_instance(part, flat, numbers, matrix) for matrix in part.placements]
         polygons += flat.polygons
         polygon_triangles += flat.triangles[: flat.count]
         invalid_faces += flat.invalid_faces
-    sphere = find_bounding_sphere(
-        [placed_part.corners.reshape(-1, 3) for placed_part in placed_parts]
-    )
+    sphere = find_bounding_sphere([instance.corners.reshape(-1, 3) for instance in instances])
     if sphere is None:
         raise SceneError(f"{path}: no visible triangle (all triangles are degenerate)")
     visible: list[_ViewPieces] = []
@@ -158,9 +149,7 @@ def read(
     vertices = 0
     for direction in list_directions()[:views]:
         end = piece_offsets[-1]
-        for pieces in _list_pieces(
-            placed_parts, sphere, direction, distance, pixels, len(polygons)
-        ):
+        for pieces in _list_pieces(instances, sphere, direction, distance, pixels, len(polygons)):
             end += len(pieces.outlines)
             first_other = end - len(pieces.other_triangles)
             other_triangles |= enumerate(pieces.other_triangles, first_other)
@@ -170,6 +159,8 @@ def read(
         if vertices > MAX_VERTICES or end > MAX_PIECES:
             limits = f"{MAX_VERTICES:,} vertices or {MAX_PIECES:,} faces"
             raise SceneError(f"{path}: more than {limits} in all views; reduce views=")
+    axes = list_integer_directions()[:views].tolist()
+    depths = np.concatenate([pieces.depths for pieces in visible])
     return ModelScene(
         name=Path(path).stem,
         polygons=polygons,
@@ -177,16 +168,12 @@ def read(
         description=str(path),
         licence="as the file's",
         parameters={"views": views, "pixels": pixels, "distance": distance, "depth": depth},
-        notes=(_describe_coverage(placed_parts, len(polygons), views),),
+        notes=(_describe_coverage(instances, len(polygons), views),),
         viewing=Viewing(
             pixels=pixels,
-            names=tuple(
-                " ".join(map(str, axis)) for axis in list_integer_directions()[:views].tolist()
-            ),
+            names=tuple(" ".join(map(str, axis)) for axis in axes),
             pieces=PolygonArray.concatenate([pieces.outlines for pieces in visible]),
-            depths=None
-            if depth == "none"
-            else np.concatenate([pieces.depths for pieces in visible]),
+            depths=None if depth == "none" else depths,
             source=np.concatenate([pieces.sources for pieces in visible]),
             piece_offsets=np.array(piece_offsets, np.int64),
             polygon_triangles=tuple(polygon_triangles),
@@ -211,7 +198,7 @@ def _check_parameters(views: int, pixels: int, distance: float, depth: str) -> N
         raise SceneError(f"unknown depth={depth} (choose from {', '.join(DEPTHS)})")
 
 
-class _PlacedPart(NamedTuple):
+class _Instance(NamedTuple):
     """A part at one of its placements in the model."""
 
     part: ModelPart
@@ -223,9 +210,9 @@ class _PlacedPart(NamedTuple):
     face_fronts: Floats  # normals, not of unit length
 
 
-def _place_part(
+def _make_instance(
     part: ModelPart, flat: PartFaces, first: tuple[int, int], matrix: Floats
-) -> _PlacedPart:
+) -> _Instance:
     points = transform_points(part.mesh.positions, matrix)
     corners = points[part.mesh.triangles]
     fronts = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -235,16 +222,16 @@ def _place_part(
     face_fronts = np.empty((0, 3))
     if len(first_slots):
         face_fronts = np.add.reduceat(fronts[flat.slots], first_slots)
-    return _PlacedPart(part, flat, first, points, corners, fronts, face_fronts)
+    return _Instance(part, flat, first, points, corners, fronts, face_fronts)
 
 
-def _describe_coverage(placed_parts: list[_PlacedPart], faces: int, views: int) -> str:
+def _describe_coverage(instances: list[_Instance], faces: int, views: int) -> str:
     valid = invalid = total = 0.0
-    for placed_part in placed_parts:
-        area = np.nan_to_num(np.linalg.norm(placed_part.triangle_fronts, axis=1))
-        count = sum(len(rows) for rows in placed_part.flat.triangles[: placed_part.flat.count])
-        valid += float(area[placed_part.flat.slots[:count]].sum())
-        invalid += float(area[placed_part.flat.slots[count:]].sum())
+    for instance in instances:
+        area = np.nan_to_num(np.linalg.norm(instance.triangle_fronts, axis=1))
+        count = sum(len(rows) for rows in instance.flat.triangles[: instance.flat.count])
+        valid += float(area[instance.flat.slots[:count]].sum())
+        invalid += float(area[instance.flat.slots[count:]].sum())
         total += float(area.sum())
     total = total or 1.0
     note = f"{faces} flat faces with a choice of diagonals, {valid / total:.0%} of the area"
@@ -271,7 +258,7 @@ class _ViewPieces(NamedTuple):
 
 
 def _list_pieces(
-    placed_parts: list[_PlacedPart],
+    instances: list[_Instance],
     sphere: BoundingSphere,
     direction: Floats,
     distance: float,
@@ -284,34 +271,34 @@ def _list_pieces(
     # Loose triangles of all parts, with consecutive vertex numbers.
     points, depths, triangles, ranks = [], [], [], []
     count = base = 0
-    for placed_part in placed_parts:
-        flat = placed_part.flat
-        local = (placed_part.points - sphere.middle) / sphere.radius
+    for instance in instances:
+        flat = instance.flat
+        local = (instance.points - sphere.middle) / sphere.radius
         position, distances = project_points(local, direction, distance)
         grid = np.nan_to_num(np.rint(position * (pixels * SUBPIXEL))).astype(np.int32)
         deep = far * (distances - near) / (distances * (far - near)) * DEEPEST
         deep = np.nan_to_num(np.rint(deep)).astype(np.int32)
-        to_eye = eye - placed_part.corners[:, 0]
-        front_triangles = (to_eye * placed_part.triangle_fronts).sum(axis=1) > 0.0
-        first = placed_part.points[flat.vertices[flat.faces.vertex_offsets[:-1]]]
-        front = ((eye - first) * placed_part.face_fronts).sum(axis=1) > 0.0
+        to_eye = eye - instance.corners[:, 0]
+        front_triangles = (to_eye * instance.triangle_fronts).sum(axis=1) > 0.0
+        first = instance.points[flat.vertices[flat.faces.vertex_offsets[:-1]]]
+        front = ((eye - first) * instance.face_fronts).sum(axis=1) > 0.0
         valid, invalid = np.flatnonzero(front[: flat.count]), np.flatnonzero(front[flat.count :])
         yield _ViewPieces(
             outlines=replace(flat.faces, coords=grid[flat.vertices]).take(front),
             depths=deep[flat.vertices[np.repeat(front, flat.faces.vertex_counts)]],
             sources=np.r_[
-                placed_part.first[0] + valid, polygon_count + 1 + placed_part.first[1] + invalid
+                instance.first[0] + valid, polygon_count + 1 + instance.first[1] + invalid
             ],
             ranks=base + flat.slots[np.repeat(front, [len(rows) for rows in flat.triangles])],
             other_triangles=[flat.triangles[flat.count + face] for face in invalid.tolist()],
         )
         loose = flat.loose[front_triangles[flat.loose]]
-        used, corner = np.unique(placed_part.part.mesh.triangles[loose], return_inverse=True)
+        used, corner = np.unique(instance.part.mesh.triangles[loose], return_inverse=True)
         points.append(grid[used])
         depths.append(deep[used])
         triangles.append((corner.reshape(-1, 3) + count).astype(np.int32))
         ranks.append(base + loose)
-        count, base = count + len(used), base + len(placed_part.corners)
+        count, base = count + len(used), base + len(instance.corners)
     if count:
         yield _ViewPieces(
             outlines=PolygonArray.of_single_rings(np.concatenate(points), count),
