@@ -51,18 +51,6 @@ class PartFaces:
     slots: Ints  # (t,) indices of these triangles in the part, face after face
     loose: Ints  # (u,) indices of the triangles outside faces
 
-    @property
-    def polygons(self) -> list[shapely.Polygon]:
-        """Valid faces in px: integer coordinates divided by 256."""
-        polygons = self.faces[: self.count]
-        return list(replace(polygons, coords=polygons.coords / SUBPIXEL))
-
-    @property
-    def invalid_faces(self) -> list[tuple[Floats, Rows]]:
-        """Points (k, 2) and triangles of each face that is not a valid polygon."""
-        numbers = range(self.count, len(self.faces))
-        return [(self.faces.rings_of(k)[0], self.triangles[k]) for k in numbers]
-
 
 def find_part_faces(part: ModelPart) -> PartFaces:
     """Return the faces of a part, and the triangles outside faces."""
@@ -137,9 +125,10 @@ def read(
         flat = find_part_faces(part)
         numbers = (len(polygons), len(invalid_faces))
         instances += [_make_instance(part, flat, numbers, matrix) for matrix in part.placements]
-        polygons += flat.polygons
+        valid, invalid = flat.faces[: flat.count], range(flat.count, len(flat.faces))
+        polygons += replace(valid, coords=valid.coords / SUBPIXEL)
         polygon_triangles += flat.triangles[: flat.count]
-        invalid_faces += flat.invalid_faces
+        invalid_faces += [(flat.faces.rings_of(k)[0], flat.triangles[k]) for k in invalid]
     sphere = find_bounding_sphere([instance.corners.reshape(-1, 3) for instance in instances])
     if sphere is None:
         raise SceneError(f"{path}: no visible triangle (all triangles are degenerate)")
