@@ -132,11 +132,6 @@ def _estimate_errors(
     return errors
 
 
-def find_median_interval(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Return `compute_median_interval` of (n,) values, or `UNKNOWN` for fewer than `MIN_VALUES`."""
-    return UNKNOWN if len(values) < MIN_VALUES else compute_median_interval(values.tolist())
-
-
 Verdict = Literal["faster", "slower", "not significant"]
 FASTER: Final = "faster"
 SLOWER: Final = "slower"

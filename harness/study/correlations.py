@@ -22,7 +22,7 @@ from harness.metrics.groups import IDENTIFYING_CRITERIA
 from harness.metrics.per_polygon import compute_spearman
 from harness.metrics.registry import find_metric, list_costs, list_predictions
 from harness.results.record import Record
-from harness.stats.intervals import UNKNOWN, find_median_interval
+from harness.stats.intervals import MIN_VALUES, UNKNOWN, compute_median_interval
 from harness.style import (
     add_legend_below,
     draw_figure,
@@ -76,7 +76,8 @@ def estimate_median(values: ArrayLike) -> Estimate:
     finite = np.asarray(values, np.float64)
     finite = finite[np.isfinite(finite)]
     value = float(np.median(finite)) if len(finite) else float("nan")
-    return Estimate(value, *find_median_interval(finite), len(finite))
+    ends = compute_median_interval(finite.tolist()) if len(finite) >= MIN_VALUES else UNKNOWN
+    return Estimate(value, *ends, len(finite))
 
 
 def correlate_within_polygons(

@@ -48,11 +48,7 @@ def test_few_equal_or_dominated_values_have_no_interval(values):
     assert np.isnan(intervals.compute_mean_interval(np.array(values, float))).all()
 
 
-def test_median_of_few_values_has_no_interval():
-    assert np.isnan(intervals.find_median_interval(np.arange(5.0))).all()
-    assert intervals.find_median_interval(np.arange(6.0)) == (0.0, 5.0)
-    assert intervals.find_median_interval(np.ones(8)) == (1.0, 1.0)
-    # For samples of one drawing, the range takes its place.
+def test_interval_of_the_median_of_few_samples_is_their_range():
     assert intervals.compute_median_interval([3.0, 1.0, 2.0]) == (1.0, 3.0)
 
 

@@ -74,6 +74,12 @@ def test_a_constant_criterion_has_no_correlation():
     assert np.isnan(estimate.value)
 
 
+def test_median_of_few_values_has_no_interval():
+    assert np.isnan(estimate_median(np.arange(5.0))[1:3]).all()
+    assert estimate_median(np.arange(6.0)) == (2.5, 0.0, 5.0, 6)
+    assert estimate_median(np.ones(8)) == (1.0, 1.0, 1.0, 8)
+
+
 def test_a_polygon_in_several_views_counts_once():
     """Two views of four polygons are four polygons, too few for an interval."""
     views = polygons(4, 0.1)
