@@ -16,7 +16,7 @@ from typing import Any, cast
 from harness.errors import UsageError
 from harness.frame import View
 from harness.rasterisers.base import Options
-from harness.results.record import HOST_MARK, CaseId, Number, Record, RunFacts, Time, split_name
+from harness.results.record import HOST_MARK, CaseId, Number, Record, RunFacts, split_name
 
 _KEY = re.compile("[0-9a-f]{16}")
 
@@ -155,25 +155,18 @@ def record_to_json(record: Record) -> dict[str, Any]:
     for name in _MEASURED_FIELDS:
         value = getattr(record, name)
         if name not in _OPTIONAL_FIELDS or value not in (None, ()):
-            values[name] = list(value) if isinstance(value, tuple) else value
+            values[name] = value
     if record.proven is not None:
         values["largest_gap"] = record.largest_gap  # also None, for an unknown bound
     if record.least is not None:
         values["least"] = asdict(record.least)
     if record.views is not None:
-        names = {"names": list(record.views.names)} if record.views.names else {}
-        lists = {name: list(sums) for name, sums in record.views.counters.items()}
-        values["views"] = {**names, **lists}
+        names = {"names": record.views.names} if record.views.names else {}
+        values["views"] = {**names, **record.views.counters}
     if record.time is not None:
-        values["time"] = _time_to_json(record.time)
+        items = vars(record.time).items()
+        values["time"] = {name: value for name, value in items if value not in (None, (), "")}
     return values
-
-
-def _time_to_json(time: Time) -> dict[str, Any]:
-    values = {name: value for name, value in vars(time).items() if value not in (None, (), "")}
-    return {
-        name: list(value) if isinstance(value, tuple) else value for name, value in values.items()
-    }
 
 
 @dataclass(frozen=True)
