@@ -196,19 +196,17 @@ def _make_tile_table(counted: CensusCounts, base: str, triangulators: Sequence[s
         *("zoom", "layer", ">tiles", ">polygons", ">lost", ">helpers", *(f">{n}" for n in names)),
         padding=(0, 1, 0, 0),
     )
-    groups = [
-        ("" if zoom is None else str(zoom), *more) for (zoom, *more), _ in _sort_groups(counted)
-    ]
-    every = [sums for _, sums in _sort_groups(counted)]
+    groups = _sort_groups(counted)
     if len(groups) > 1:
-        groups, every = [*groups, ("", "(all)")], [*every, counted.sum_groups()]
-    for group, sums in zip(groups, every, strict=True):
+        groups.append(((None, "(all)"), counted.sum_groups()))
+    for (zoom, layer), sums in groups:
         lanes = sums.get_total("helper_lanes")
         # A tile has several layers, so tiles of layers cannot be summed.
-        tiles = "" if group[1] == "(all)" else f"{sums.get_count('tiles'):,}"
+        tiles = "" if layer == "(all)" else f"{sums.get_count('tiles'):,}"
         counts = (sums.get_count("polygons"), sums.get_count("dropped"), int(lanes[0]))
         saved = [f"{value / lanes[0] - 1:+z.1%}" if lanes[0] else "" for value in lanes[1:]]
-        table.add_row(*group, tiles, *(f"{count:,}" for count in counts), *saved)
+        label = "" if zoom is None else str(zoom)
+        table.add_row(label, layer, tiles, *(f"{count:,}" for count in counts), *saved)
     return table
 
 

@@ -240,12 +240,11 @@ class PartCounter:
         for kind, k, why in skipped:
             self.noted.note(kind, [(labels[k], why)], int(times[k]))
             counted[k] = False
-        number = {group: k for k, group in enumerate(dict.fromkeys(part.group for part in batch))}
-        groups = np.repeat([number[part.group] for part in batch], sizes)
         counts = np.stack(tables)
-        for group, k in number.items():
-            members = (groups == k) & counted
-            dropped = int(times[(groups == k) & ~drawn].sum())
+        for group in dict.fromkeys(part.group for part in batch):
+            in_group = np.repeat([part.group == group for part in batch], sizes)
+            members = in_group & counted
+            dropped = int(times[in_group & ~drawn].sum())
             sums = _sum_counts(counts[:, members], polygons[members], times[members], dropped)
             self.counted.add(group, sums)
         return counted, counts
