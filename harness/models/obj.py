@@ -5,7 +5,7 @@ A vertex is a triple of position, texture coordinate and normal. Materials and g
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.atomic import Output
-from harness.errors import InputError
 from harness.models.flat_faces import ModelMesh, ModelPart, get_single_precision_tolerance
+from scenes.scene import SceneError
 
 _WORD = re.compile(rb"\S+")
 _NEW_PART = (  # keywords after which a new part begins
@@ -41,11 +41,11 @@ class ObjModel:
     """An OBJ file; polygons with more than three vertices and continued lines are not edited."""
 
     def __init__(self, path: Path) -> None:
-        self._path = path
         self.unchanged: Counter[str] = Counter()
         self._data = path.read_bytes()
         self._pieces: list[tuple[int, int, bytes]] = []  # (first, last, new text)
-        self._lines: dict[bytes, list[list[bytes]]] = {b"v": [], b"vt": [], b"vn": []}
+        self._values: dict[bytes, list[list[float]]] = {b"v": [], b"vt": [], b"vn": []}
+        self._decimals = {b"xyz": 0, b"v": 0, b"vt": 0, b"vn": 0}  # at most; v with colours
         self._parts = [_Part()]
         self._continued: list[bytes] = []  # tokens of a line that the next line continues
         self._largest = [0, 0, 0]  # largest index of v, vt and vn in a face
@@ -56,15 +56,15 @@ class ObjModel:
                 self._read_line(line, offset)
             except ValueError as error:
                 text = line.decode(errors="replace").strip()[:60]
-                raise InputError(
+                raise SceneError(
                     f"{path} line {number}: not OBJ ({text!r}); correct the file"
                 ) from error
             offset += len(line)
-        for largest, (kind, lines) in zip(self._largest, self._lines.items(), strict=True):
-            if largest > len(lines):
-                raise InputError(
+        for largest, (kind, rows) in zip(self._largest, self._values.items(), strict=True):
+            if largest > len(rows):
+                raise SceneError(
                     f"{path}: invalid OBJ (a face refers to {kind.decode()} line {largest:,}, but "
-                    f"the file has {len(lines):,}); correct the file"
+                    f"the file has {len(rows):,}); correct the file"
                 )
 
     def _read_line(self, line: bytes, offset: int) -> None:
@@ -74,11 +74,11 @@ class ObjModel:
         tokens, self._continued = self._continued, []
         tokens += text.split()  # in place: copies of a line of a million parts take long
         kind = tokens[0] if tokens else b""
-        if kind in (*self._lines, b"f") and tokens[-1].endswith(b"\\"):
+        if kind in (*self._values, b"f") and tokens[-1].endswith(b"\\"):
             tokens += tokens.pop()[:-1].split()
             self._continued = tokens
-        elif kind in self._lines:
-            self._lines[kind].append(tokens[1:])
+        elif kind in self._values:
+            self._read_values(kind, tokens[1:])
         elif kind in _NEW_PART:
             smooth = self._parts[-1].smooth
             if kind == b"s":
@@ -86,6 +86,15 @@ class ObjModel:
             self._parts.append(_Part(smooth))
         elif kind == b"f":
             self._read_face(tokens[1:], text if is_single_line else b"", offset)
+
+    def _read_values(self, kind: bytes, tokens: list[bytes]) -> None:
+        if kind == b"v" and len(tokens) < 3:
+            raise ValueError("a vertex with fewer than 3 coordinates")
+        self._values[kind].append([float(token) for token in tokens])
+        decimals = [len(token.partition(b".")[2]) for token in tokens]
+        self._decimals[kind] = max([self._decimals[kind], *decimals])
+        if kind == b"v":
+            self._decimals[b"xyz"] = max([self._decimals[b"xyz"], *decimals[:3]])
 
     def _read_face(self, tokens: list[bytes], text: bytes, offset: int) -> None:
         """Read a face; text : the line at byte `offset`, or b"" if the face has several lines."""
@@ -103,12 +112,12 @@ class ObjModel:
     def _parse_triple(self, word: bytes) -> Triple:
         """Return 1-based indices of position, texture coordinate and normal, or 0 for none."""
         result = [0, 0, 0]
-        for column, (part, lines) in enumerate(
-            zip(word.split(b"/"), self._lines.values(), strict=False)
+        for column, (part, rows) in enumerate(
+            zip(word.split(b"/"), self._values.values(), strict=False)
         ):
             if part:
                 index = int(part)
-                result[column] = index if index > 0 else len(lines) + 1 + index
+                result[column] = index if index > 0 else len(rows) + 1 + index
                 if index == 0 or result[column] < 1:
                     raise ValueError("an index out of range")
                 self._largest[column] = max(self._largest[column], result[column])
@@ -118,9 +127,9 @@ class ObjModel:
 
     def iterate_groups(self) -> Iterator[list[ModelPart]]:
         """Yield all parts as a single group, because parts may share vertices."""
-        values = {kind: self._parse_values(kind, lines) for kind, lines in self._lines.items()}
+        values = {kind: self._make_array(kind) for kind in self._values}
         xyz = values[b"v"][0][:, :3]
-        step = _find_step(word for line in self._lines[b"v"] for word in line[:3])
+        step = 10.0 ** -self._decimals[b"xyz"]
         uses = np.bincount(self._smooth, minlength=len(xyz) + 1)
         parts = []
         for part in self._parts:
@@ -144,26 +153,12 @@ class ObjModel:
             parts.append(ModelPart(mesh, (np.array(part.spans, dtype=np.int64), tokens)))
         yield parts
 
-    def _parse_values(
-        self, kind: bytes, lines: list[list[bytes]]
-    ) -> tuple[NDArray[np.float64], float]:
-        """Return the values in `lines` (n, width), with 0 for missing ones, and their tolerance."""
-        width = max((len(line) for line in lines), default=0)
-        try:
-            rows = [[float(word) for word in line] + [0.0] * (width - len(line)) for line in lines]
-        except ValueError as error:
-            raise InputError(
-                f"{self._path}: not OBJ ({error} in a line that begins with {kind.decode()}); "
-                "correct the file"
-            ) from error
-        if kind == b"v" and lines and min(map(len, lines)) < 3:
-            raise InputError(
-                f"{self._path}: not OBJ (a vertex has fewer than 3 coordinates); correct the file"
-            )
-        step = _find_step(word for line in lines for word in line)
-        return np.array(rows, dtype=np.float64).reshape(len(rows), width), max(
-            _MIN_TOLERANCE[kind], min(step, 1e-3)
-        )
+    def _make_array(self, kind: bytes) -> tuple[NDArray[np.float64], float]:
+        """Return the values (n, width) of a kind, with 0 for missing ones, and their tolerance."""
+        width = max(map(len, self._values[kind]), default=0)
+        rows = [row + [0.0] * (width - len(row)) for row in self._values[kind]]
+        tolerance = max(_MIN_TOLERANCE[kind], min(10.0 ** -self._decimals[kind], 1e-3))
+        return np.array(rows, dtype=np.float64).reshape(len(rows), width), tolerance
 
     def replace_triangles(self, part: ModelPart, triangles: NDArray[np.int64]) -> None:
         """Replace the triangles of a part by (m, 3) `triangles`."""
@@ -191,11 +186,6 @@ def _format_word(vertex: list[int]) -> bytes:
     if normal:
         return b"/".join((position, texture, normal))
     return position + b"/" + texture if texture else position
-
-
-def _find_step(tokens: Iterable[bytes]) -> float:
-    """Return the value of the last decimal place of the most precise number, such as 0.001."""
-    return 10.0 ** -max((len(word.partition(b".")[2].rstrip()) for word in tokens), default=0)
 
 
 def _compute_tolerance(positions: NDArray[np.float64], step: float) -> float:

@@ -221,7 +221,7 @@ def test_integer_obj_coordinates_do_not_widen_the_tolerance(tmp_path):
 
 @pytest.mark.parametrize("line", ["f 1 2 9", "f 1 2 x", "v 1 2", "f 0 1 2", "vt a", "f //1 2 3"])
 def test_invalid_obj_is_refused(tmp_path, line):
-    with pytest.raises(SceneError, match=r"not OBJ|as a model"):
+    with pytest.raises(SceneError, match=r"^\S+ line 17: not OBJ|^\S+: .* refers to v line 9"):
         of_text(f"{OBJ}{line}\n", tmp_path)
 
 
