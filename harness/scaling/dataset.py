@@ -15,7 +15,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -283,7 +283,7 @@ class Dataset:
         missing = {part.key: part for part in self.missing}
         threads = executor.threads_per_task
         tasks = {
-            key: (self.work.process, (part, str(self.out), threads))
+            key: partial(self.work.process, part, str(self.out), threads)
             for key, part in missing.items()
         }
         total = sum(part.size or 1 for part in missing.values())

@@ -40,8 +40,6 @@ SETTINGS = {
 
 _LOG = logging.getLogger(__name__)
 
-Task = tuple[Callable[..., Any], tuple[Any, ...]]  # a function and the arguments
-
 
 class TaskResult(NamedTuple):
     """The value that a task returned, or `failed`, the reason why it failed."""
@@ -55,12 +53,12 @@ class Executor:
 
     threads_per_task: int | None = None  # one for each core
 
-    def run_all(self, tasks: Mapping[str, Task]) -> Iterator[tuple[str, TaskResult]]:
+    def run_all(self, tasks: Mapping[str, Callable[[], Any]]) -> Iterator[tuple[str, TaskResult]]:
         """Run named tasks; yield the name and the result of each task when it ends."""
-        for name, (function, arguments) in tasks.items():
+        for name, task in tasks.items():
             for _ in range(MAX_ATTEMPTS):
                 try:
-                    result = TaskResult(function(*arguments))
+                    result = TaskResult(task())
                     break
                 except HarnessError as error:
                     result = TaskResult(failed=str(error))
@@ -146,7 +144,7 @@ class DaskExecutor(Executor):
         """Number of tasks that run at the same time; workers may come and go."""
         return sum(self._client.nthreads().values())
 
-    def run_all(self, tasks: Mapping[str, Task]) -> Iterator[tuple[str, TaskResult]]:
+    def run_all(self, tasks: Mapping[str, Callable[[], Any]]) -> Iterator[tuple[str, TaskResult]]:
         """Submit tasks, a few at a time, and yield the result of each."""
         waiting, failures = deque(tasks), Counter[str]()
         running: dict[str, str] = {}
@@ -213,8 +211,7 @@ def run_task(task: bytes) -> TaskResult:
 
 
 def _run_pickled(task: bytes) -> bytes:
-    function, arguments = pickle.loads(task)
-    return pickle.dumps(function(*arguments))
+    return pickle.dumps(pickle.loads(task)())
 
 
 def _get_process() -> Worker:

@@ -5,6 +5,7 @@ import re
 import signal
 import sys
 from collections import Counter
+from functools import partial
 from unittest.mock import Mock
 
 import psutil
@@ -28,9 +29,9 @@ def quiet() -> Reporter:
 
 
 def test_crashed_task_is_reported_and_others_complete(two_workers, tmp_path):
-    work = {name: (tasks.note, (str(tmp_path), name)) for name in NAMES}
-    work["t4"] = (tasks.crash, (str(tmp_path), "t4"))
-    work["t7"] = (tasks.fail, (str(tmp_path), "t7"))
+    work = {name: partial(tasks.note, str(tmp_path), name) for name in NAMES}
+    work["t4"] = partial(tasks.crash, str(tmp_path), "t4")
+    work["t7"] = partial(tasks.fail, str(tmp_path), "t7")
     answers = list(two_workers.run_all(work))
     assert Counter(name for name, _ in answers) == Counter(NAMES)
     aside = {name: answer.failed for name, answer in answers if answer.failed}
@@ -41,7 +42,7 @@ def test_crashed_task_is_reported_and_others_complete(two_workers, tmp_path):
 
 
 def test_tasks_of_a_killed_worker_are_repeated(two_workers, tmp_path):
-    work = {name: (tasks.note, (str(tmp_path), name, 0.1)) for name in NAMES}
+    work = {name: partial(tasks.note, str(tmp_path), name, 0.1) for name in NAMES}
     done: Counter[str] = Counter()
     for name, answer in two_workers.run_all(work):
         assert not answer.failed
@@ -155,7 +156,7 @@ def test_cluster_is_not_reachable_from_other_machines(two_workers):
 def test_number_of_queued_tasks_is_bounded(two_workers, tmp_path, monkeypatch):
     submit = Mock(wraps=two_workers._client.submit)
     monkeypatch.setattr(two_workers._client, "submit", submit)
-    work = {name: (tasks.note, (str(tmp_path), name)) for name in NAMES}
+    work = {name: partial(tasks.note, str(tmp_path), name) for name in NAMES}
     for ended, _ in enumerate(two_workers.run_all(work)):
         assert submit.call_count <= ended + (1 + QUEUED_TASKS) * 2
     assert submit.call_count == len(NAMES)
@@ -164,10 +165,10 @@ def test_number_of_queued_tasks_is_bounded(two_workers, tmp_path, monkeypatch):
 @pytest.mark.parametrize("times", [0, MAX_ATTEMPTS - 1, MAX_ATTEMPTS])
 def test_failed_task_is_repeated(times):
     task = Mock(side_effect=[UsageError("no space")] * times + ["done"])
-    ((name, answer),) = Executor().run_all({"a": (task, ())})
+    ((name, answer),) = Executor().run_all({"a": task})
     assert (name, *answer) == ("a", *(("done", "") if times < MAX_ATTEMPTS else (None, "no space")))
 
 
 def test_exception_in_this_process_is_raised():
     with pytest.raises(ZeroDivisionError):
-        list(Executor().run_all({"a": (divmod, (1, 0))}))
+        list(Executor().run_all({"a": partial(divmod, 1, 0)}))
