@@ -210,17 +210,14 @@ def make_triangulation_table(
     points = vertices(polygon)
     rows = []
     for triangles in enumerate_triangulations(polygon, mode):
-        row: dict[str, object] = {name: predict(points, triangles)[name] for name in CRITERIA}
+        predicted = predict(points, triangles)
+        row: dict[str, object] = {name: predicted[name] for name in CRITERIA}
         row["triangles"] = len(triangles)
         row["conforming"] = len(triangles) == len(points) - 2
-        row["diagonals"] = " ".join(f"{a}-{b}" for a, b in _list_diagonals(triangles, len(points)))
+        edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        pairs = np.unique(edges, axis=0).tolist()
+        diagonals = (f"{a}-{b}" for a, b in pairs if b - a not in (1, len(points) - 1))
+        row["diagonals"] = " ".join(diagonals)
         rows.append(row)
     table = pd.DataFrame(rows)
     return table.sort_values(["overdraw", "shape"], kind="stable").reset_index(drop=True)
-
-
-def _list_diagonals(triangles: NDArray[np.int32], count: int) -> list[tuple[int, int]]:
-    """Return the vertex pairs of edges other than the outline's; count : number of vertices."""
-    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    pairs = np.unique(edges, axis=0).tolist()
-    return [(a, b) for a, b in pairs if b - a not in (1, count - 1)]
