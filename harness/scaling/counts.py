@@ -184,13 +184,12 @@ class PartCounter:
             self.noted.counts["damaged", "tile or layer that cannot be read"] += tile.repeats
         layers = [layer for layer in tile.content.layers if len(layer.polygons) or layer.dropped]
         for layer in layers:
-            numbers = {"tiles": int(len(layer.polygons) > 0)}
+            numbers = {"tiles": tile.repeats * (len(layer.polygons) > 0)}
             label = f"{tile.name} {layer.name}"
             for kind, notes in (("dropped", layer.dropped), ("repaired", layer.repaired)):
-                numbers[kind] = len(notes)
+                numbers[kind] = tile.repeats * len(notes)
                 labelled = [(f"{label} {which}", why) for which, why in notes]
                 self.noted.note(kind, labelled, tile.repeats)
-            numbers = {name: tile.repeats * count for name, count in numbers.items()}
             group = (tile.zoom, layer.name)
             self.counted.add(group, Sums.empty(len(self.triangulators), **numbers))
             labels = [f"{label} polygon {number}" for number in range(len(layer.polygons))]
