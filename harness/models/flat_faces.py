@@ -59,7 +59,7 @@ class ModelPart:
     placements: tuple[NDArray[np.float64], ...] = (np.eye(4),)  # a (4, 4) matrix for each instance
 
 
-def get_single_precision_tolerance(values: NDArray[np.float64]) -> float:
+def compute_float32_tolerance(values: NDArray[np.float64]) -> float:
     """Return `TOLERANCE_ULPS` rounding errors of single precision at the largest of the values."""
     finite = np.abs(values[np.isfinite(values)])
     return TOLERANCE_ULPS * float(np.spacing(np.float32(finite.max(initial=0.0))))
@@ -256,9 +256,8 @@ def _compute_affine_residuals(values: Floats, points: Floats, owner: Ints, count
 
 def _sum_groups(values: Floats, owner: Ints, count: int) -> Floats:
     """Return the sums (count, k) of the values (p, k) of each group; owner : (p,) groups."""
-    return np.stack(
-        [np.bincount(owner, weights=column, minlength=count) for column in values.T], axis=1
-    )
+    sums = [np.bincount(owner, weights=column, minlength=count) for column in values.T]
+    return np.stack(sums, axis=1)
 
 
 def _average_groups(values: Floats, owner: Ints, count: int) -> Floats:

@@ -18,11 +18,10 @@ from typing import IO, Any
 from urllib.parse import quote, unquote
 
 import numpy as np
-from numpy.typing import NDArray
 
 from harness.atomic import Output
 from harness.errors import UsageError
-from harness.models.flat_faces import ModelMesh, ModelPart, get_single_precision_tolerance
+from harness.models.flat_faces import Floats, Ints, ModelMesh, ModelPart, compute_float32_tolerance
 from scenes.readers.gltf import (
     BIN,
     DATA_URI,
@@ -74,7 +73,7 @@ class GltfModel(GltfFile):
         """Yield the parts of each mesh; a part of several meshes is yielded with the first mesh."""
         meshes = self.json.get("meshes", [])
         primitives: dict[str, list[dict[str, Any]]] = {}
-        placements: dict[str, tuple[NDArray[np.float64], ...]] = {}
+        placements: dict[str, tuple[Floats, ...]] = {}
         reasons: dict[str, str] = {}
         for mesh, matrices in zip(meshes, self.list_placements(), strict=True):
             for primitive in mesh["primitives"]:
@@ -105,10 +104,7 @@ class GltfModel(GltfFile):
         return ""
 
     def _make_part(
-        self,
-        primitives: list[dict[str, Any]],
-        placements: tuple[NDArray[np.float64], ...],
-        reason_unchanged: str,
+        self, primitives: list[dict[str, Any]], placements: tuple[Floats, ...], reason: str
     ) -> ModelPart | None:
         primitive = primitives[0]
         mode = primitive.get("mode", TRIANGLES)
@@ -121,23 +117,22 @@ class GltfModel(GltfFile):
         exact = positions.astype(np.float64)
         used = exact[used_vertices]
         if positions.dtype.kind == "f" or len(used) == 0:
-            tolerance = get_single_precision_tolerance(used)
+            tolerance = compute_float32_tolerance(used)
         else:
             tolerance = min(1.0, _MAX_INTEGER_STEP * float(np.ptp(used, axis=0).max()))
         mesh = ModelMesh(exact, triangles, *attributes, tolerance)
-        return ModelPart(mesh, primitives, reason_unchanged, placements)
+        return ModelPart(mesh, primitives, reason, placements)
 
     def _read_attributes(
-        self, primitive: dict[str, Any], count: int, used: NDArray[np.int64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        self, primitive: dict[str, Any], count: int, used: Ints
+    ) -> tuple[Floats, Floats]:
         """Return the affine and the fixed attributes of `ModelMesh`; `used` sets the tolerance.
 
         Joints and weights are fixed, because products of weights and position are not affine.
         """
         affine, fixed = [np.empty((count, 0))], [np.empty((count, 0))]
-        accessors = sorted(
-            item for item in primitive["attributes"].items() if item[0] != "POSITION"
-        )
+        attributes = primitive["attributes"].items()
+        accessors = sorted(item for item in attributes if item[0] != "POSITION")
         for target in primitive.get("targets", []):
             accessors += sorted(target.items())
         for name, accessor in accessors:
@@ -151,10 +146,10 @@ class GltfModel(GltfFile):
                 continue
             if normalized:
                 column = column / FULL_SCALE[values.dtype.str[1:]]
-            affine.append(column / max(tolerance, get_single_precision_tolerance(column[used])))
+            affine.append(column / max(tolerance, compute_float32_tolerance(column[used])))
         return np.concatenate(affine, axis=1), np.concatenate(fixed, axis=1)
 
-    def replace_triangles(self, part: ModelPart, triangles: NDArray[np.int64]) -> None:
+    def replace_triangles(self, part: ModelPart, triangles: Ints) -> None:
         """Replace the triangles of a part, of primitives that share an accessor, by (m, 3)."""
         primitives, indices = part.source, triangles.reshape(-1)
         number = primitives[0].get("indices")
@@ -211,7 +206,7 @@ class GltfModel(GltfFile):
         first = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
         return first, first + (accessor["count"] - 1) * view.get("byteStride", size) + size
 
-    def _append_indices(self, indices: NDArray[np.int64], source: dict[str, Any]) -> int:
+    def _append_indices(self, indices: Ints, source: dict[str, Any]) -> int:
         """Append indices to the first buffer; return an accessor of `source`'s component type."""
         packed = indices.astype(find_component_type(source)).tobytes()
         buffer, views = self.buffers[0], self.json["bufferViews"]

@@ -116,10 +116,8 @@ class _NewPart:
 def _retriangulate_part(part: ModelPart, criterion: str, changes: Changes) -> _NewPart:
     """Return new triangles of a part; add statistics of the part's flat faces to `changes`."""
     mesh = part.mesh
-    face = np.full(len(mesh.triangles), -1)
-    result = _NewPart(
-        mesh.triangles.copy(), face, np.empty((0, 2), np.int64), np.empty(0, np.int64)
-    )
+    face, no_edges = np.full(len(mesh.triangles), -1), np.empty((0, 2), np.int64)
+    result = _NewPart(mesh.triangles.copy(), face, no_edges, no_edges[:, 0])
     changes.triangles += len(mesh.triangles)
     areas = np.nan_to_num(np.linalg.norm(mesh.normals, axis=1) / 2, posinf=0.0)
     changes.area += float(areas.sum())
@@ -139,10 +137,8 @@ def _retriangulate_part(part: ModelPart, criterion: str, changes: Changes) -> _N
     owner = np.repeat(np.arange(len(diagonals.changed)), np.diff(faces.triangle_offsets))
     changed = diagonals.changed[owner]
     result.face[faces.slots[changed]] = owner[changed]
-    before, after = (
-        pd.Index(number_sides(triangles[changed]))
-        for triangles in (faces.triangles, diagonals.triangles)
-    )
+    before = pd.Index(number_sides(faces.triangles[changed]))
+    after = pd.Index(number_sides(diagonals.triangles[changed]))
     new_edges = after.difference(before).to_numpy()
     ends = np.stack([new_edges >> INDEX_BITS, new_edges & ((1 << INDEX_BITS) - 1)], axis=1)
     face_of = np.zeros(len(faces.points), dtype=np.int64)

@@ -10,10 +10,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from harness.atomic import Output
-from harness.models.flat_faces import ModelMesh, ModelPart, get_single_precision_tolerance
+from harness.models.flat_faces import Floats, Ints, ModelMesh, ModelPart, compute_float32_tolerance
 from scenes.scene import SceneError
 
 _WORD = re.compile(rb"\S+")
@@ -56,9 +55,7 @@ class ObjModel:
                 self._read_line(line, offset)
             except ValueError as error:
                 text = line.decode(errors="replace").strip()[:60]
-                raise SceneError(
-                    f"{path} line {number}: not OBJ ({text!r}); correct the file"
-                ) from error
+                raise SceneError(f"{path} line {number}: not OBJ ({text!r}); correct it") from error
             offset += len(line)
         for largest, (kind, rows) in zip(self._largest, self._values.items(), strict=True):
             if largest > len(rows):
@@ -112,9 +109,8 @@ class ObjModel:
     def _parse_triple(self, word: bytes) -> Triple:
         """Return 1-based indices of position, texture coordinate and normal, or 0 for none."""
         result = [0, 0, 0]
-        for column, (part, rows) in enumerate(
-            zip(word.split(b"/"), self._values.values(), strict=False)
-        ):
+        parts = zip(word.split(b"/"), self._values.values(), strict=False)
+        for column, (part, rows) in enumerate(parts):
             if part:
                 index = int(part)
                 result[column] = index if index > 0 else len(rows) + 1 + index
@@ -153,14 +149,14 @@ class ObjModel:
             parts.append(ModelPart(mesh, (np.array(part.spans, dtype=np.int64), tokens)))
         yield parts
 
-    def _make_array(self, kind: bytes) -> tuple[NDArray[np.float64], float]:
+    def _make_array(self, kind: bytes) -> tuple[Floats, float]:
         """Return the values (n, width) of a kind, with 0 for missing ones, and their tolerance."""
         width = max(map(len, self._values[kind]), default=0)
         rows = [row + [0.0] * (width - len(row)) for row in self._values[kind]]
         tolerance = max(_MIN_TOLERANCE[kind], min(10.0 ** -self._decimals[kind], 1e-3))
         return np.array(rows, dtype=np.float64).reshape(len(rows), width), tolerance
 
-    def replace_triangles(self, part: ModelPart, triangles: NDArray[np.int64]) -> None:
+    def replace_triangles(self, part: ModelPart, triangles: Ints) -> None:
         """Replace the triangles of a part by (m, 3) `triangles`."""
         spans, tokens = part.source
         for row in np.flatnonzero((part.mesh.triangles != triangles).any(axis=1)).tolist():
@@ -188,7 +184,7 @@ def _format_word(vertex: list[int]) -> bytes:
     return position + b"/" + texture if texture else position
 
 
-def _compute_tolerance(positions: NDArray[np.float64], step: float) -> float:
+def _compute_tolerance(positions: Floats, step: float) -> float:
     """Return the flatness tolerance of positions (n, 3) that were read from decimal text.
 
     Only distances from the part's centre count: decimal text, unlike single precision, is as exact
@@ -197,4 +193,4 @@ def _compute_tolerance(positions: NDArray[np.float64], step: float) -> float:
     finite = positions[np.isfinite(positions).all(axis=1)]
     local = finite - (finite.min(axis=0) / 2 + finite.max(axis=0) / 2) if len(finite) else finite
     largest = float(np.abs(local).max(initial=0.0))
-    return max(get_single_precision_tolerance(local), min(step, MAX_DECIMAL_STEP * largest))
+    return max(compute_float32_tolerance(local), min(step, MAX_DECIMAL_STEP * largest))

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.models.flat_faces import ModelMesh
+from harness.models.flat_faces import Floats, Ints, ModelMesh
 from harness.rasterisers.reference import count_per_triangle
 
 VIEWS = 24
@@ -28,8 +28,8 @@ class DrawnPart(NamedTuple):
     """A part with old and new triangles: mesh, new triangles (m, 3), (4, 4) placements."""
 
     mesh: ModelMesh
-    triangles: NDArray[np.int64]
-    placements: tuple[NDArray[np.float64], ...]
+    triangles: Ints
+    placements: tuple[Floats, ...]
 
 
 class ViewCounts(NamedTuple):
@@ -43,11 +43,11 @@ class ViewCounts(NamedTuple):
 class BoundingSphere(NamedTuple):
     """Bounding sphere of all drawn points, which every view contains."""
 
-    middle: NDArray[np.float64]
+    middle: Floats
     radius: float
 
 
-def list_integer_directions() -> NDArray[np.int64]:
+def list_integer_directions() -> Ints:
     """Return the vector (1, 2, 3) in all 24 rotations of a cube; the first 4, 8, ... sum to 0."""
     rotated = []
     for order in permutations(range(3)):
@@ -58,7 +58,7 @@ def list_integer_directions() -> NDArray[np.int64]:
     return np.array(rotated)
 
 
-def list_directions() -> NDArray[np.float64]:
+def list_directions() -> Floats:
     """Return `list_integer_directions` as unit vectors (24, 3)."""
     return np.asarray(list_integer_directions() / np.sqrt(14.0))
 
@@ -69,8 +69,8 @@ def count_views(
     tick: Callable[[int], None] = lambda _: None,
 ) -> list[ViewCounts]:
     """Count helper lanes and quads of front faces at each size; [] if no part has an extent."""
-    points: list[NDArray[np.float64]] = []
-    sets: tuple[list[NDArray[np.int64]], ...] = ([], [], [])  # unchanged, old, new triangles
+    points: list[Floats] = []
+    sets: tuple[list[Ints], ...] = ([], [], [])  # unchanged, old, new triangles
     count = 0
     for part in parts:
         same = (part.triangles == part.mesh.triangles).all(axis=1)
@@ -106,14 +106,12 @@ def count_views(
     ]
 
 
-def transform_points(
-    positions: NDArray[np.float64], matrix: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def transform_points(positions: Floats, matrix: Floats) -> Floats:
     """Transform positions (n, 3) by a matrix (4, 4)."""
     return np.stack([_dot(positions, row) + row[3] for row in matrix[:3]], axis=1)
 
 
-def find_bounding_sphere(placed_points: Sequence[NDArray[np.float64]]) -> BoundingSphere | None:
+def find_bounding_sphere(placed_points: Sequence[Floats]) -> BoundingSphere | None:
     """Return the bounding sphere of finite points (n, 3), or None for points without extent."""
     points = np.concatenate([np.empty((0, 3)), *placed_points])
     points = points[np.isfinite(points).all(axis=1)]
@@ -125,8 +123,8 @@ def find_bounding_sphere(placed_points: Sequence[NDArray[np.float64]]) -> Boundi
 
 
 def project_points(
-    local: NDArray[np.float64], direction: NDArray[np.float64], distance: float = DISTANCE
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    local: Floats, direction: Floats, distance: float = DISTANCE
+) -> tuple[Floats, Floats]:
     """Project points (n, 3) of the unit sphere; return (n, 2) in 0..1, y up, and distances (n,)."""
     x, y, z = direction.tolist()
     level = float(np.sqrt(x * x + y * y))
@@ -138,12 +136,12 @@ def project_points(
     return (np.stack(sides, axis=1) + 1.0) / 2, distances
 
 
-def _dot(points: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.float64]:
+def _dot(points: Floats, axis: Floats) -> Floats:
     products = points[:, 0] * axis[0] + points[:, 1] * axis[1] + points[:, 2] * axis[2]
     return np.asarray(products)
 
 
-def _count_front_faces(grid: NDArray[np.int32], triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+def _count_front_faces(grid: NDArray[np.int32], triangles: Ints) -> Ints:
     """Return (2,) helper lanes and quads of the triangles that face the camera."""
     counted = np.zeros(2, dtype=np.int64)
     for part in np.split(triangles, range(_CHUNK_TRIANGLES, len(triangles), _CHUNK_TRIANGLES)):

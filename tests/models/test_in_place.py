@@ -8,7 +8,7 @@ import trimesh
 
 from harness.errors import HarnessError, UsageError
 from harness.models.diagonals import choose_diagonals
-from harness.models.flat_faces import ModelMesh, find_flat_faces, get_single_precision_tolerance
+from harness.models.flat_faces import ModelMesh, compute_float32_tolerance, find_flat_faces
 from harness.models.gltf import GltfModel
 from harness.models.in_place import retriangulate
 from scenes import SceneError
@@ -113,7 +113,7 @@ def test_affine_skinning_attributes_keep_a_face_unchanged(out):
 @pytest.mark.parametrize(("steps", "expected"), [(2, CUT_SHORT), (40, CUT_LONG)])
 def test_bend_beyond_the_tolerance_keeps_a_face_unchanged(out, steps, expected):
     bent = KITE.copy()
-    bent[2, 2] = steps * get_single_precision_tolerance(KITE) / 4
+    bent[2, 2] = steps * compute_float32_tolerance(KITE) / 4
     builder = Builder(bent, LONG)
     assert cut_again(builder, out) == [expected]
 
@@ -249,7 +249,7 @@ def test_new_triangles_are_not_thin():
     """One vertex is on a straight edge except for rounding; cutting it off would be shortest."""
     points = np.array([(0, 0, 0), (4, 1e-6, 0), (8, 0, 0), (8, 6, 0), (0, 6, 0)], dtype=float)
     triangles = np.array([(0, 1, 4), (1, 3, 4), (1, 2, 3)])
-    none, tolerance = np.empty((5, 0)), get_single_precision_tolerance(points)
+    none, tolerance = np.empty((5, 0)), compute_float32_tolerance(points)
     faces, _ = find_flat_faces(ModelMesh(points, triangles, none, none, tolerance))
     result = choose_diagonals(faces, "edge-length").triangles
     assert not any({0, 1, 2} == set(row) for row in faces.vertices[result].tolist())
