@@ -133,7 +133,7 @@ def make_gain_rows(sums: Sums, triangulators: Sequence[str]) -> pd.DataFrame:
 
 def write_census(folder: Path, counted: CensusCounts, census: Census | TileCensus) -> list[str]:
     """Write census.csv, other tables and plots into `folder`; return the names; raises OSError."""
-    names = census.triangulators
+    names, plots = census.triangulators, folder / "plots"
     written = {"census.csv": _make_census_table(counted, census)}
     if counted.damaged:
         written["damaged.csv"] = pd.DataFrame(counted.damaged, columns=["tile", "reason"])
@@ -141,13 +141,11 @@ def write_census(folder: Path, counted: CensusCounts, census: Census | TileCensu
         (cells,) = counted.cells
         places = {axis: cells[axis] * census.cell for axis in ("x", "y")}
         written["cells.csv"] = cells.assign(**places)
-        draw_figure(folder / "plots", "map", plot_map, cells, census)
+        draw_figure(plots, "map", plot_map, cells, census)
     for name, table in written.items():
         text = table.to_csv(index=False, lineterminator="\n")
         atomic.write(folder / name, text.encode())
-    draw_figure(
-        folder / "plots", "gains", plot_distribution, counted.sum_groups(), names, census.noun
-    )
+    draw_figure(plots, "gains", plot_distribution, counted.sum_groups(), names, census.noun)
     return [*written, "plots/"]
 
 

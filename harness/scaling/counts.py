@@ -225,17 +225,16 @@ class PartCounter:
         times = np.repeat([part.times for part in batch], sizes)
         pieces, owners = scale_to_pixels(polygons, units_per_pixel, margin)
         arrays = PolygonArray.from_shapely(pieces)
-        drawn = np.isin(np.arange(len(polygons)), owners)
+        count = len(polygons)
+        drawn = np.isin(np.arange(count), owners)
         skipped = [("dropped", k, TOO_THIN) for k in np.flatnonzero(~drawn).tolist()]
         tables = []
         for name in self.triangulators:
-            table, failed = _count_shading(
-                arrays, owners, len(polygons), name, window, self.threads
-            )
+            table, failed = _count_shading(arrays, owners, count, name, window, self.threads)
             tables.append(table)
             for k, why in sorted(failed.items()):
                 skipped.append(("failed", k, f"{name}: {why.removeprefix(f'{name}: ')}"))
-        counted = np.ones(len(polygons), np.bool_)
+        counted = np.ones(count, np.bool_)
         for kind, k, why in skipped:
             self.noted.note(kind, [(labels[k], why)], int(times[k]))
             counted[k] = False

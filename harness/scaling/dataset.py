@@ -281,11 +281,8 @@ class Dataset:
         """
         begun, before = time.perf_counter(), len(self.done)
         missing = {part.key: part for part in self.missing}
-        threads = executor.threads_per_task
-        tasks = {
-            key: partial(self.work.process, part, str(self.out), threads)
-            for key, part in missing.items()
-        }
+        arguments = str(self.out), executor.threads_per_task
+        tasks = {key: partial(self.work.process, part, *arguments) for key, part in missing.items()}
         total = sum(part.size or 1 for part in missing.values())
         unit = self.work.unit if all(part.size for part in missing.values()) else "parts"
         set_aside: dict[str, str] = {}

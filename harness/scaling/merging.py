@@ -125,9 +125,8 @@ def _refuse_one_run_twice(runs: Sequence[Run]) -> None:
     for run in runs:
         host = next((record.id.host for record in run.records), "")
         facts = [run.facts.get(name) for name in ("created", "environment", "seconds")]
-        times = sorted(
-            _format_value(record.time.samples_s) for record in run.records if record.time
-        )
+        timed = [record.time.samples_s for record in run.records if record.time]
+        times = sorted(map(_format_value, timed))
         for content in [_format_value(facts), *([_format_value(times)] if times else [])]:
             first_host, other = first.setdefault(content, (host, run))
             if first_host != host:
@@ -190,8 +189,7 @@ def _store_drawings(store: RunFolder, runs: Iterable[Run]) -> None:
     columns: dict[str, dict[str, Any]] = {}
     for run in sorted(runs, key=lambda run: str(run.path)):
         for file in sorted((run.path / drawings.FOLDER).glob("*.npz")):
-            columns.setdefault(file.stem, {}).update(
-                read_arrays(run, file.stem, drawings.FOLDER) or {}
-            )
+            arrays = read_arrays(run, file.stem, drawings.FOLDER) or {}
+            columns.setdefault(file.stem, {}).update(arrays)
     for name, arrays in columns.items():
         store.write_arrays(name, dict(sorted(arrays.items())), drawings.FOLDER)

@@ -141,9 +141,8 @@ def assess_times(
     for device, drawing, time in times:
         devices.setdefault(device, {})[drawing] = time
     for device, drawings in devices.items():
-        problems |= {
-            f"{device}: {why}": state for why, state in _find_disturbances(drawings).items()
-        }
+        disturbances = _find_disturbances(drawings).items()
+        problems |= {f"{device}: {why}": state for why, state in disturbances}
     for draw in draws:
         if draw["slower"] > MAX_REFERENCE_RATIO:
             device = f"{draw['rasteriser']} on {draw['device']}, {draw['resolution']} px"
@@ -179,10 +178,8 @@ def _find_disturbances(drawings: Mapping[str, Time]) -> dict[str, State]:
     ]
     # If other programs used little CPU time, threads of this process waited for each other, which
     # is no disturbance.
-    if (
-        waited > MAX_DISTURBED_SHARE * count
-        and max(other_shares, default=math.inf) > MAX_DISTURBED_SHARE
-    ):
+    is_busy = max(other_shares, default=math.inf) > MAX_DISTURBED_SHARE
+    if is_busy and waited > MAX_DISTURBED_SHARE * count:
         has_few = any(quiet.sum() < min(MIN_QUIET_ROUNDS, len(quiet)) for quiet in masks.values())
         share = f"{waited} of {count} samples waited for a core"
         problems[share] = UNTRUSTED if has_few else DISTURBED

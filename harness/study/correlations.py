@@ -126,14 +126,13 @@ def make_measure_table(records: Sequence[Record]) -> pd.DataFrame:
     Triangulations with T-junctions are skipped: they have fewer triangles and cover other pixels.
     """
     rows = []
+    criteria = (*list_predictors(), *AUXILIARY_FEATURES)
     for record in (r for r in records if r.is_ok and r.polygons and r.conforming):
         case, predicted, counted = record.id, record.predicted, record.counters
         view = (case.view.resolution, case.view.rotation, case.options.samples)
         values = (case.scene, *view, case.rasteriser, case.device_name, record.name)
         row: dict[str, Any] = dict(zip(KEYS, values, strict=True))
-        row |= {
-            n: predicted[n] for n in (*list_predictors(), *AUXILIARY_FEATURES) if n in predicted
-        }
+        row |= {name: predicted[name] for name in criteria if name in predicted}
         row |= {name: counted[name] for name in list_costs(counted)}
         if record.time is not None:
             row[f"{TIME}{case.options.work}"] = record.time.median_s
@@ -143,8 +142,8 @@ def make_measure_table(records: Sequence[Record]) -> pd.DataFrame:
     # Drawings that differ in the work per fragment alone are one row, with a column for each time.
     table = pd.DataFrame(rows).groupby(list(KEYS), sort=False, as_index=False).first()
     shared = [name for name in KEYS if name != "triangulator"]
-    criteria = table[list(IDENTIFYING_CRITERIA)].round(6)
-    is_duplicate = pd.concat([table[shared], criteria], axis=1).duplicated()
+    identity = table[list(IDENTIFYING_CRITERIA)].round(6)
+    is_duplicate = pd.concat([table[shared], identity], axis=1).duplicated()
     return _add_exact_counts(table[~is_duplicate])
 
 
@@ -256,10 +255,8 @@ def plot_study(correlations: pd.DataFrame, table: pd.DataFrame, folder: Path) ->
     files = []
     for (rasteriser, device), part in _group_within_polygons(correlations):
         rows = table[(table["rasteriser"] == rasteriser) & (table["device"] == device)]
-        name = f"predicted-vs-measured-{rasteriser}-{device}"
-        files += draw_figure(
-            folder / "plots", name, _draw_scatter, rows, part, f"{rasteriser} on {device}"
-        )
+        name, title = f"predicted-vs-measured-{rasteriser}-{device}", f"{rasteriser} on {device}"
+        files += draw_figure(folder / "plots", name, _draw_scatter, rows, part, title)
     return files
 
 

@@ -155,10 +155,8 @@ def summarise_regret(table: pd.DataFrame) -> pd.DataFrame:
             part.groupby("polygon", sort=False)[columns].mean().to_numpy(float).T
         )
         spread = (np.median(values), np.percentile(values, 95), values.max())
-        ends = compute_regret_interval(lows, highs)
-        rows.append(
-            (*key, len(values), least_known.mean(), max(0.0, values.mean()), *ends, *spread)
-        )
+        mean = (max(0.0, values.mean()), *compute_regret_interval(lows, highs))
+        rows.append((*key, len(values), least_known.mean(), *mean, *spread))
     return pd.DataFrame(rows, columns=SUMMARY)
 
 
@@ -182,12 +180,9 @@ def write_paper_table(correlations: pd.DataFrame, regrets: pd.DataFrame, folder:
     """
     ranks = correlations[correlations["statistic"] == "spearman_within"].dropna(subset=["value"])
     ranks = ranks[ranks["criterion"].map(get_predictor_column).isin(list_predictions())]
-    of_criteria = regrets[regrets["kind"] == "criterion"]
+    of_criteria = regrets[regrets["kind"] == "criterion"].to_dict("records")
     keys = ("rasteriser", "device", "measure", "name", "resolution")
-    cells = {
-        tuple(row[key] for key in keys): format_regret(row)
-        for row in of_criteria.to_dict("records")
-    }
+    cells = {tuple(row[key] for key in keys): format_regret(row) for row in of_criteria}
     sizes = sorted({key[-1] for key in cells})
     heading = ["device", "measure", "criterion", "rank correlation (95 % CI)"]
     heading += [f"mean regret at {size} px (95 % CI)" for size in sizes]
@@ -220,9 +215,8 @@ def print_regret(summary: pd.DataFrame, console: Console) -> None:
     criteria = summary[summary["kind"] == "criterion"]
     for (rasteriser, device, resolution, *_), part in criteria.groupby(list(VIEW), sort=False):
         title = f"regret, by criterion: {rasteriser} on {device}, {resolution} px"
-        cells = {
-            (row["name"], row["measure"]): format_regret(row) for row in part.to_dict("records")
-        }
+        rows = part.to_dict("records")
+        cells = {(row["name"], row["measure"]): format_regret(row) for row in rows}
         measures = select_printed_measures(part["measure"])
         console.print(make_criterion_table(title, cells, measures))
 

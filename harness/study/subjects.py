@@ -108,6 +108,7 @@ def evaluate_triangulations(geometry: drawings.Geometry, view: View) -> list[dic
     """Return a row of criteria and counters for each triangulation of some polygons."""
     sizes = geometry.grid.vertex_counts
     simple = geometry.grid.ring_counts == 1
+    columns = (*list_predictions(), "area", "triangles")
     rows = []
     for k in sample_evenly(_select_by_size(sizes, simple, MAX_VERTICES), POLYGONS):
         points, _ = geometry.grid.rings_of(k)
@@ -117,14 +118,10 @@ def evaluate_triangulations(geometry: drawings.Geometry, view: View) -> list[dic
             rows.append(
                 {
                     "polygon": int(geometry.source[k]),
-                    "resolution": view.resolution,
-                    "rotation": view.rotation,
-                    "fit": view.fit,
+                    **vars(view),
                     "triangulator": name,
-                    **{
-                        name: predicted[name] for name in (*list_predictions(), "area", "triangles")
-                    },
-                    **{name: int(counts[name].sum()) for name in MEASURES},
+                    **{column: predicted[column] for column in columns},
+                    **{measure: int(counts[measure].sum()) for measure in MEASURES},
                 }
             )
     return rows
