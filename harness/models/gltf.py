@@ -66,7 +66,7 @@ class GltfModel(GltfFile):
         super().__init__(path)
         self.unchanged = Counter[str]()
         self._images = [image["uri"] for image in self.json.get("images", []) if "uri" in image]
-        self._has_appended = False  # whether a buffer has appended bytes
+        self._has_appended = False
         self._changed: set[int] = set()  # numbers of buffers with any new bytes
 
     def iterate_groups(self) -> Iterator[list[ModelPart]]:
@@ -150,7 +150,7 @@ class GltfModel(GltfFile):
         return np.concatenate(affine, axis=1), np.concatenate(fixed, axis=1)
 
     def replace_triangles(self, part: ModelPart, triangles: Ints) -> None:
-        """Replace the triangles of a part, of primitives that share an accessor, by (m, 3)."""
+        """Replace the triangles of a part, whose primitives share an accessor, by (m, 3)."""
         primitives, indices = part.source, triangles.reshape(-1)
         number = primitives[0].get("indices")
         # A strip or fan may have no indices: new ones have 32 bits (5125) or 16 bits (5123).
