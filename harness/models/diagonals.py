@@ -15,7 +15,7 @@ from triangulators.criteria.cost import Cost, compute_total_cost, cost_at, find_
 from triangulators.geometry.flips import flip_while_gaining, is_convex
 from triangulators.geometry.half_edges import link_half_edges
 from triangulators.many import triangulate_supported
-from triangulators.polygon_arrays import PolygonArray
+from triangulators.polygon_arrays import PolygonArray, concatenate_ranges, offsets_of
 
 _ROUNDING = 1e-6  # minimum relative gain; smaller ones may be caused by rounding of points
 WORK_NS = (1.0, 10.0, 20.0, 45.0)  # measured per cubed vertex count, for 0, 1, 2 and 3 holes
@@ -173,57 +173,42 @@ def find_outlines(faces: Faces) -> Outlines:
     owner = np.zeros(len(faces.points), dtype=np.int64)
     owner[corner] = np.repeat(np.arange(faces.face_count), 3 * np.diff(faces.triangle_offsets))
     sound = np.bincount(owner[outline_edges != 1], minlength=faces.face_count) == 0
-    vertex_offsets = np.searchsorted(owner, np.arange(faces.face_count + 1))
-    vertices, *offsets = _trace_rings(faces.points, following, vertex_offsets, sound)
-    polygons = PolygonArray(faces.points[vertices], *offsets)
+    vertices, ring_offsets = _trace_rings(following, sound[owner])
+    sizes = np.diff(ring_offsets)
+    ring = np.repeat(np.arange(len(sizes)), sizes)
+    a, b = faces.points[vertices], faces.points[following[vertices]]
+    cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    is_outer = np.bincount(ring, cross, minlength=len(sizes)) > 0.0  # counter-clockwise
+    face = owner[vertices[ring_offsets[:-1]]]
+    sound &= np.bincount(face[is_outer], minlength=faces.face_count) == 1
+    order = np.lexsort((~is_outer, face))
+    order = order[sound[face[order]]]
+    vertices = vertices[concatenate_ranges(ring_offsets[order], sizes[order])]
+    rings = np.bincount(face, minlength=faces.face_count)[sound]
+    polygons = PolygonArray(faces.points[vertices], offsets_of(sizes[order]), offsets_of(rings))
     valid = shapely.is_valid(polygons.geometries)
     return Outlines(np.flatnonzero(sound), polygons, vertices).take(valid)
 
 
 @njit(nogil=True)
-def _trace_rings(
-    points: np.ndarray, following: np.ndarray, vertex_offsets: np.ndarray, sound: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the vertices of sound faces ring by ring, and the offsets of rings and of faces.
+def _trace_rings(following: np.ndarray, is_traced: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices ring by ring, and the offsets of the rings, in the order of first vertices.
 
-    following: (p,) next vertex of the outline; vertex_offsets: (f + 1,) of the faces' vertices.
-    `following` permutes a face's vertices, so the cycles are rings. The first pass over the rings
-    finds the outer ring, the only counter-clockwise one of a sound face; the second writes it
-    first.
+    following : (p,) next vertex of the outline, a permutation, so that its cycles are the rings
+    is_traced : (p,) whether a vertex belongs to a ring that is returned; the flags are cleared
     """
-    vertices = np.empty(len(points), dtype=np.int64)
-    ring_offsets = np.zeros(len(points) + 1, dtype=np.int64)
-    geom_offsets = np.zeros(len(vertex_offsets), dtype=np.int64)
-    seen = np.zeros(len(points), dtype=np.bool_)
-    size, rings, polygons = 0, 0, 0
-    for face in range(len(sound)):
-        first, last = vertex_offsets[face], vertex_offsets[face + 1]
-        outer, counter_clockwise = -1, 0
-        for start in range(first, last if sound[face] else first):
-            if seen[start]:
-                continue
-            doubled_area, at = 0.0, start
-            while not seen[at]:
-                seen[at] = True
-                to = following[at]
-                doubled_area += points[at, 0] * points[to, 1] - points[at, 1] * points[to, 0]
-                at = to
-            if doubled_area > 0.0:
-                outer, counter_clockwise = start, counter_clockwise + 1
-        if counter_clockwise != 1:
-            sound[face] = False
+    vertices = np.empty(len(following), dtype=np.int64)
+    ring_offsets = np.zeros(len(following) + 1, dtype=np.int64)
+    size, rings = 0, 0
+    for start in range(len(following)):
+        if not is_traced[start]:
             continue
-        for start in range(first - 1, last):
-            at = outer if start < first else start
-            if not seen[at]:
-                continue
-            while seen[at]:
-                seen[at] = False
-                vertices[size] = at
-                size += 1
-                at = following[at]
-            rings += 1
-            ring_offsets[rings] = size
-        polygons += 1
-        geom_offsets[polygons] = rings
-    return vertices[:size], ring_offsets[: rings + 1], geom_offsets[: polygons + 1]
+        at = start
+        while is_traced[at]:
+            is_traced[at] = False
+            vertices[size] = at
+            size += 1
+            at = following[at]
+        rings += 1
+        ring_offsets[rings] = size
+    return vertices[:size], ring_offsets[: rings + 1]
