@@ -196,7 +196,7 @@ def _check_faces(mesh: ModelMesh, slots: Ints, face: Ints) -> tuple[Faces, Count
     off = _compute_affine_residuals(mesh.affine[vertices], points, owner, count)
     sides = (triangles * len(keys) + triangles[:, [1, 2, 0]]).reshape(-1)  # directed
     _, number, times = np.unique(sides, return_inverse=True, return_counts=True)
-    repeated = (times[number] > 1).reshape(-1, 3).any(axis=1)
+    repeated = np.asarray((times[number] > 1).reshape(-1, 3).any(axis=1))
     uses_in_face = np.bincount(triangles.reshape(-1), minlength=len(keys))
     shaded = (mesh.uses[vertices] if mesh.uses is not None else 0) > uses_in_face
     reasons = {
