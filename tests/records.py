@@ -1,3 +1,4 @@
+import json
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -60,7 +61,7 @@ def get_rows(run: HasRecords) -> list[dict[str, Any]]:
     """Return the fields of a run's records, with full names of triangulators and devices."""
     return [
         {
-            **record_to_json(record),
+            **json.loads(json.dumps(record_to_json(record))),
             "triangulator": record.name,
             "device": record.id.device_name,
         }
