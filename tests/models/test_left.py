@@ -219,6 +219,18 @@ def test_integer_obj_coordinates_do_not_widen_the_tolerance(tmp_path):
     assert of_text(roof, tmp_path)[1] == roof
 
 
+@pytest.mark.parametrize(("height", "flat"), [("0.0002", True), ("0.00020", False)])
+def test_decimals_of_obj_coordinates_set_the_tolerance(tmp_path, height, flat):
+    roof = f"v 0 0 0\nv 90 -30 0\nv 200 0 {height}\nv 90 30 0\nf 1 2 3\nf 1 3 4\n"
+    assert of_text(roof, tmp_path)[0].changed == flat
+
+
+def test_thin_triangles_are_no_optimum(tmp_path):
+    """The shorter diagonal would cut off a triangle that is thinner than the tolerance allows."""
+    kite = "v 0 0 0\nv 1 -0.{} 0\nv 2 0 0\nv 1 5 0\nf 1 2 4\nf 2 3 4\n"
+    assert [of_text(kite.format(d), tmp_path)[0].changed for d in ("000002", "000009")] == [0, 1]
+
+
 @pytest.mark.parametrize("line", ["f 1 2 9", "f 1 2 x", "v 1 2", "f 0 1 2", "vt a", "f //1 2 3"])
 def test_invalid_obj_is_refused(tmp_path, line):
     with pytest.raises(SceneError, match=r"^\S+ line 17: not OBJ|^\S+: .* refers to v line 9"):
