@@ -65,6 +65,9 @@ class Executor:
                     _LOG.info("%s: attempt failed: %s", name, error)
             yield name, result
 
+    def close(self) -> None:
+        """Release workers and connections."""
+
 
 class DaskExecutor(Executor):
     """Runs tasks as futures of Dask's distributed scheduler, one per worker thread.
