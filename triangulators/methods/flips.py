@@ -1,6 +1,7 @@
 """Flips of existing triangles, and the triangulators that flip after ear clipping."""
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -102,6 +103,21 @@ def refine(
         if compute_total_cost(points, delaunay_rows, cost) < compute_total_cost(points, rows, cost):
             return put_in_walk_order_by_twins(delaunay_rows, delaunay_twin, len(points))
     return put_in_walk_order_by_twins(rows, twin, len(points))
+
+
+@njit(nogil=True)
+def _refine_if_valid(
+    points: np.ndarray,
+    ring_offsets: np.ndarray,
+    corner: np.ndarray,
+    test: int,
+    cost: Cost,
+    decreased: Cost | None,
+) -> np.ndarray:
+    twin = link_half_edges(corner)
+    if is_triangulation(points, ring_offsets, corner, twin):
+        return refine(points, corner, twin, test, cost, decreased)
+    return corner.reshape(-1, 3)[:0]
 
 
 @njit(nogil=True)
@@ -271,14 +287,21 @@ def triangulate_refined(
 ) -> np.ndarray:
     """Return ear clipping's triangulation (m, 3), improved by `refine` for a criterion."""
     resolved = criteria.find(criterion, **parameters)
-    cost = find_plain_cost(resolved)
+    cost, test = _find_plain_cost_and_test(resolved)
     if cost is None:
         cost = make_cost(resolved, boundary_area(outline), outline.expected_triangles)
-    test = find_flip_test(cost)
-    points = outline.points
-    corner = ear_clipping(outline).astype(np.int32).reshape(-1)
-    twin = link_half_edges(corner)
-    if not is_triangulation(points, outline.ring_offsets, corner, twin):
-        corner = find_any_triangulation(outline).astype(np.int32).reshape(-1)
-        twin = link_half_edges(corner)
-    return refine(points, corner, twin, test, cost, cost if test == COST else None)
+        test = find_flip_test(cost)
+    points, rings = outline.points, outline.ring_offsets
+    ears = ear_clipping(outline).astype(np.int32).reshape(-1)
+    decreased = cost if test == COST else None
+    rows: np.ndarray = _refine_if_valid(points, rings, ears, test, cost, decreased)
+    if len(rows) > 0:
+        return rows
+    corner = find_any_triangulation(outline).astype(np.int32).reshape(-1)
+    return refine(points, corner, link_half_edges(corner), test, cost, decreased)
+
+
+@lru_cache(maxsize=64)
+def _find_plain_cost_and_test(criterion: criteria.Criterion) -> tuple[Cost | None, int]:
+    cost = find_plain_cost(criterion)
+    return cost, NONE if cost is None else find_flip_test(cost)
