@@ -67,6 +67,8 @@ def import_(
     if file.is_dir():
         if summary is None:
             raise UsageError(f"{file} is a run already; give --summary FILE for its summary")
+        if out or run:
+            raise UsageError(f"{file} is a run; --out and --run are only for files of a page")
         measured_run = read_latest(file, Reporter().warn)
         if device:
             measured_run = replace(

@@ -116,6 +116,9 @@ def inspect(
         if options.is_given(context, name):
             reason = "requires" if sizes is None else "cannot be combined with"
             raise UsageError(f"--{name.removeprefix('as_')} {reason} --sizes")
+    for name in ("resolution", "rotation", "triangulator"):
+        if every is not None and options.is_given(context, name):
+            raise UsageError(f"--{name} cannot be combined with --every")
     default = PICTURE_TRIANGULATORS if sizes is None else SIZES_TRIANGULATORS
     if profile is not None:
         default = (*default, SHAPE_OPTIMUM)

@@ -233,7 +233,7 @@ def _hash_inputs(arguments: tuple[str, str], environment: Mapping[str, str]) -> 
         sorted(environment.items()),
         sys.prefix,
         sorted(item for item in os.environ.items() if DRIVER_VARIABLES.match(item[0])),
-        [(str(path), path.stat().st_mtime_ns) for path in paths],
+        [(str(path), path.stat().st_mtime_ns) for path in paths if path.exists()],
     )
     return hashlib.sha256(repr(content).encode()).hexdigest()[:24]
 

@@ -17,7 +17,7 @@ from harness.results.record import HOST_MARK, CaseGroup, Record, RunFacts
 from harness.results.run_folder import POLYGONS, Run, make_file_stem, read_arrays
 from harness.results.run_writer import RunFolder
 
-STATUSES = ("ok", "skipped", "failed")  # by priority: a measured record replaces another
+STATUSES = ("ok", "skipped", "failed", "counted")  # by priority: a measured record replaces another
 
 
 class _Source(NamedTuple):

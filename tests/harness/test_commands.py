@@ -159,6 +159,12 @@ def test_inspect_every_refuses_too_many_triangulations(harness):
     assert_refused(answer, "triangulations", "optimal")
 
 
+@pytest.mark.parametrize("option", [("--resolution", "64"), ("--triangulator", "fan")])
+def test_inspect_every_refuses_options_of_pictures(harness, option):
+    answer = harness("inspect", "paper", "--every", "paper", *option)
+    assert_refused(answer, f"{option[0]} cannot be combined with --every")
+
+
 GAINS = ("study", "gains", "run", "--out", "gains")
 
 

@@ -7,8 +7,8 @@ import pytest
 import trimesh
 
 from harness.errors import HarnessError, UsageError
-from harness.models.diagonals import choose_diagonals
-from harness.models.flat_faces import ModelMesh, compute_float32_tolerance, find_flat_faces
+from harness.models.diagonals import choose_diagonals, find_outlines
+from harness.models.flat_faces import Faces, ModelMesh, compute_float32_tolerance, find_flat_faces
 from harness.models.gltf import GltfModel
 from harness.models.in_place import retriangulate
 from scenes import SceneError
@@ -344,3 +344,12 @@ def test_gltf_with_a_buffer_file(tmp_path):
     (tmp_path / "b").mkdir()
     with pytest.raises(UsageError, match="copy the file first"):
         retriangulate(source, tmp_path / "b" / "other.gltf")
+
+
+def test_face_with_two_outer_rings_has_no_outline():
+    """Two counter-clockwise triangles, one inside the other, are no polygon with a hole."""
+    points = np.array([(0, 0), (9, 0), (0, 9), (1, 1), (3, 1), (1, 3)], dtype=float)
+    triangles = np.arange(6).reshape(2, 3)
+    one = Faces(points, np.arange(6), triangles, np.arange(2), np.array([0, 2]))
+    two = one._replace(triangle_offsets=np.array([0, 1, 2]))
+    assert [find_outlines(faces).face.tolist() for faces in (one, two)] == [[], [0, 1]]

@@ -27,6 +27,8 @@ def test_imported_run_has_a_summary(harness, saved):
 
 def test_measured_run_has_a_summary(harness, small_run):
     assert_refused(harness("import", str(small_run.path)), "give --summary FILE")
+    unused = ("--summary", "cpu.json", "--out", "copy")
+    assert_refused(harness("import", str(small_run.path), *unused), "only for files of a page")
     require_ok(harness("import", str(small_run.path), "--summary", "cpu.json"))
     assert json.loads(Path("cpu.json").read_text())["rasteriser"] == "reference"
     arguments = ("import", str(small_run.path), "--summary", "x.json", "--device", "gpu7")

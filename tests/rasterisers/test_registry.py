@@ -156,6 +156,10 @@ def test_answers_are_cached_until_drivers_or_variables_change(program, monkeypat
     os.utime(drivers, (1, 1))
     devices.run_probes([question])
     assert count_calls(program) == 2
+    (tmp_path / "dev").mkdir()
+    (tmp_path / "dev/nvidia0").symlink_to(tmp_path / "missing")  # ignored
+    devices.run_probes([question])
+    assert count_calls(program) == 2
     monkeypatch.setenv("MESA_LOADER_DRIVER_OVERRIDE", "zink")
     devices.run_probes([question])
     assert count_calls(program) == 3
