@@ -95,7 +95,7 @@ def make_cycle(outline: Boundary, who: str, triangles: np.ndarray | None = None)
     cycle = outline.edges[:, 0].copy()
     points = outline.points[cycle]
     local = find_ring_triangulation(outline, cycle, triangles)
-    start, target = find_visible_pairs(points, local, find_twins(local), len(cycle) ** 2)
+    start, target = find_visible_pairs(points, local, find_twins(local))
     return Cycle(cycle, points, start, target)
 
 

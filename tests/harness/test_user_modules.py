@@ -70,9 +70,10 @@ def test_dask_workers_do_not_import_foreign_modules(folder):
     """Python starts Dask's workers by `python -c`, which searches the current folder first."""
     program = (
         "import sys; sys.path[:] = [sys.argv.pop(1), *sys.path[1:]]\n"
+        "from functools import partial\n"
         "from harness.scaling.executors import DaskExecutor\n"
         "executor = DaskExecutor('local:1')\n"
-        "print([answer.value for _, answer in executor.run_all({'a': (abs, (-3,))})])\n"
+        "print([answer.value for _, answer in executor.run_all({'a': partial(abs, -3)})])\n"
         "executor.close()\n"
     )
     done = run_python("-c", program, ROOT, cwd=folder)

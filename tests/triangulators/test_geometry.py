@@ -98,7 +98,7 @@ def test_replacing_a_tree_by_its_triangles_changes_nothing(depth_first):
         tree, rows = np.zeros((58, 3), dtype=bool), np.empty(20, dtype=np.int32)
         visited, position_of = np.zeros(58, dtype=bool), np.full(174, -1, dtype=np.int32)
         marks = visited, visited
-        assert grow_tree(twin, root, 20, depth_first, root % 3, tree, rows, *marks, 0) == 20
+        assert grow_tree(twin, root, depth_first, root % 3, tree, rows, *marks, 0) == 20
         cycle, local, around = unfold_tree(triangles, twin, tree, root, 20)
         unfolded, before = cycle[local].tolist(), triangles[rows].tolist()
         assert sorted(map(sorted, unfolded)) == sorted(map(sorted, before))
@@ -116,7 +116,7 @@ def test_a_tree_contains_few_covered_triangles():
     covered[7] = False
     for max_covered in (0, 1, 5):
         tree[:] = False
-        size = grow_tree(twin, 7, 20, False, 0, tree, rows, visited, covered, max_covered)
+        size = grow_tree(twin, 7, False, 0, tree, rows, visited, covered, max_covered)
         assert size == 1 + max_covered
         assert not visited.any()
 

@@ -16,7 +16,6 @@ from triangulators.geometry.half_edges import link_half_edges
 def grow_tree(
     twin: np.ndarray,
     root: int,
-    max_size: int,
     depth_first: bool,
     first_edge: int,
     tree: np.ndarray,
@@ -25,7 +24,7 @@ def grow_tree(
     covered: np.ndarray,
     max_covered: int,
 ) -> int:
-    """Grow a tree of up to `max_size` adjacent triangles from `root`; return their number.
+    """Grow a tree of up to len(rows) adjacent triangles from `root`; return their number.
 
     depth_first: False for a compact region, True for a long region. first_edge: the edge (0 to 2)
     of a triangle to try first. Writes the triangles' indices to `rows`, and marks crossed edges,
@@ -34,10 +33,10 @@ def grow_tree(
     """
     # Half-edges over which to enter triangles. A triangle may occur three times; the second and the
     # third are skipped. The half-edge of the root only encodes the index of the root.
-    entries = np.empty(3 * max_size + 3, dtype=np.int32)
+    entries = np.empty(3 * len(rows) + 3, dtype=np.int32)
     entries[0] = 3 * root
     first, last, size = 0, 1, 0
-    while first < last and size < max_size:
+    while first < last and size < len(rows):
         if depth_first:
             last -= 1
             entry = entries[last]

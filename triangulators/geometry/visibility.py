@@ -31,12 +31,12 @@ from triangulators.geometry.predicates import orientation
 
 @njit(nogil=True)
 def find_visible_pairs(
-    points: np.ndarray, triangles: np.ndarray, twin: np.ndarray, max_pairs: int
+    points: np.ndarray, triangles: np.ndarray, twin: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (start, target): `target[start[i]:start[i + 1]]` are the vertices > i that i sees.
 
     points (n, 2): a counter-clockwise cycle; triangles (n - 2, 3): any triangulation. Lists ascend
-    and include sides. Beyond `max_pairs` pairs the result is incomplete: `start[n] > max_pairs`.
+    and include sides.
     """
     n = len(points)
     start = np.zeros(n + 1, dtype=np.int64)
@@ -54,9 +54,6 @@ def find_visible_pairs(
             copy_row(target[:count], grown)
             target = grown
         start[v] = count
-        if count > max_pairs:
-            start[n] = count
-            return start, target
         # Visit the triangles at v counter-clockwise; h is the half-edge from v of the next
         # triangle.
         h = side[v]

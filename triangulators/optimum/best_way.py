@@ -40,7 +40,7 @@ def find_optimum(points: np.ndarray, triangles: np.ndarray, cost: Cost) -> np.nd
         optimal = solve_by_full_table(points, cost["box"])
         if optimal is not None:
             return optimal
-    start, target = find_visible_pairs(points, triangles, find_twins(triangles), n * n)
+    start, target = find_visible_pairs(points, triangles, find_twins(triangles))
     if cost["is_box"]:
         is_convex = len(target) == n * (n - 1) // 2
         is_dense = _count_apexes(n, target) * _SPARSE_TO_DENSE > n**3 / 6.0
@@ -97,8 +97,8 @@ class Patchwork:
     ) -> np.ndarray:
         """Replace a tree of adjacent triangles by its optimum; return their indices (k,)."""
         rows = np.empty(max_size, dtype=np.int32)
-        how = (max_size, depth_first, first_edge)
-        size = grow_tree(self.twin, root, *how, self._tree, rows, self._visited, self._visited, 0)
+        marks = (self._visited, self._visited)
+        size = grow_tree(self.twin, root, depth_first, first_edge, self._tree, rows, *marks, 0)
         rows = rows[:size]
         cycle, local, outline = unfold_tree(self.triangles, self.twin, self._tree, root, size)
         self._tree[rows] = False

@@ -43,7 +43,7 @@ def _optimise_ring(points: np.ndarray, triangles: np.ndarray, twin: np.ndarray, 
     if is_reversed:
         points = points[::-1].copy()
         _reverse_vertices(corner, n)
-    start, target = find_visible_pairs(points, triangles, twin, n * n)
+    start, target = find_visible_pairs(points, triangles, twin)
     better = solve_any_cost(start, target, points, cost)
     if len(better) == len(triangles):
         copy_rows(better, triangles)
@@ -78,9 +78,7 @@ def optimise_windows(
     for root in range(count):
         if covered[root]:
             continue
-        size = grow_tree(
-            twin, root, len(rows), False, 0, tree, rows, visited, covered, _MAX_OVERLAP
-        )
+        size = grow_tree(twin, root, False, 0, tree, rows, visited, covered, _MAX_OVERLAP)
         window = rows[:size]
         cycle, local, outline = unfold_tree(triangles, twin, tree, root, size)
         for row in window:
@@ -91,7 +89,7 @@ def optimise_windows(
             continue
         corners = points[cycle]
         local_twin = link_half_edges(local.reshape(-1)).reshape(-1, 3)
-        start, target = find_visible_pairs(corners, local, local_twin, len(cycle) ** 2)
+        start, target = find_visible_pairs(corners, local, local_twin)
         better = solve_any_cost(start, target, corners, cost)
         if len(better) == size:
             replace_tree_triangles(triangles, twin, window, cycle, outline, better, position_of)
