@@ -80,6 +80,12 @@ def test_median_of_few_values_has_no_interval():
     assert estimate_median(np.ones(8)) == (1.0, 1.0, 1.0, 8)
 
 
+def test_median_interval_covers_the_median():
+    samples = [np.random.default_rng(seed).normal(0.5, 0.1, 25) for seed in range(60)]
+    estimates = [estimate_median(values) for values in samples]
+    assert sum(estimate.low <= 0.5 <= estimate.high for estimate in estimates) >= 54
+
+
 def test_a_polygon_in_several_views_counts_once():
     """Two views of four polygons are four polygons, too few for an interval."""
     views = polygons(4, 0.1)
