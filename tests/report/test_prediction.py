@@ -17,6 +17,7 @@ from harness.profile.device_costs import find_profile, minimise_slowest_stage, r
 from harness.report.page import predict_run
 from harness.results import drawings
 from harness.results.run_folder import STORED_PROFILE, read_run
+from harness.settings import TimingSettings
 from harness.triangulating.recipes import parse_all
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load
@@ -100,6 +101,7 @@ def test_run_stores_the_profile_and_minimises_the_slowest_stage(tmp_path):
     plan = replace(
         make_plan(Path("city:buildings=12"), rasterisers=("reference",), views=(View(2048),)),
         triangulators=parse_all((base, name), calibration=coefficients),
+        timing=TimingSettings(precision=0.5, budget_s=1.0, warm_up_s=0.0),
     )
     calibrate = partial(minimise_slowest_stage, device)
     measure(plan, tmp_path / "run", profile=H200.read_bytes(), calibrate=calibrate)
