@@ -23,7 +23,7 @@ MIN_MEGABYTES = 5
 
 
 def build_wheel(folder: Path) -> Path:
-    """Return the wheel of this checkout."""
+    """Build the wheel of the commit HEAD, without uncommitted changes; return the file."""
     source = folder / "source"
     archive = ["git", "-C", ROOT, "archive", "HEAD", "--output", folder / "source.tar"]
     subprocess.run([str(part) for part in archive], check=True)

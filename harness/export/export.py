@@ -139,12 +139,14 @@ class Report(NoteCounter):
     """Statistics of an export; "failed" are polygons that the triangulator could not triangulate.
 
     files : written files, the target first
+    read, polygons : numbers of polygons that were read, and of those that were triangulated
     proven : number of polygons whose optimum was computed exactly
     evidence : open file of the proofs
     notes : lines about reading and projection of the file
     """
 
     files: list[Path] = field(default_factory=list)
+    read: int = 0
     polygons: int = 0
     triangles: int = 0
     proven: int = 0
@@ -355,8 +357,9 @@ def _triangulate_chunk(chunk: Chunk, options: TriangulationOptions, report: Repo
         **options.parameters,
     )
     report.triangulate_s += time.perf_counter() - start
-    failed = [(f"polygon {report.polygons + k}", why) for k, why in sorted(result.failed.items())]
+    failed = [(f"polygon {report.read + k}", why) for k, why in sorted(result.failed.items())]
     report.note("failed", failed)
+    report.read += len(polygons)
     if parse(options.name).entry.name == "optimal":
         # Optima of compiled code, and of the dynamic program over one ring, are exact.
         is_single_ring = polygons.ring_counts == 1

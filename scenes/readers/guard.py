@@ -138,7 +138,7 @@ def number_lines(path: Path) -> Iterator[tuple[int, str]]:
             number += 1
             if len(line) == MAX_LINE_CHARACTERS:
                 raise SceneError(
-                    f"{path} line {number} has more than {MAX_LINE_CHARACTERS} characters: give a "
+                    f"{path} line {number} has at least {MAX_LINE_CHARACTERS} characters: give a "
                     "text file with shorter lines"
                 )
             yield number, line

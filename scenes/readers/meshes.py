@@ -21,7 +21,7 @@ from scenes.spec import import_optional
 
 _FLAT = "each face in a plane, side by side"
 _MAP = "the polygons of EXT_mesh_polygon"
-_NO_AREA = "has no area, or a NaN or infinite coordinate"
+_NO_PLANE = "has no area, or a NaN or infinite coordinate"
 _MAX_DEVIATION = 1e-3  # of a vertex from the plane, relative to the face's size, without a note
 
 
@@ -81,7 +81,7 @@ def _flatten_faces(
     for label, rings in faces:
         polygon, deviation = _flatten_face(rings)
         if polygon is None:
-            dropped.append((label, _NO_AREA))
+            dropped.append((label, _NO_PLANE))
             continue
         if deviation > _MAX_DEVIATION:
             repaired.append((label, f"is not planar by {deviation:.2g} of the size; projected"))
@@ -93,7 +93,10 @@ def _flatten_faces(
 
 
 def _flatten_face(rings: list[NDArray[np.float64]]) -> tuple[shapely.Polygon | None, float]:
-    """Return rings (k, 3) as a polygon in the plane of the first, or None, and its deviation."""
+    """Return rings (k, 3) as a polygon in the plane of the first, and the polygon's deviation.
+
+    The polygon is None if the ring has no area, or a NaN or infinite coordinate.
+    """
     with np.errstate(over="ignore", invalid="ignore"):
         centre = rings[0].mean(axis=0)
         local = rings[0] - centre
@@ -189,7 +192,7 @@ def join_facets(
         normal = np.cross(edges[:, 0], edges[:, 1]).sum(axis=0)
         length = np.linalg.norm(normal)
         if not np.isfinite(length) or length == 0.0:
-            dropped.append((f"triangle {group[0]}", _NO_AREA))
+            dropped.append((f"triangle {group[0]}", _NO_PLANE))
             continue
         flat = (corners - corners[0, 0]) @ compute_axes(normal / length)[:2].T
         polygons.append(shapely.union_all(shapely.polygons(flat)))

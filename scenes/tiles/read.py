@@ -244,7 +244,8 @@ def _choose_tiles(
     run_index = np.searchsorted(ends, middles, side="right").tolist()
     offsets = [runs[k].first + runs[k].repeats - int(ends[k]) for k in run_index]
     return [
-        archive.get_tile_key(last + middle) for last, middle in zip(offsets, middles, strict=True)
+        archive.get_tile_key(offset + middle)
+        for offset, middle in zip(offsets, middles, strict=True)
     ]
 
 

@@ -211,6 +211,8 @@ def test_failed_polygons_are_named(tmp_path):
     report = export_file(CITY, tmp_path / "b.obj", "fan")
     failed = report.list_examples("failed")
     assert failed
+    in_parts = export_file(CITY, tmp_path / "b.obj", "fan", chunk=7)
+    assert in_parts.list_examples("failed") == failed
     assert report.polygons + len(failed) == 60
     assert sum(n for (kind, _), n in report.counts.items() if kind == "failed") == len(failed)
     assert (tmp_path / "b.obj").read_text().count("\ng ") == report.polygons
