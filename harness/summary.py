@@ -144,10 +144,10 @@ def _make_comparison_cells(
     standing: Standing, decision: Decision, *, has_break_even: bool
 ) -> list[Text]:
     """Return two cells, time ratio and break-even, or one cell with time ratio and verdict."""
-    drawn, ratio, colour, note = standing.record.polygons, standing.ratio, "", ""
-    complete = max(other.record.all_polygons for other in decision.standings)
-    if drawn != complete:
-        cell = f"{drawn} of {complete} done"
+    ratio, colour, note = standing.ratio, "", ""
+    if not standing.complete:
+        complete = max(other.record.all_polygons for other in decision.standings)
+        cell = f"{standing.record.polygons} of {complete} done"
     elif standing is decision.base or ratio is None:
         cell = "-" if standing is decision.base else ""
     else:

@@ -7,15 +7,23 @@ user gives a function in it as `module:function`, and then last.
 import os
 import re
 import sys
+from contextlib import AbstractContextManager
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
 from harness.errors import UsageError
+from harness.machine import system
 from triangulators.compute.compiled_files import PACKAGES, SOURCES
 
 FUNCTION = re.compile(r"[^\W\d][\w.]*:[^\W\d][\w.]*(?=:|$)")
 """Pattern of `module:function`, perhaps followed by parameters after another colon."""
+
+
+def hide_working_folder() -> AbstractContextManager[None]:
+    """Keep Python processes started in the block from importing from the current folder."""
+    # `python -c`, by which multiprocessing starts helpers, searches that folder first.
+    return system.set_variables({"PYTHONSAFEPATH": "1"})
 
 
 def allow_user_module(reference: str) -> None:

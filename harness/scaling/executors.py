@@ -118,12 +118,11 @@ class DaskExecutor(Executor):
         Signals are delayed: a cluster that is interrupted while it starts cannot be closed.
         """
         from harness.machine import system
+        from harness.machine.user_modules import hide_working_folder
 
         if not 1 <= number <= 1024:
             raise UsageError(f"--dask {address}: give 1 to 1024 workers")
-        # Workers search the current folder for modules first, unless PYTHONSAFEPATH is set.
-        safe_path = system.set_variables({"PYTHONSAFEPATH": "1"})
-        with safe_path, system.delay_signals(), warnings.catch_warnings():
+        with hide_working_folder(), system.delay_signals(), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the port of the dashboard may be taken
             self._cluster = self._distributed.LocalCluster(
                 n_workers=number,

@@ -25,6 +25,7 @@ from typing import Any, NoReturn, TypeVar
 import psutil
 
 from harness.machine import system
+from harness.machine.user_modules import hide_working_folder
 from harness.workers import serving
 from harness.workers.serving import Limits, TaskError, TaskTimeoutError
 from triangulators.errors import summarize_error
@@ -136,8 +137,7 @@ class Worker:
             )
             self._process = context.Process(target=serving.serve, args=arguments, daemon=True)
             try:
-                # multiprocessing runs `python -c`, which searches the current folder first.
-                with system.set_variables({"PYTHONSAFEPATH": "1"}):
+                with hide_working_folder():  # which a new Python would search first
                     self._process.start()
             except (EOFError, OSError) as error:  # the fork server has ended
                 self._process = None
