@@ -162,7 +162,7 @@ class _Drawing:
         if (reference := re.search(r"url\(\s*['\"]?#([^'\")]+)", local["clip-path"])) is not None:
             clip = self._by_id.get(reference[1].strip())
             if clip is not None and get_tag(clip) == "clipPath":
-                state = _intersect_clip(state, self._find_clip_area(clip, element, state))
+                state = _intersect_clip(state, self._find_clip_area(clip, element, state, style))
         elif local["clip-path"] not in ("inherit", "none"):
             raise ValueError(f"clip-path {local['clip-path']!r} is unsupported: use url(#ID)")
         return state, style
@@ -208,7 +208,11 @@ class _Drawing:
         return shapely.multipolygons(parts) if len(parts) else None
 
     def _find_clip_area(
-        self, clip: ElementTree.Element, element: ElementTree.Element, state: _State
+        self,
+        clip: ElementTree.Element,
+        element: ElementTree.Element,
+        state: _State,
+        style: dict[str, str],
     ) -> Any:
         """Return the area of the clip path `clip` for an element that is drawn in `state`."""
         if clip.get("clipPathUnits") == "objectBoundingBox":
@@ -217,9 +221,11 @@ class _Drawing:
                     "clipPathUnits='objectBoundingBox' is supported for shapes only, not for "
                     f"<{get_tag(element)}>; use userSpaceOnUse"
                 )
-            points = np.concatenate(
-                flatten_outline(format_outline(element, {}, state.viewport), Identity)
-            )
+            outline = format_outline(element, style, state.viewport)
+            contours = flatten_outline(outline, Identity)
+            if not contours:
+                return shapely.MultiPolygon()
+            points = np.concatenate(contours)
             (x, y), (w, h) = points.min(axis=0).tolist(), np.ptp(points, axis=0).tolist()
             state = replace(state, matrix=state.matrix.translate(x, y).scale(w, h))
         clip_state, _ = self._enter_element(

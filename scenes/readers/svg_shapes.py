@@ -21,7 +21,7 @@ _FUNCTION = re.compile(r"\s*,?\s*([A-Za-z0-9]+)\s*\(([^()]*)\)")
 _ARGUMENT = re.compile(rf"\s*,?\s*({_NUMBER})(px|deg|rad|grad|turn)?")
 _PIXELS = {"px": 1.0, "in": 96.0, "cm": 96 / 2.54, "mm": 96 / 25.4, "pt": 96 / 72, "pc": 16.0}
 _DEGREES = {"rad": 180 / math.pi, "grad": 0.9, "turn": 360.0}
-_KEYWORDS = {"left": "0%", "top": "0%", "center": "50%", "right": "100%", "bottom": "100%"}
+_ORIGINS = {"left": "0%", "top": "0%", "center": "50%", "right": "100%", "bottom": "100%"}
 
 Viewport = tuple[float, float] | None  # size for percentages; None if unknown
 
@@ -99,12 +99,11 @@ def _parse_matrix(name: str, inner: str, is_css: bool) -> Transform:
 
 
 def transform_about(matrix: Transform, origin: str, viewport: Viewport) -> Transform:
-    """Return a matrix that applies `matrix` about `origin`, such as "50% 20px" or "center"."""
-    keywords = [_KEYWORDS.get(word, word) for word in origin.split()[:2]]
-    if origin.split()[:1] in (["top"], ["bottom"]):
-        keywords = [*keywords[1:], "50%"][:1] + keywords[:1]
-    keywords += ["50%"] * (2 - len(keywords))
-    x, y = (parse_length(word, viewport, axis) for axis, word in enumerate(keywords))
+    """Return a matrix that applies `matrix` about `origin`, such as "50% 20px" or "top left"."""
+    words = [*origin.split(), "center"][:2]
+    if words[0] in ("top", "bottom") or words[1] in ("left", "right"):
+        words.reverse()
+    x, y = (parse_length(_ORIGINS.get(w, w), viewport, axis) for axis, w in enumerate(words))
     return Identity.translate(x, y).transform(matrix).translate(-x, -y)
 
 

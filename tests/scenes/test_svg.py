@@ -5,6 +5,7 @@
 import io
 from pathlib import Path
 
+import numpy as np
 import pytest
 import resvg_py
 import shapely
@@ -16,6 +17,7 @@ from tests.scenes.conftest import assert_valid_polygons, require_error, write_fi
 NAMESPACE = 'xmlns="http://www.w3.org/2000/svg"'
 SQUARE = '<rect id="square" width="20" height="20"/>'
 CLIP = '<clipPath id="k"%s><rect width="30" height="30"/>%s</clipPath>'
+BOX_CLIP = (CLIP % (' clipPathUnits="objectBoundingBox"', "")).replace("30", ".5")
 CLIPPED = '<rect width="50" height="40" clip-path="url(#k)"/>'
 NESTED = '<svg x="10" y="20" width="50" height="30" viewBox="0 0 10 10"%s>%s</svg>'
 RADII = ('rx="15"', 'ry="15"', 'rx="15" ry="0"', 'rx="50" ry="10"', 'rx="-5" ry="9"')
@@ -45,8 +47,10 @@ def read(folder: Path, body: str, size: str = 'width="100" height="100"'):
         '<rect width="3" height="3" transform="matrix(10 0 0 10 20-10)"/>',
         '<rect width="9" height="9" transform="translate(10,20)scale(5)rotate(-30.5.5,.5)skewX(9)"/>',
         '<g transform="translate(5 0) scale(2)"><rect width="9" height="9" transform="rotate(30)"/></g>',
-        '<rect x="40" y="40" width="20" height="9" transform="rotate(30)" transform-origin="50 50"/>',
-        '<rect x="40" y="40" width="20" height="9" transform="rotate(9)" transform-origin="center"/>',
+        *(
+            f'<rect x="40" y="40" width="20" height="9" transform="rotate(30)" transform-origin="{o}"/>'
+            for o in ("50 50", "center", "20px", "center left", "left bottom", "top", "top 20%")
+        ),
         NESTED % ("", '<rect width="90%" height="100%"/>'),
         NESTED % (' preserveAspectRatio="xMinYMax slice"', '<rect width="8" height="10"/>'),
         NESTED % (' preserveAspectRatio="none"', '<rect width="8" height="9"/>'),
@@ -58,7 +62,8 @@ def read(folder: Path, body: str, size: str = 'width="100" height="100"'):
         '<clipPath id="j"><path clip-rule="evenodd" d="M0 0h20v20h-20z m5 5h9v9h-9z"/></clipPath>'
         + CLIP % (' clip-path="url(#j)"', "")
         + CLIPPED,
-        (CLIP % (' clipPathUnits="objectBoundingBox"', "")).replace("30", ".5") + CLIPPED,
+        BOX_CLIP + CLIPPED,
+        BOX_CLIP + '<rect width="0" height="9" clip-path="url(#k)"/>' + SQUARE,
         '<clipPath id="k"/>' + CLIPPED + SQUARE,
         CLIPPED,  # by a missing path, which has no effect
         '<x:g xmlns:x="x"><rect width="90" height="9"/></x:g><x:rect xmlns:x="x" width="90"/>'
@@ -79,12 +84,15 @@ def test_polygons_cover_the_area_that_resvg_draws(tmp_path, body):
     assert_valid_polygons(scene.polygons)
     drawing = (tmp_path / "a.svg").read_text()
     png = bytes(resvg_py.svg_to_bytes(svg_string=drawing, zoom=4, languages=["en"]))
-    drawn = image.imread(io.BytesIO(png))[..., 3].sum() / 16
+    alpha = image.imread(io.BytesIO(png))[..., 3]
+    drawn = alpha.sum() / 16
     visible = shapely.union_all(scene.polygons).intersection(shapely.box(0, -100, 100, 0))
     # Eight chords replace a curve.
     relative = 0.025 if " C " in body else 0.005 if "polygon" in body else 0.01
     absolute = 0.0 if "polygon" in body else 0.7
     assert visible.area == pytest.approx(drawn, rel=relative, abs=absolute)
+    y, x = (np.average(np.indices(alpha.shape), axis=(1, 2), weights=alpha) + 0.5) / 4
+    assert (visible.centroid.x, -visible.centroid.y) == pytest.approx((x, y), abs=0.3)
 
 
 @pytest.mark.parametrize(
@@ -93,10 +101,11 @@ def test_polygons_cover_the_area_that_resvg_draws(tmp_path, body):
         "transform: translate(20px, 10px) scale(5)",
         "transform: translateX(20px) translateY(10px) scaleX(5) scaleY(5)",
         "width: 15px; height: 15px",
+        "width: 30px; height: 30px; clip-path: url(#k)",
     ],
 )
 def test_properties_of_css(tmp_path, style):
-    (polygon,) = read(tmp_path, f'<rect width="3" height="3" style="{style}"/>').polygons
+    (polygon,) = read(tmp_path, BOX_CLIP + f'<rect width="3" height="3" style="{style}"/>').polygons
     assert polygon.area == pytest.approx(225)
     assert polygon.bounds[0] == (20 if "translate" in style else 0)
 
