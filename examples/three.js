@@ -7,7 +7,7 @@ import {compare} from "./compare.js";
 
 /* global OUTLINES -- from build.mjs: a list of rings for each outline, the outer ring first */
 
-const SIZE = 1024;
+const SIZE = 1024; // of the drawing, as SIZE_PX of data.py
 
 const path = (Kind, ring) => {
     const points = [];

@@ -139,8 +139,9 @@ class NpzWriter:
     """Writes arrays, for p polygons, n vertices and m triangles:
 
     vertices (n, 2) float64; triangles (m, 3) int64, indices of vertices; vertex_offsets and
-    triangle_offsets (p + 1,) int64; attribute_NAME (p,) for each attribute, text except for
-    numbers, dates and booleans; triangulator, units, credit.
+    triangle_offsets (p + 1,) int64; attribute_NAME (p,) for each attribute, with _ for / and with
+    further _ if another has the name, text except for numbers, dates and booleans; triangulator,
+    units, credit.
     """
 
     def __init__(self, output: Output, about: ExportMetadata) -> None:
@@ -177,10 +178,13 @@ class NpzWriter:
                     for v, is_missing in zip(column, column.isna(), strict=True)
                 ]
                 values = np.array(texts, dtype=np.str_)
-            arrays[f"attribute_{label}".replace("/", "_")] = values
+            name = f"attribute_{label}".replace("/", "_")
+            while name in arrays:
+                name += "_"
+            arrays[name] = values
         for fact in ("triangulator", "units", "credit"):
             arrays[fact] = np.array(getattr(self._about, fact))
-        np.savez(self._output.open_published(), allow_pickle=False, **arrays)
+        np.savez(self._output.open_published(), **arrays)
 
     def _append_to_spool(self, name: str, array: NDArray[Any]) -> None:
         if name not in self._spools:

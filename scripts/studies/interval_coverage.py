@@ -34,7 +34,6 @@ from harness.metrics.per_polygon import compute_spearman
 from harness.rasterisers.base import Options
 from harness.results.record import CaseId, Record, Time
 from harness.stats.intervals import (
-    CONFIDENCE,
     RUN_SCATTER,
     UNKNOWN,
     add_run_scatter,
@@ -56,23 +55,6 @@ COLUMNS = ("interval", "data", "number", "trials", "reported", "covered", "cover
 
 Values = NDArray[np.float64]
 Ends = tuple[float, float]
-
-
-def compute_share_interval(shares: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the 95 % interval of a mean share from the shares of independent groups, (g,).
-
-    Comparisons that share rounds are not independent and count as one group. If no group or every
-    group is affected, at most 1 - 0.05^(1/g) of all groups differ, with 95 % confidence.
-    """
-    if len(shares) == 0:
-        return UNKNOWN
-    reach = 1 - (1 - CONFIDENCE) ** (1 / len(shares))
-    if (shares == 0).all():
-        return 0.0, reach
-    if (shares == 1).all():
-        return 1 - reach, 1.0
-    low, high = compute_mean_interval(shares)
-    return max(0.0, low), min(1.0, high)
 
 
 class Trial(NamedTuple):
@@ -167,10 +149,6 @@ def list_kinds() -> Iterator[Kind]:
     for number in (8, 12, 24):
         yield Kind("ratio over tiles", "sizes differ", number, partial(_simulate_tiles, number))
     yield from _list_time_kinds()
-    for number in (12, 24):
-        yield Kind(
-            "share of A/A pairs", "groups share rounds", number, partial(_simulate_shares, number)
-        )
 
 
 def _list_time_kinds() -> Iterator[Kind]:
@@ -408,17 +386,6 @@ def _simulate_two_runs(noise: float, between: float, rng: np.random.Generator) -
 
 def _disturbed(rng: np.random.Generator, noise: float) -> Values:
     return 1 + np.abs(rng.normal(0, noise, 30))
-
-
-def _simulate_shares(groups: int, rng: np.random.Generator) -> Trial:
-    """Compare six equal drawings in 15 pairs per group; an affected drawing is in 5 pairs."""
-
-    affected = rng.binomial(6, 0.08, groups)
-    shares = affected * (6 - affected) / 15
-    expected = 6 * 0.08 * 0.92 * 5 / 15
-    pooled = float(np.mean(shares))
-    reach = 1.96 * np.sqrt(max(pooled * (1 - pooled), 1e-12) / (15 * groups))
-    return Trial(compute_share_interval(shares), (pooled - reach, pooled + reach), expected)
 
 
 def _mean_interval(values: Values, rng: np.random.Generator) -> Ends:

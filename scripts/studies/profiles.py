@@ -110,11 +110,14 @@ def main() -> None:
     for file in options.profiles:
         profile = json.loads(file.read_text())
         if options.refit:
-            file.unlink()
             target = file.with_name(file.name.replace(".refused", ""))
-            print(profiles.write_profile(refit(profile), target))
+            written = profiles.write_profile(refit(profile), target)
+            if written != file:
+                file.unlink()
+            print(written)
             continue
         out = (options.out or file.parent) / f"{file.stem}-judged.csv"
+        out.parent.mkdir(parents=True, exist_ok=True)
         draws = []
         with out.open("w", newline="") as stream:
             table = csv.DictWriter(stream, COLUMNS, lineterminator="\n")

@@ -28,7 +28,7 @@ _LIBRARIES = ("EGL", "GLU", "OSMesa", "libGL", "libvulkan")
 _open = ctypes.CDLL.__init__
 
 
-def _refuse(self, name, *arguments, **options):  # type: ignore[no-untyped-def]  # noqa: ANN
+def _refuse(self, name, *arguments, **options):  # type: ignore[no-untyped-def]
     if name is not None and any(word in str(name) for word in _LIBRARIES):
         raise OSError(f"{name}: library not found on this system")
     _open(self, name, *arguments, **options)

@@ -167,6 +167,16 @@ def test_npz_has_plain_arrays(tmp_path, houses, chunk):
         assert data["triangulator"] == "optimal:half-perimeter"
 
 
+def test_npz_keeps_attributes_whose_names_differ_in_a_slash(tmp_path):
+    source = tmp_path / "in.geojson"
+    text = make_geojson([shapely.box(0, 0, 9, 9)])
+    source.write_text(text.replace('"id": 0', '"a/b": 1, "a_b": 2'))
+    export_file(source, tmp_path / "a.npz")
+    with np.load(tmp_path / "a.npz") as data:
+        names = {name: data[name].tolist() for name in data if name.startswith("attribute_")}
+    assert names == {"attribute_a_b": [1], "attribute_a_b_": [2]}
+
+
 @pytest.mark.parametrize("order", ["walk", "native"])
 def test_triangles_are_written_in_a_walk_by_default(tmp_path, harness, order):
     options = [] if order == "walk" else ["--order", order]

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.stats import quantile_test
 
 from harness.stats import intervals
-from scripts.studies.interval_coverage import Kind, compute_share_interval, list_kinds, simulate
+from scripts.studies.interval_coverage import Kind, list_kinds, simulate
 
 TRIALS = 200
 MIN_COVERAGE = 0.90
@@ -50,14 +50,6 @@ def test_few_equal_or_dominated_values_have_no_interval(values):
 
 def test_interval_of_the_median_of_few_samples_is_their_range():
     assert intervals.compute_median_interval([3.0, 1.0, 2.0]) == (1.0, 3.0)
-
-
-def test_interval_of_a_share_depends_on_the_number_of_groups():
-    assert compute_share_interval(np.zeros(14)) == pytest.approx((0.0, 1 - 0.05 ** (1 / 14)))
-    assert compute_share_interval(np.ones(14)) == pytest.approx((0.05 ** (1 / 14), 1.0))
-    low, high = compute_share_interval(np.array([0.0] * 10 + [1 / 3] * 4))
-    assert 0 <= low < 4 / 42 < high < 0.4
-    assert np.isnan(compute_share_interval(np.zeros(0))).all()
 
 
 def test_interval_includes_the_scatter_between_runs():
