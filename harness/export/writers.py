@@ -165,7 +165,7 @@ class NpzWriter:
 
     def finish(self) -> None:
         """Write the arrays, which are in temporary files, into the .npz file."""
-        arrays: dict[str, NDArray[Any]] = {}
+        arrays: dict[str, Any] = {}
         for name, (spool, kind, shape) in self._spools.items():
             spool.flush()
             arrays[name] = np.memmap(spool, kind, "r", shape=(self._lengths[name], *shape))
