@@ -4,6 +4,7 @@ Libraries raise any exception for unexpected bytes. So all are caught by `raise_
 raises a SceneError instead, or by `note_errors`, which adds a note and continues.
 """
 
+import codecs
 import csv
 import logging
 import re
@@ -79,7 +80,7 @@ def format_reason(error: Exception) -> str:
     text = " ".join(str(error).split())
     if isinstance(error, KeyError):
         return f"no {text}"
-    return text or type(error).__name__
+    return text.removesuffix(".") or type(error).__name__
 
 
 MAX_LINE_CHARACTERS = 64 * 2**20  # a coastline of a million vertices has 40 million
@@ -111,10 +112,13 @@ def refuse_special(path: Path) -> None:
 
 
 def check_size(path: Path, in_memory: bool) -> None:
-    """Raise SceneError for gzip, a ZIP bomb, and a file too large for memory."""
+    """Raise SceneError for gzip, UTF-16, a ZIP bomb, and a file too large for memory."""
     size, head = path.stat().st_size, read_both_ends(path, 4)[0]
     if head.startswith(b"\x1f\x8b"):
         raise SceneError(f"{path} is compressed by gzip: unpack it first, e.g. by gunzip -k")
+    is_utf16 = head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    if is_utf16 and b"<" not in head:  # XML states its encoding
+        raise SceneError(f"{path} is text in UTF-16: save it as UTF-8")
     if in_memory and size > MAX_FILE_BYTES:
         raise SceneError(
             f"{path} has {size:,} bytes, but files of this format are read into memory and the "

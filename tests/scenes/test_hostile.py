@@ -177,6 +177,12 @@ def test_compressed_files_are_refused_by_their_compression(tmp_path, name):
     require_error("is compressed by gzip: unpack it first", path)
 
 
+@pytest.mark.parametrize("name", ["a.geojson", "a.geojsonl", "a.csv", "a.wkt", "a.obj"])
+def test_utf16_is_refused(tmp_path, name):
+    path = write_file(tmp_path / name, town(1).decode().encode("utf-16"))
+    require_error("is text in UTF-16: save it as UTF-8", path)
+
+
 def test_unknown_content_is_not_reported_as_damaged(tmp_path):
     for name in ("a.xyz", "a.mbtiles", "a.glb", "a.parquet", "a.gpkg"):
         path = write_file(tmp_path / name, "anything else")
