@@ -207,13 +207,16 @@ def _read_arrow(source: Source, options: dict[str, Any], size: int) -> Iterator[
             if stop is not None:  # GDAL's Arrow streams cannot stop at a feature
                 batch = batch.slice(0, stop - first)
                 first += batch.num_rows
-            # The columns are the feature's number, the attributes, the geometry.
-            wkb = batch.column(batch.num_columns - 1).to_numpy(zero_copy_only=False)
+            # The columns are the feature's number, the attributes, one or more geometries.
+            others = [name for name in batch.schema.names[1:] if name not in meta["fields"]][1:]
+            first_geometry = batch.num_columns - 1 - len(others)
+            wkb = batch.column(first_geometry).to_numpy(zero_copy_only=False)
             table: pd.DataFrame | None = None
-            notes: tuple[str, ...] = ()
+            notes = (f"the first geometry column is read, not {', '.join(others)}",) * bool(others)
             if source.attributes:
-                columns = batch.select(range(1, batch.num_columns - 1))
-                table, notes = to_pandas(columns, exact=source.rows is not None)
+                columns = batch.select(range(1, first_geometry))
+                table, more_notes = to_pandas(columns, exact=source.rows is not None)
+                notes += more_notes
             raw = _parse_chunk(batch.column(0).to_pylist(), wkb, table, meta["crs"])
             yield replace(raw, notes=notes)
             if first == stop:

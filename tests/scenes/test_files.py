@@ -159,6 +159,17 @@ class TestCsv:
         assert label == "feature 1"
         assert reason.startswith("has no WKT")
 
+    @pytest.mark.parametrize("streaming", [True, False])
+    def test_the_first_of_two_geometry_columns_is_read(self, tmp_path, streaming, monkeypatch):
+        if not streaming:  # as without pyarrow
+            monkeypatch.setattr("scenes.readers.vector.find_spec", lambda name: None)
+        content = f'id,WKT,geometry\n1,"{POLYGONS[0].wkt}","{POLYGONS[1].wkt}"\n'
+        scene = load(write_file(tmp_path / "a.csv", content))
+        assert scene.polygons[0].equals(POLYGONS[0])
+        assert list(scene.attributes) == ["id"]
+        note = ("the first geometry column is read, not geometry",)
+        assert scene.notes == (note if streaming else ())
+
     def test_table_without_geometries_is_refused_with_a_remedy(self, tmp_path):
         path = write_file(tmp_path / "a.csv", "id,h\n1,2\n")
         require_error("name the column of WKT geometries WKT or geometry", path)
