@@ -327,7 +327,11 @@ function listenToControls() {
   $("previous").addEventListener("click", () => choose(state.choice - 1));
   $("next").addEventListener("click", () => choose(state.choice + 1));
   $("choose").addEventListener("click", () => $("file").click());
-  $("file").addEventListener("change", () => { if ($("file").files[0]) loadFile($("file").files[0]); });
+  $("file").addEventListener("change", () => {
+    const [file] = $("file").files;
+    $("file").value = ""; // so that choosing the same file again is a change
+    if (file) loadFile(file);
+  });
   $("profile").addEventListener("click", measureDevice);
   $("text").addEventListener("input", () => { if ($("text").value.trim()) loadText($("text").value); else showNotice(""); });
   Object.assign($("size"), { max: SIZES.length - 1, value: SIZES.indexOf(state.size) });

@@ -293,7 +293,13 @@ def test_small_differences_are_reported_as_none(browser):
 
 def test_files_and_links_are_loaded(browser):
     open_page(browser)
-    act(browser, "loadFile(new File(['0 0, 9 0, 9 9, 5 4, 0 9'], 'my.txt'))")
+    choose = """
+        const chosen = new DataTransfer();
+        chosen.items.add(new File(['0 0, 9 0, 9 9, 5 4, 0 9'], 'my.txt'));
+        $('file').files = chosen.files;
+        $('file').dispatchEvent(new Event('change'))"""
+    act(browser, choose)
+    assert browser.evaluate("$('file').files.length") == 0  # the same file can be chosen again
     assert browser.read_text("vertex-count").startswith("5 vertices,")
     assert not browser.evaluate("$('degrees-label').hidden")
     before = browser.evaluate("state.rings")
