@@ -67,7 +67,8 @@ def study_all(
         verbose=verbose,
     )
     evidence_of = {}
-    parts = inconclusive = 0
+    parts = 0
+    incomplete: list[str] = []
     refusals: list[HarnessError] = []
     for scene, name in zip(scenes, names, strict=True):
         console.print(f"{scene}:", markup=False)
@@ -78,7 +79,7 @@ def study_all(
                 measure()
             except (*REFUSALS, NothingMeasuredError, InconclusiveError) as error:
                 # One part fails; the others may succeed.
-                inconclusive += isinstance(error, InconclusiveError)
+                incomplete += [f"{name}/{part}"] * isinstance(error, InconclusiveError)
                 refusals += [error] if isinstance(error, REFUSALS) else []
                 console.print(f"  {part}: {error}", markup=False, soft_wrap=True)
         evidence_of[name] = replication.read_evidence(out / name)
@@ -104,9 +105,10 @@ def study_all(
         raise NothingMeasuredError(
             "no finding could be evaluated: no part of the study has the necessary metrics"
         )
-    if inconclusive:
+    if incomplete:
         raise InconclusiveError(
-            f"{inconclusive} of {parts} parts of the study are incomplete; see the reasons above"
+            f"{len(incomplete)} of {parts} parts of the study are incomplete, with the reasons in "
+            f"their reports in {out}: {', '.join(incomplete)}"
         )
 
 

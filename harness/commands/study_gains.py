@@ -48,7 +48,7 @@ def study_gains(
     if mixed := find_mixed_processors(stored):
         typer.echo(f"several processors, compared separately: {format_processors(mixed)}")
     for line in gains.disturbances:
-        typer.echo(f"skipped: {line}")
+        typer.echo(f"without times: {line}")
     for name in names:
         _print_faster_views(gains.table, name)
     typer.echo(f"{len(gains.table)} ratios in {out}/gains.csv, {gains.plots} plots")
@@ -56,7 +56,7 @@ def study_gains(
 
 @dataclass(frozen=True)
 class Gains:
-    """Time ratios of runs, the number of plots drawn, and the reasons why runs were skipped."""
+    """Time ratios of quiet runs, the number of plots, and why times of other runs are not used."""
 
     table: pd.DataFrame
     plots: int
@@ -64,7 +64,7 @@ class Gains:
 
 
 def write_gains(runs: Sequence[Run], bases: Sequence[str], out: Path) -> Gains:
-    """Write gains.csv, orders.csv and plots into `out`; raise an error if no ratio is known."""
+    """Write gains.csv, orders.csv and plots into `out`; raise an error without time ratios."""
     import pandas as pd
 
     from harness.metrics.groups import mark_processors
@@ -78,18 +78,19 @@ def write_gains(runs: Sequence[Run], bases: Sequence[str], out: Path) -> Gains:
     table = make_gain_table(mark_processors(runs, add_processor), bases)
     disturbances = [line for run in runs for line in get_run_state(run).warnings]
     if table.empty:
-        if disturbances:
-            raise InconclusiveError(disturbances[0])
         raise NothingMeasuredError(
             "no two triangulators were timed together on the same polygons; measure two in one run"
         )
-    orders = [rows.assign(base=name) for name in bases if len(rows := split_by_order(table, name))]
+    timed = table.dropna(subset="time_ratio")
+    orders = [rows.assign(base=name) for name in bases if len(rows := split_by_order(timed, name))]
     with atomic.create_folder(out, merge=True) as folder:
-        files = plot_gains(table, folder / "plots")
+        files = plot_gains(timed, folder / "plots")
         table.to_csv(folder / "gains.csv", index=False, float_format="%.5g")
         if orders:
             pd.concat(orders).to_csv(folder / "orders.csv", index=False, float_format="%.4g")
-    return Gains(table, len(files), disturbances)
+    if timed.empty:
+        raise InconclusiveError(disturbances[0])
+    return Gains(timed, len(files), disturbances)
 
 
 def _print_faster_views(table: pd.DataFrame, base: str) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 
 from harness.metrics.groups import RecordGroup, group_run
@@ -26,13 +27,15 @@ AXES = {  # conditions that a study of gains may vary, with labels for plots
 
 SCENE_KEYS = ("scene", "rasteriser", "device")
 KEYS = (*AXES, "fit", "order")  # columns that identify a view, in addition to `SCENE_KEYS`
+TIME_RATIOS = ("time_ratio", "time_ratio_low", "time_ratio_high")
 
 
 def make_gain_table(runs: Sequence[Run], bases: Sequence[str]) -> pd.DataFrame:
     """Return one row per case and base: the paired ratio of times, and the ratio of helper lanes.
 
     Of runs with the same view the first is used, because times of different runs are not paired.
-    Cases that skipped polygons have no ratio; textured cases are omitted.
+    Cases that skipped polygons have no row; textured cases are omitted. If the times of a run are
+    disturbed, their ratios are NaN.
     """
     rows = []
     seen: set[CaseGroup] = set()
@@ -56,8 +59,9 @@ def _make_row(
     group: RecordGroup, record: Record, base: Record | None, name: str
 ) -> dict[str, object] | None:
     ratio = group.compute_ratio(record, base)
-    if ratio is None or base is None or not ratio.quiet:
+    if ratio is None or base is None:
         return None
+    times = (ratio.value, ratio.low, ratio.high) if ratio.quiet else (np.nan,) * 3
     case, options = group.id, group.id.options
     lanes, base_lanes = record.counters.get("helper_lanes"), base.counters.get("helper_lanes")
     return {
@@ -68,9 +72,7 @@ def _make_row(
         "order": options.order,
         "triangulator": record.name,
         "base": name,
-        "time_ratio": ratio.value,
-        "time_ratio_low": ratio.low,
-        "time_ratio_high": ratio.high,
+        **dict(zip(TIME_RATIOS, times, strict=True)),
         "verdict": ratio.verdict,
         "rounds": ratio.rounds,
         "helper_lanes_ratio": lanes / base_lanes if lanes and base_lanes else None,

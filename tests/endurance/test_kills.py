@@ -142,7 +142,8 @@ def test_killed_commands_can_be_repeated(
     command, rng = COMMANDS[name], random.Random(name)
     prepare_folder(tmp_path / "whole")
     start = time.monotonic()
-    assert execute(command.arguments, short_folder) == 0, Path("log.txt").read_text()
+    complete = (0, 5) if name == "study" else (0,)  # 5: other programs disturbed the times
+    assert execute(command.arguments, short_folder) in complete, Path("log.txt").read_text()
     duration = time.monotonic() - start
     target = next(iter(Path().glob("out*")))
     expected, files = command.read_result(target), set(Path().iterdir())
@@ -154,7 +155,9 @@ def test_killed_commands_can_be_repeated(
         code = execute(command.resume if can_resume else command.arguments, short_folder)
         log = Path("log.txt").read_text()
         # The output folder exists if the command finished before the kill.
-        assert code == 0 or (code == 2 and "already exists" in log.splitlines()[-1]), log[-2000:]
+        assert code in complete or (code == 2 and "already exists" in log.splitlines()[-1]), log[
+            -2000:
+        ]
         assert command.read_result(target) == expected, Path.cwd()
         assert set(Path().iterdir()) == files
         assert not [*short_folder.iterdir()]

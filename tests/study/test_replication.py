@@ -150,14 +150,20 @@ def test_parts_run_although_one_fails(harness, tmp_path):
 
 
 @pytest.mark.usefixtures("no_plots", "in_process", "small")
-def test_disturbed_times_have_no_gains(harness, monkeypatch):
+def test_disturbed_times_leave_findings_on_counters(harness, monkeypatch):
     disturbed = RunState(DISTURBED, ("9 of 10 samples waited for a core",))
     monkeypatch.setattr("harness.measuring.run.assess_records", lambda *_: disturbed)
     code, out, err = harness(*CITY)
     assert code == 5
     assert "3 of 4 parts of the study are incomplete" in err
     assert "choice: the run's times are disturbed: 9 of 10 samples waited for a core" in out
-    assert not Path("study/city-buildings-20/choice/gains.csv").exists()
+    assert "in study: city-buildings-20/choice, city-buildings-20/walked, city-b" in err
+    gains = pd.read_csv("study/city-buildings-20/turned/gains.csv")
+    assert gains["time_ratio"].isna().all()
+    lines = Path("study/findings.md").read_text().splitlines()
+    decided = {line for line in lines if line.endswith(("holds |", "does not hold |"))}
+    assert sum("Rotated after triangulation" in line for line in decided) == 2
+    assert not any("faster" in line for line in decided)
 
 
 def test_comparisons_use_paired_differences():
