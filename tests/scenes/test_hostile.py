@@ -7,14 +7,11 @@ import zipfile
 from pathlib import Path
 
 import pytest
-import shapely
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from scenes import SceneError, load
 from scenes.readers import guard
-from scenes.readers.gdal import is_geojson_sequence
-from scenes.repair import arrange_in_rows
 from tests.scenes.conftest import SQUARE, feature, require_error, write_file
 from tests.scenes.samples import load_or_refuse, make_files
 from tests.scenes.test_files import write
@@ -104,17 +101,6 @@ coordinates = st.lists(ring, max_size=3) | st.lists(st.lists(ring, max_size=3), 
 def test_arbitrary_geojson(tmp_path, polygons, kind):
     collection = {"type": "FeatureCollection", "features": [feature(c, kind) for c in polygons]}
     load_or_refuse(write_file(tmp_path / "a.geojson", json.dumps(collection)))
-
-
-def test_record_separator_identifies_a_sequence_and_no_polygons_need_no_rows(tmp_path):
-    assert is_geojson_sequence(write_file(tmp_path / "a.json", b"\x1e{}\n"))
-    assert arrange_in_rows([], gap=0.5) == []
-
-
-@pytest.mark.parametrize("size", [1e9, 1e-12, 1e-300])
-def test_extreme_sizes(tmp_path, size):
-    path = write_file(tmp_path / "a.wkt", shapely.box(0, 0, size, size).wkt)
-    assert (load_or_refuse(path) is None) == (size == 1e-300)
 
 
 def test_condition_can_only_select(tmp_path):

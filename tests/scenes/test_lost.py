@@ -17,6 +17,7 @@ from scenes.readers import gdal
 from tests.scenes.conftest import SQUARE, feature, require_error, write_file
 from tests.scenes.samples import BOXES, KINDS, NAMED, make_files, outcome
 from tests.scenes.test_files import write as write_vector
+from tests.scenes.test_readers import PLANAR, geoparquet
 
 
 def line(x: int) -> str:
@@ -45,9 +46,10 @@ class TestSequences:
         monkeypatch.setattr("scenes.readers.vector.find_spec", lambda name: None)  # no pyarrow
         require_error("JSON parsing error", path)
 
-    @pytest.mark.parametrize("suffix", [".geojsonl", ".geojsons", ".geojson"])
+    @pytest.mark.parametrize("suffix", [".geojsonl", ".geojsons", ".geojson", ".json"])
     def test_sequence_truncated_within_a_line_is_refused(self, tmp_path, suffix):
-        whole = "\n".join(line(20 * k) for k in range(4))
+        start = "\x1e" if suffix == ".json" else ""  # the record separator of RFC 8142
+        whole = "\n".join(start + line(20 * k) for k in range(4))
         path = write_file(tmp_path / f"town{suffix}", whole)
         assert len(load(path, project=False).polygons) == 4
         write_file(path, whole[:-9])
@@ -93,20 +95,14 @@ def test_sequence_of_which_gdal_reads_one_line_is_refused(tmp_path):
     require_error("GDAL reads only some of them", path)
 
 
-def test_gdal_library_is_found():
-    assert gdal.load_library() is not None
-
-
-class TestModels:
-    def test_counts_in_headers(self, tmp_path):
-        corners = "".join(f"{x} {y} 0\n" for y in range(3) for x in range(4))
-        faces = [(a, a + 1, a + 5, a + 4) for a in (0, 1, 2, 4, 5, 6)]
-        rows = "".join(f"4 {a} {b} {c} {d}\n" for a, b, c, d in faces)
-        text = f"OFF # a plate\n12 6 0\n{corners}{rows}"
-        path = write_file(tmp_path / "a.off", text)
-        assert sum(p.area for p in load(path).polygons) == pytest.approx(6)
-        for cut in (-12, -3):
-            require_error("5 of 6 faces", write_file(path, text[:cut]))
+def test_faces_of_off_are_as_many_as_the_header_states(tmp_path):
+    corners = "".join(f"{x} {y} 0\n" for y in range(3) for x in range(4))
+    rows = "".join(f"4 {a} {a + 1} {a + 5} {a + 4}\n" for a in (0, 1, 2, 4, 5, 6))
+    text = f"OFF # a plate\n12 6 0\n{corners}{rows}"
+    path = write_file(tmp_path / "a.off", text)
+    assert sum(p.area for p in load(path).polygons) == pytest.approx(6)
+    for cut in (-12, -3):
+        require_error("5 of 6 faces", write_file(path, text[:cut]))
 
 
 class TestText:
@@ -191,8 +187,6 @@ class TestNesting:
         assert len(load(write_file(path, whole)).polygons) == 27
 
     def test_parquet(self, tmp_path):
-        from tests.scenes.test_readers import PLANAR, geoparquet
-
         deep = struct.pack("<BII", 1, 7, 1) * self.DEEP + BOXES[0].wkb
         scene = load(geoparquet(tmp_path / "a.parquet", [BOXES[0], deep], crs=PLANAR))
         assert len(scene.polygons) == 1
@@ -207,13 +201,11 @@ class TestPipes:
         require_error("is a pipe, socket or device, not a file", path, **parameters)
 
     @pytest.mark.parametrize("suffix", [".geojson", ".wkt", ".svg", ".obj", ".parquet", ".gpkg"])
-    def test_as_a_file(self, tmp_path, suffix):
+    def test_as_a_file_or_font_and_a_device(self, tmp_path, suffix):
         path = tmp_path / f"a{suffix}"
         os.mkfifo(path)
         self.refused(path)
         self.refused("glyphs", font=str(path))
-
-    def test_devices(self):
         self.refused("/dev/zero")
 
     @pytest.mark.parametrize("suffix", [".dbf", ".shx", ".prj", ".cpg", ".qix"])

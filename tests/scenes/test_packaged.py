@@ -7,6 +7,7 @@ import sys
 from contextlib import closing
 from importlib import metadata
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 import shapely
@@ -95,15 +96,6 @@ def test_missing_data_are_reported_with_the_install_command(monkeypatch, name):
     require_error(r"not installed; .* -m pip install", name)
 
 
-class Installed:
-    def __init__(self, record: object) -> None:
-        self._record = record
-
-    def read_text(self, name: str) -> str | None:
-        assert name == "direct_url.json"
-        return None if self._record is None else json.dumps(self._record)
-
-
 @pytest.mark.parametrize(
     ("record", "expected"),
     [
@@ -125,7 +117,8 @@ def test_install_command_follows_the_installation(monkeypatch, record, expected)
     monkeypatch.chdir(ROOT)
     monkeypatch.setattr(sys, "executable", str(ROOT / ".venv/bin/python"))
     # The egg-info in a checkout, without a record, may be first.
-    distributions = [Installed(None), Installed(record)]
+    texts = (None, record and json.dumps(record))
+    distributions = [Mock(read_text={"direct_url.json": text}.get) for text in texts]
     monkeypatch.setattr(metadata, "distributions", lambda name: distributions)
     assert spec.format_install_command("tiles") == f".venv/bin/python -m pip install {expected}"
 

@@ -292,6 +292,7 @@ class TestModels:
         [
             ("a.obj", "v 0 0\nf 1 2 3\n", "line 1 is not OBJ"),
             ("a.obj", "v 0 0 0\n", "has no faces"),
+            ("a.obj", "v 0 0 0\nf 1 1 1\n", "holds no usable polygon"),
             ("a.ply", "plx\n", "expected 'ply'"),
             ("a.ply", b"ply\nformat ascii 1.0\nelement vertex -3\nend_header\n", "PLY"),
             ("a.glb", b"glTF rubbish", "cannot be read as a 3D model"),

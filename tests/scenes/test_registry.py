@@ -142,10 +142,8 @@ class TestFunctions:
         assert len(load(f"{module}:unseeded").polygons) == 2
         assert len(load(f"{module}:unseeded:count=5,limit=4").polygons) == 4
         assert len(load(f"{module}:typed").polygons) == 1
-
-    def test_scenes_are_reproducible(self, module):
-        scene = load(f"{module}:full")
-        assert (scene.name, scene.units, scene.credit) == ("theirs", "mm", "them")
+        complete = load(f"{module}:full")
+        assert (complete.name, complete.units, complete.credit) == ("theirs", "mm", "them")
 
     @pytest.mark.parametrize(
         ("name", "message"),
