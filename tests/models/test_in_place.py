@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from harness.errors import HarnessError, UsageError
+from harness.errors import HarnessError
 from harness.models.diagonals import choose_diagonals, find_outlines
 from harness.models.flat_faces import Faces, ModelMesh, compute_float32_tolerance, find_flat_faces
 from harness.models.gltf import GltfModel
@@ -81,7 +81,8 @@ ATTRIBUTES = {
     "COLOR_0": lambda bump: np.stack([AFFINE / 99 + bump / 99] * 3, axis=1).astype("<f4"),
     "_FEATURE_ID_0": lambda bump: (5 + bump).astype("<f4"),
     "JOINTS_0": lambda bump: np.stack([3 + bump] * 4, axis=1).astype("<u2"),
-    "WEIGHTS_0": lambda bump: np.stack([0.25 + bump / 8] * 4, axis=1).astype("<f4"),
+    # Positions times weights are not affine, even if the weights are.
+    "WEIGHTS_0": lambda bump: np.stack([0.25 + bump.any() * KITE[:, 0] / 18] * 4, axis=1),
 }
 
 
@@ -103,26 +104,12 @@ def test_a_face_changes_only_if_attributes_are_affine(tmp_path, out, name, posit
         assert bool(done.changed) is (expected is CUT_SHORT)
 
 
-def test_affine_skinning_attributes_keep_a_face_unchanged(out):
-    builder = Builder(KITE, LONG)
-    weights = np.stack([KITE[:, 0] / 18, 1 - KITE[:, 0] / 18, *2 * [0 * KITE[:, 0]]], axis=1)
-    builder.first["attributes"]["WEIGHTS_0"] = builder.accessor(weights.astype("<f4"))
-    assert cut_again(builder, out) == [CUT_LONG]
-
-
 @pytest.mark.parametrize(("steps", "expected"), [(2, CUT_SHORT), (40, CUT_LONG)])
 def test_bend_beyond_the_tolerance_keeps_a_face_unchanged(out, steps, expected):
     bent = KITE.copy()
     bent[2, 2] = steps * compute_float32_tolerance(KITE) / 4
     builder = Builder(bent, LONG)
     assert cut_again(builder, out) == [expected]
-
-
-def test_a_non_convex_face_is_unchanged(out):
-    arrow = KITE.copy()
-    arrow[1] = (2, 0.5, 0)
-    builder = Builder(arrow, [(1, 2, 3), (0, 1, 3)])
-    assert cut_again(builder, out) == [[[1, 2, 3], [0, 1, 3]]]
 
 
 @pytest.mark.parametrize(
@@ -138,13 +125,6 @@ def test_strips_and_fans_become_lists_of_as_many_triangles(tmp_path, out, mode, 
     (after,) = read_triangles(out)
     assert len(after) == len(before[0])
     assert sorted(triangle for triangle in after if len({*triangle}) == 3) == CUT_SHORT
-
-
-def test_clockwise_triangles_stay_clockwise(out):
-    builder = Builder(KITE, LONG[:, ::-1])
-    assert cut_again(builder, out) == [CUT_SHORT]
-    model = trimesh.load_mesh(out)
-    assert (model.face_normals[:, 2] < 0).all()
 
 
 def test_shared_indices_are_not_overwritten(out):
@@ -211,16 +191,6 @@ def test_parts_back_to_back_do_not_share_a_diagonal(tmp_path, out):
     assert done.unchanged == {"a diagonal would also be an edge of other triangles": 2}
 
 
-def test_degenerate_triangles_of_strips_have_no_neighbours(tmp_path, out):
-    """Two of their edges coincide, so that an edge of a face would have three triangles."""
-    joining = [(2, 2, 0), (0, 0, 2)]
-    builder = Builder(KITE, [LONG[0], *joining, LONG[1]])
-    retriangulate(builder.write(tmp_path / "joined.glb"), out)
-    (rows,) = read_triangles(out)
-    assert rows[1:3] == [sorted(triangle) for triangle in joining]
-    assert [rows[0], rows[3]] == CUT_SHORT
-
-
 SPOILT = {
     "a triangle twice": [*LONG, (0, 1, 2)],
     "an edge of three triangles": [*LONG, (0, 2, 1)],
@@ -234,15 +204,6 @@ def test_non_manifold_triangles_are_unchanged(tmp_path, out, name):
     source = builder.write(tmp_path / "spoilt.glb")
     retriangulate(source, out)
     assert out.read_bytes() == source.read_bytes()
-
-
-def test_thin_triangles_and_nan_positions_are_unchanged(out):
-    builder = Builder()
-    middle = (KITE[1] + KITE[2]) / 2
-    points = np.vstack([KITE, [middle, (np.nan, 0, 0)]]).astype("<f4")
-    thin, nowhere = (2, 1, 4), (3, 2, 5)
-    builder.primitive(points, [*LONG, thin, nowhere])
-    assert cut_again(builder, out) == [[*CUT_SHORT, sorted(thin), sorted(nowhere)]]
 
 
 def test_new_triangles_are_not_thin():
@@ -271,15 +232,12 @@ def test_faces_beyond_the_work_budget_get_flips(tmp_path, out, monkeypatch):
         assert trimesh.load_mesh(out).is_watertight
 
 
-@pytest.mark.parametrize("count", [65_535, 65_536])
-def test_index_type_grows_with_the_vertex_count(out, count):
-    builder = Builder()
-    points = np.zeros((count, 3), dtype="<f4")
-    points[-4:] = KITE
-    indices = (LONG + count - 4).astype("<u2" if count < 65_536 else "<u4").reshape(-1)
-    primitive = builder.primitive(points, None)
-    primitive["indices"] = builder.accessor(indices)
-    assert cut_again(builder, out) == [(np.array(CUT_SHORT) + count - 4).tolist()]
+@pytest.mark.parametrize(("count", "kind"), [(65_535, 5123), (65_536, 5125)])
+def test_type_of_new_indices_grows_with_the_vertex_count(out, count, kind):
+    points = np.vstack([np.zeros((count - 3, 3), "<f4"), KITE[1:]])
+    ((*_, first, second),) = cut_again(Builder(points, None, mode=6), out)
+    assert [first, second] == [[0, count - 3, count - 1], [count - 3, count - 2, count - 1]]
+    assert GltfModel(out).json["accessors"][-1]["componentType"] == kind
 
 
 def test_sparse_positions_and_indices(out):
@@ -309,15 +267,11 @@ def sparse(builder: Builder, rows: np.ndarray, values: np.ndarray) -> dict[str, 
         (1, {"componentType": 4711}, "component type 4711 is unknown"),
         (1, {"bufferView": -1}, "-1 is not an index"),
         (1, {"count": 5}, "5 indices are not a multiple of 3"),
-        (None, {}, "KHR_draco_mesh_compression is unsupported; unpack the model first"),
     ],
 )
 def test_a_damaged_model_is_refused_with_one_line(tmp_path, harness, number, change, reason):
     builder = Builder(KITE, LONG)
-    if number is None:
-        builder.json["extensionsUsed"] = ["KHR_draco_mesh_compression"]
-    else:
-        builder.json["accessors"][number] |= change
+    builder.json["accessors"][number] |= change
     builder.write(tmp_path / "kite.glb")
     assert_refused(harness("triangulate", "kite.glb", "-o", "out.glb"), reason)
     assert not (tmp_path / "out.glb").exists()
@@ -328,22 +282,6 @@ def test_invalid_gltf_is_refused(tmp_path, content):
     (tmp_path / "a.glb").write_bytes(content)
     with pytest.raises((HarnessError, SceneError)):
         retriangulate(tmp_path / "a.glb", tmp_path / "b.glb")
-
-
-def test_gltf_with_a_buffer_file(tmp_path):
-    source = tmp_path / "a" / "plate.gltf"
-    source.parent.mkdir()
-    for name, data in trimesh.exchange.gltf.export_gltf(make_solid().scene()).items():
-        (source.parent / name.replace("model", "plate")).write_bytes(data)
-    before = (source.parent / "gltf_buffer_0.bin").read_bytes()
-    done = retriangulate(source, source.with_name("other.gltf"))
-    assert [path.name for path in done.files] == ["other.gltf", "other.gltf.0.bin"]
-    model = trimesh.load_mesh(source.with_name("other.gltf"))
-    assert model.is_watertight
-    assert (source.parent / "gltf_buffer_0.bin").read_bytes() == before
-    (tmp_path / "b").mkdir()
-    with pytest.raises(UsageError, match="copy the file first"):
-        retriangulate(source, tmp_path / "b" / "other.gltf")
 
 
 def test_face_with_two_outer_rings_has_no_outline():

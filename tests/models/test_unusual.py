@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from harness.errors import UsageError
 from harness.models.gltf import GltfModel
 from harness.models.in_place import retriangulate
 from harness.models.seen import read
@@ -77,6 +78,8 @@ def test_only_referenced_files_must_exist(tmp_path):
     names = [path.name for path in retriangulate(source, out).files]
     assert names == ["kite.gltf", "kite.gltf.0.bin"]
     assert retriangulate(out, None).changed == 0
+    with pytest.raises(UsageError, match=r"missing file kite.gltf.0.bin, .*; copy the file first"):
+        retriangulate(out, tmp_path / "kite.gltf")
 
 
 @pytest.mark.parametrize("far", [0, 20])

@@ -23,16 +23,6 @@ def mesh_of(points: np.ndarray, triangles: np.ndarray) -> ModelMesh:
     return ModelMesh(points.astype(float), triangles, none, none, 1e-6)
 
 
-def test_directions_are_evenly_distributed():
-    directions = views.list_directions()
-    assert directions.shape == (views.VIEWS, 3)
-    assert np.allclose(np.linalg.norm(directions, axis=1), 1)
-    assert np.allclose(directions.sum(axis=0), 0)
-    assert len({tuple(np.round(row, 9)) for row in directions}) == views.VIEWS
-    # as even as on a sphere
-    assert np.allclose(directions.T @ directions, np.eye(3) * views.VIEWS / 3)
-
-
 def test_placements_are_counted_together(monkeypatch):
     """Of 40 placements, some mirrored: few calls, so that thousands do not take minutes."""
     mesh = mesh_of(KITE, LONG)
@@ -55,15 +45,6 @@ def test_placements_are_counted_together(monkeypatch):
     monkeypatch.setattr(views, "_CHUNK_TRIANGLES", 1)
     assert views.count_views(parts, (256,)) == together
     assert len(calls) > 10 * ticks
-
-
-def test_a_sphere_fills_the_image_exactly():
-    points = trimesh.creation.icosphere(4).vertices
-    for direction in views.list_directions():
-        flat, _ = views.project_points(points, direction)
-        assert flat.min() >= 0
-        assert flat.max() <= 1
-        assert np.ptp(flat, axis=0).min() > 0.99
 
 
 def test_a_mirror_reverses_front_faces(monkeypatch):
