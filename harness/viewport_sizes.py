@@ -142,6 +142,7 @@ def count_size(
     frame = make_scene_frame(scene, view)
     results = {str(recipe): triangulate_polygons(recipe, frame.polygons) for recipe in recipes}
     drawn = np.all([result.drawn for result in results.values()], axis=0)
+    drawn &= ~np.isin(frame.source, frame.source[~drawn])  # all pieces of a polygon, or none
     if not drawn.any():
         raise UsageError(
             f"{scene.name}: no polygon triangulated by all triangulators at {view.resolution} px; "
@@ -158,7 +159,7 @@ def count_size(
     costs = dict(zip(results, _list_costs(counters, seconds, device), strict=True))
     low, high = frame.polygons.bounds()
     polygon_px = float(np.median((high - low)[drawn].max(axis=1)))
-    polygons = int(drawn.sum())
+    polygons = len(np.unique(frame.source[drawn]))
     return Size(view.resolution, polygons, len(scene.polygons) - polygons, polygon_px, costs)
 
 

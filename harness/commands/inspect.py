@@ -130,7 +130,8 @@ def inspect(
         raise UsageError(f"{scene} has polygons 0 to {len(loaded.polygons) - 1}, not {polygon}")
     if polygon is not None and loaded.dropped:
         typer.echo(
-            f"polygon {polygon}: counted from 0, among the {len(loaded.polygons):,} valid polygons"
+            f"polygon {polygon}: counted from 0, among the {len(loaded.polygons):,} valid polygons",
+            err=as_json,
         )
     if every is not None:
         _list_all_triangulations(loaded, polygon or 0, every, out)
@@ -146,8 +147,6 @@ def inspect(
 def _draw_picture(
     scene: Scene, polygon: int, recipes: tuple[Recipe, ...], view: View, out: Path | None
 ) -> None:
-    import numpy as np
-
     from harness import atomic
     from harness.frame import make_frame
     from harness.heatmaps import draw_heatmaps
@@ -156,18 +155,17 @@ def _draw_picture(
     frame = make_frame([scene.polygons[polygon]], view)
     if not frame.polygons:
         raise InputError(f"polygon {polygon} of {scene.name}: {frame.dropped[0][1]}")
-    frame = replace(frame, source=np.array([polygon]))  # the number in the scene, for the title
+    frame = replace(frame, source=frame.source + polygon)  # the number in the scene, for the title
     file = _prepare_file(out or Path(f"{Path(scene.name).stem}-{polygon}.png"), ".png")
     drawn = {}
     for recipe in recipes:
         recipe.load()
         with Reporter().say_if_long(f"a first run compiles {recipe.base} ..."):
-            result = triangulate_polygons(recipe, frame.polygons[:1])
-        part = result.parts[0]
-        if part is None:
-            typer.echo(f"{recipe}: {[*result.skipped, *result.failed][0][1]}")
+            result = triangulate_polygons(recipe, frame.polygons)
+        if result.drawn.all():  # all pieces into which the grid cuts the polygon
+            drawn[str(recipe)] = frame.join_triangles(result.parts)
         else:
-            drawn[str(recipe)] = part
+            typer.echo(f"{recipe}: {[*result.skipped, *result.failed][0][1]}")
     if not drawn:
         raise InputError(
             f"polygon {polygon} of {scene.name}: no triangulator succeeded; see the reasons above"

@@ -254,13 +254,13 @@ def refuse_given(values: Mapping[str, object], reason: str) -> None:
             raise UsageError(f"{option} {reason}")
 
 
-def refuse_overwriting_input(source: str, out: Path | None) -> None:
-    """Raise UsageError if the output would overwrite the input."""
+def refuse_overwriting_input(source: str, out: Path | None, option: str = "-o") -> None:
+    """Raise UsageError if the output, the value of `option`, would overwrite the input."""
     from scenes.spec import parse_name
 
     file = Path(parse_name(source)[0])
     if out is not None and out.is_file() and file.is_file() and out.samefile(file):
-        raise UsageError(f"-o {out}: would overwrite the input; give another name")
+        raise UsageError(f"{option} {out}: would overwrite the input; give another name")
 
 
 def is_given(context: typer.Context, *names: str) -> bool:

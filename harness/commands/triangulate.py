@@ -120,6 +120,7 @@ def triangulate(
     """
     source = Path(file)
     refuse_overwriting_input(file, out)
+    refuse_overwriting_input(file, evidence, "--evidence")
     single_file_options: dict[str, object] = {
         "--limit": limit,
         "--device": device,
@@ -145,6 +146,8 @@ def triangulate(
     assert out is not None
     if evidence is not None and not certify:
         raise UsageError("--evidence requires --certify: give both")
+    if evidence is not None and evidence.resolve() == out.resolve():
+        raise UsageError(f"--evidence {evidence}: also the name of -o; give another name")
     from harness.export.export import ORDER, export_file, resolve_triangulator_name
     from scenes.spec import join_name
     from triangulators.devices import CPU
@@ -255,5 +258,8 @@ def _retriangulate_model(
 
 def _is_many_files(file: str, out: Path) -> bool:
     """Return whether `file` means many files: a pattern, or a folder if `out` has no suffix."""
-    pattern = any(sign in file for sign in "*?[") and not Path(file).exists()
-    return pattern or (Path(file).is_dir() and not out.suffix)
+    from scenes.spec import parse_name
+
+    name, _ = parse_name(file)  # a condition may contain *
+    pattern = any(sign in name for sign in "*?[") and not Path(name).exists()
+    return pattern or (Path(name).is_dir() and not out.suffix)

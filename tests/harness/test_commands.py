@@ -46,6 +46,7 @@ def test_triangulate_writes_the_mesh_and_prints_a_summary(harness, block):
             ["paper", "-o", "x.glb", "--triangulator=worst:shape", "--criterion=shape"],
             ["worst:shape", "criterion 'shape' are mutually exclusive"],
         ),
+        (["paper", "-o", "x.glb", "--certify", "--evidence=./x.glb"], ["also the name of -o"]),
     ],
 )
 def test_triangulate_refuses_unsupported_arguments(harness, arguments, parts):
@@ -139,8 +140,13 @@ def test_inspect_numbers_polygons_as_the_scene_does(harness, block, monkeypatch)
     assert (code, names) == (0, [2])
     assert "counted from 0" not in out
     Path("two.wkt").write_text("POINT (1 1)\nPOLYGON ((0 0, 2 0, 2 2, 0 1, 0 0))\n")
-    _, out, _ = harness("inspect", "two.wkt", "--polygon", "0")
-    assert "polygon 0: counted from 0, among the 1 valid polygons" in out
+    command = ("inspect", "two.wkt", "--polygon", "0")
+    _, out, _ = harness(*command)
+    line = "polygon 0: counted from 0, among the 1 valid polygons"
+    assert line in out
+    out, err = require_ok(harness(*command, "--sizes", "64", "--json"))
+    assert json.loads(out)["sizes"][0]["polygons"] == 1
+    assert line in err
 
 
 def test_triangulate_reports_compilation(harness, block, monkeypatch):

@@ -50,6 +50,11 @@ def test_inspect_takes_a_part_of_a_file(harness, town):
     assert_refused(answer, "has polygons 0 to 1, not 9")
 
 
+def test_triangulate_takes_a_product_in_the_condition_of_a_file(harness, town):
+    source = f"{town}:layer=houses,where=2 * height > 8"
+    assert "2 polygons" in require_ok(harness("triangulate", source, "-o", "out.glb"))[0]
+
+
 def test_one_line_describes_the_read_file(harness, town):
     code, _, err = harness("run", "--scene", town, "--triangulators", "fan", "--out", "out", *LOUD)
     line = "town: layer houses (others: parks); coordinates in ETRS89 / TM35FIN(E,N), m"
@@ -121,6 +126,7 @@ def test_the_input_is_never_overwritten(harness):
         ("triangulate", "own.geojson", "-o", "own.geojson"),
         ("triangulate", "own.glb", "-o", "./own.glb"),
         ("inspect", "own.svg", "--sizes", "16", "--out", "own.svg"),
+        ("triangulate", "own.svg", "-o", "a.obj", "--certify", "--evidence", "own.svg"),
     ):
         before = Path(command[1]).read_bytes()
         assert_refused(harness(*command), "would overwrite the input; give another name")

@@ -155,6 +155,21 @@ def test_polygons_on_which_a_triangulator_fails_are_reported(harness):
     assert document["sizes"][0]["polygons"] == document["sizes"][0]["skipped"] == 1
 
 
+def test_a_polygon_that_the_grid_cuts_into_pieces_counts_once(harness, monkeypatch):
+    neck = Polygon([(3, 2), (7, 2.3), (7, 2.3001), (3, 2.0001)])
+    cut = box(0, 0, 4, 4).union(neck).union(box(6, 0, 10, 4))
+    write_geojson(Path("cut.geojson"), [cut, box(20, 0, 20.00001, 9)])
+    command = ("inspect", "cut.geojson", "--triangulator", "ear-clipping,flips:l1")
+    document = json.loads(require_ok(harness(*command, "--sizes", "64", "--json"))[0])
+    assert document["sizes"][0]["polygons"] == document["sizes"][0]["skipped"] == 1
+    drawn = []
+    monkeypatch.setattr(
+        "harness.heatmaps.draw_heatmaps", lambda _, parts: drawn.extend(parts.values()) or b""
+    )
+    require_ok(harness(*command))
+    assert [len(np.unique(triangles)) for triangles in drawn] == [10, 10]
+
+
 def test_contributed_profiles_are_found_by_name(harness):
     write_geojson(Path("l.geojson"), [box(0, 0, 8, 8) - box(4, 4, 9, 9)])
     command = ("inspect", "l.geojson", "--sizes", "64")
