@@ -1,6 +1,7 @@
 """The command `doctor`: working devices are measured, and missing ones get a fix."""
 
-from harness import doctor, rasterisers
+from harness import rasterisers
+from harness.commands import doctor
 from harness.rasterisers import devices, opengl
 
 
