@@ -1,1 +1,1 @@
-"""Studies: accuracy of criteria as predictors of cost, and gains of better triangulations."""
+"""Studies: accuracy of criteria as predictors of cost, Pareto fronts, and replication."""

@@ -215,7 +215,7 @@ def test_interrupted_gains_leave_existing_files(harness, measure, monkeypatch):
         (folder / "half.png").write_bytes(b"half")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("harness.study.gains.plot_gains", cut_off)
+    monkeypatch.setattr("harness.commands.study_gains.plot_gains", cut_off)
     assert harness(*GAINS, "--bases", "delaunay")[0] == 130
     after = {path: path.read_bytes() for path in Path("gains").rglob("*") if path.is_file()}
     assert after == before
@@ -227,7 +227,7 @@ def test_gains_are_drawn_over_varying_views(harness, measure, monkeypatch):
     measure("turned", "ear-clipping,delaunay", *turned)
     figures = {}
     monkeypatch.setattr(
-        "harness.study.gains.draw_figure",
+        "harness.style.draw_figure",
         lambda _, name, make, *arguments: [figures.setdefault(name, make(*arguments))],
     )
     assert harness("study", "gains", "still", "turned", "--out", "gains")[0] == 0

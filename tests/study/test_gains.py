@@ -3,8 +3,8 @@
 import pandas as pd
 import pytest
 
+from harness.commands.study_gains import list_faster, split_by_order
 from harness.stats.intervals import FASTER, SLOWER
-from harness.study.gains import list_faster, split_by_order
 
 
 def row(triangulator: str, order: str, ratio: float, **changes: object) -> dict[str, object]:
