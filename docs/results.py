@@ -21,10 +21,9 @@ from numpy.typing import NDArray
 
 from docs.figures import ALIASES, ROOT, Interval, format_value
 from harness.frame import Frame, View, make_frame
-from harness.metrics.per_polygon import compute_spearman
+from harness.metrics.statistics import Ratio, add_run_scatter, compute_spearman
 from harness.profile.report import format_seconds
 from harness.rasterisers.reference import count_per_triangle
-from harness.stats.intervals import Ratio, add_run_scatter
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load

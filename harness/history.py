@@ -27,10 +27,10 @@ from harness.errors import InputError, UsageError, make_unknown_name_error
 from harness.machine.git import get_commit
 from harness.metrics.groups import mark_processors
 from harness.metrics.registry import find_metric, find_metrics, list_metrics
+from harness.metrics.run_quality import get_run_state
 from harness.results.record import CaseGroup, CaseId, Record
 from harness.results.run_folder import Run, read_facts, read_run, select_latest
 from harness.settings import HISTORY_METRICS
-from harness.stats.run_quality import get_run_state
 from harness.style import COLOURS, MARKERS, add_legend_below, draw_figure, make_figure
 from scenes.spec import format_install_command
 

@@ -22,8 +22,8 @@ from harness.metrics.registry import (
     list_costs,
     list_predictions,
 )
+from harness.metrics.statistics import FASTER, SLOWER, UNDECIDED
 from harness.results.record import Record
-from harness.stats.intervals import FASTER, SLOWER, UNDECIDED
 from harness.style import format_latex_table, format_markdown_table, make_plain_table
 
 MAX_COLUMNS = 4  # metrics, if no counter has a heading; those with headings fit 80 characters

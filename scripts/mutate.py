@@ -40,7 +40,6 @@ ROOT = Path(__file__).resolve().parent.parent
 
 TESTS = {
     "harness/results": "tests/results",
-    "harness/stats": "tests/metrics",
     "harness/metrics": "tests/metrics tests/harness/test_summary.py tests/report/test_plots.py",
     "harness/compare": "tests/compare/test_times.py tests/compare/test_gate.py"
     " tests/compare/test_golden.py tests/compare/test_formats.py tests/compare/test_damage.py"

@@ -12,9 +12,9 @@ from itertools import combinations
 from pathlib import Path
 
 from harness.metrics.groups import compute_time_ratio, drop_equal_triangulations, group_records
+from harness.metrics.statistics import UNDECIDED
 from harness.results.record import Record
 from harness.results.run_folder import read_run
-from harness.stats.intervals import UNDECIDED
 
 MAX_KEYS_PRINTED = 5
 

@@ -19,9 +19,9 @@ from harness.machine import system
 from harness.measuring import tasks
 from harness.measuring.run import run
 from harness.measuring.timing import TimingSettings
+from harness.metrics.run_quality import QUIET, RunState
 from harness.rasterisers.base import Sample
 from harness.rasterisers.reference import _FillDrawing
-from harness.stats.run_quality import QUIET, RunState
 from harness.workers import serving
 from tests.chromium import Chromium
 from tests.inline import InlineWorker

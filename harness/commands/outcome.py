@@ -16,9 +16,9 @@ from harness.measuring.run import RunOptions, RunResult, ScenePart
 from harness.measuring.run import run as carry_out
 from harness.metrics.decision import COVERED, decide_run
 from harness.metrics.groups import describe_machine
+from harness.metrics.run_quality import get_run_state
 from harness.progress import Reporter, Screen
 from harness.results.run_folder import Run, make_file_stem, read_run, translate_errors
-from harness.stats.run_quality import get_run_state
 from harness.summary import list_rows, print_summary, write_csv
 from scenes import Scene
 from scenes.spec import format_label

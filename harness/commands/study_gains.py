@@ -83,8 +83,8 @@ def write_gains(runs: Sequence[Run], bases: Sequence[str], out: Path) -> Gains:
     import pandas as pd
 
     from harness.metrics.groups import mark_processors
+    from harness.metrics.run_quality import get_run_state
     from harness.results.record import CaseId
-    from harness.stats.run_quality import get_run_state
 
     def add_processor(case: CaseId, processor: str) -> CaseId:
         return replace(case, device=f"{case.device_name} ({processor})", host="")
@@ -185,7 +185,7 @@ def _make_row(
 
 def list_faster(table: pd.DataFrame, base: str) -> pd.DataFrame:
     """Return a row per view, whose column `faster` has the triangulators faster than `base`."""
-    from harness.stats.intervals import FASTER
+    from harness.metrics.statistics import FASTER
 
     rows = table[(table["base"] == base) & (table["triangulator"] != base)]
     columns = zip(rows["triangulator"], rows["time_ratio"], rows["verdict"], strict=True)

@@ -44,9 +44,9 @@ from harness.metrics.registry import (
     list_predictions,
     sort_counters,
 )
+from harness.metrics.run_quality import get_run_state
 from harness.results.record import CaseGroup, Record, make_printable
 from harness.results.run_folder import Run, select_latest
-from harness.stats.run_quality import get_run_state
 
 
 def compare_runs(base: Run, head: Run, settings: Settings | None = None) -> Comparison:

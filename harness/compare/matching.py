@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from harness.compare.model import TimeChange
 from harness.errors import IncompatibleRunsError
+from harness.metrics import run_quality
 from harness.metrics.groups import may_be_same_processor, read_processor
 from harness.results.record import CaseId, Record, Time
 from harness.results.run_folder import Run
-from harness.stats import run_quality
 from harness.style import flatten
 
 ENVIRONMENT = "harness", "code", "python", "packages", "kernel", "cpu", "threads", "governor"

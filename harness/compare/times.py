@@ -35,9 +35,9 @@ from harness.compare.matching import (
     summarise_samples,
 )
 from harness.compare.model import Against, Drift, Outcome, Settings, TimeChange
+from harness.metrics.run_quality import MIN_QUIET_ROUNDS
+from harness.metrics.statistics import compute_paired_ratio
 from harness.results.record import CaseGroup
-from harness.stats.intervals import compute_paired_ratio
-from harness.stats.run_quality import MIN_QUIET_ROUNDS
 
 RESAMPLES = 2000  # of the bootstrap, for an interval
 

@@ -18,6 +18,7 @@ from harness.machine import system
 from harness.machine.environment import describe_processor
 from harness.measuring.timing import EMPTY, REFERENCE, TimerTest, Times
 from harness.metrics.registry import MIN_QUADS, OUTLINE
+from harness.metrics.run_quality import find_undisturbed
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters
 from harness.results import drawings
@@ -32,7 +33,6 @@ from harness.results.record import (
 )
 from harness.results.run_writer import RunFolder
 from harness.settings import TimingSettings
-from harness.stats.run_quality import find_undisturbed
 from harness.triangulating.recipes import Recipe
 from harness.triangulating.triangulate import FrameTriangulation
 

@@ -32,6 +32,7 @@ from harness.measuring.records import RunWriter, get_default_path, update_refere
 from harness.measuring.scene import Calibrate, SceneRun
 from harness.metrics.decision import Decided, decide_run
 from harness.metrics.groups import may_be_same_processor, read_processor
+from harness.metrics.run_quality import assess_records
 from harness.progress import Reporter, detach_terminal
 from harness.results.record import Record, RunFacts
 from harness.results.run_folder import (
@@ -43,7 +44,6 @@ from harness.results.run_folder import (
     read_run,
 )
 from harness.results.run_writer import RunFolder
-from harness.stats.run_quality import assess_records
 from harness.supervisor import allow_cleanup
 from harness.triangulating.recipes import ORIGINAL, Recipe
 from harness.workers.worker import OpenWorker, Worker

@@ -8,7 +8,7 @@ overhead and the speed of the machine.
 The memory layout of a drawing's buffers changes times by some tenths of a per cent, and no number
 of rounds averages that out. So the rounds are split into epochs, before which all drawings are
 released and prepared again in another random order; the interval of a ratio follows from the
-variation between epochs (`harness.stats.intervals`). Sources: T. Kalibera and R. Jones,
+variation between epochs (`harness.metrics.statistics`). Sources: T. Kalibera and R. Jones,
 "Rigorous benchmarking in reasonable time", ISMM 2013; T. Mytkowicz et al., "Producing wrong data
 without doing anything obviously wrong!", ASPLOS 2009.
 """
@@ -24,11 +24,11 @@ from typing import Literal
 import numpy as np
 
 from harness.machine import system
+from harness.metrics.run_quality import select_rounds
+from harness.metrics.statistics import compute_median_interval, compute_paired_ratio
 from harness.rasterisers.base import Drawing, Sample
 from harness.results.record import Time
 from harness.settings import TimingSettings
-from harness.stats.intervals import compute_median_interval, compute_paired_ratio
-from harness.stats.run_quality import select_rounds
 
 Timer = Literal["gpu", "cpu", "wall"]
 

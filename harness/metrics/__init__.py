@@ -1,1 +1,1 @@
-"""Metrics of records: the registry, groups of comparable records, and the decision."""
+"""Metrics of records: registry, groups of comparable records, statistics, and the decision."""

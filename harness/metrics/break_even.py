@@ -6,8 +6,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from harness.metrics.statistics import FASTER, SLOWER, Ratio, compute_student_interval
 from harness.results.record import Record, Time
-from harness.stats.intervals import FASTER, SLOWER, Ratio, compute_student_interval
 
 BreakEvenKind = Literal["at once", "after", "up to", "not significant", "never"]
 

@@ -11,10 +11,10 @@ from typing import Literal
 from harness.metrics.break_even import BreakEven, compute_break_even
 from harness.metrics.groups import RecordGroup, group_run
 from harness.metrics.registry import find_metric, get_first_value, list_costs
+from harness.metrics.run_quality import QUIET
+from harness.metrics.statistics import FASTER, SLOWER, Ratio, Verdict
 from harness.results.record import Record
 from harness.results.run_folder import Run
-from harness.stats.intervals import FASTER, SLOWER, Ratio, Verdict
-from harness.stats.run_quality import QUIET
 
 Reason = Literal[
     "faster", "others slower", "counter", "undecided", "few pixels", "single", "incomplete"

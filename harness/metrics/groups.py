@@ -1,4 +1,4 @@
-"""Groups of comparable records: ratios of times, and of counters over map tiles or views.
+"""Groups of comparable records: ratios of times, and of counters over tiles, views or polygons.
 
 Times of software devices, which are as fast as the processor, are compared on one processor only.
 """
@@ -13,20 +13,24 @@ from typing import Any
 import numpy as np
 
 from harness.errors import make_unknown_name_error
-from harness.metrics.registry import find_metric, list_costs
-from harness.results.record import CaseGroup, CaseId, Record
-from harness.results.run_folder import Run
-from harness.stats.intervals import (
+from harness.metrics.registry import PREDICTED, find_metric, list_costs
+from harness.metrics.run_quality import QUIET, STATES, State, get_run_state, select_rounds
+from harness.metrics.statistics import (
     FASTER,
     MIN_VALUES,
+    Column,
     Ratio,
     add_run_scatter,
     compute_mean_interval,
     compute_paired_ratio,
     compute_ratio_interval,
 )
-from harness.stats.run_quality import QUIET, STATES, State, get_run_state, select_rounds
+from harness.rasterisers.counters import compute_estimates
+from harness.results.record import CaseGroup, CaseId, Record
+from harness.results.run_folder import Run, read_arrays
 from triangulators.devices import is_software
+
+Columns = dict[str, Column]  # criteria and counters of p polygons, (p,), by name
 
 DEFAULT_BASE = "ear-clipping"  # default base of ratios: the method that most programs use today
 
@@ -285,3 +289,44 @@ def describe_machine(run: Run) -> list[str]:
     label = read_processor(run.facts)
     lines = [f"processor of {', '.join(devices)}: {label}"] if devices and label else []
     return lines + get_run_state(run).warnings
+
+
+def read_columns(run: Run, record: Record) -> Columns | None:
+    """Return the criteria and counters of each polygon in a case, or None if not stored."""
+    arrays = read_arrays(run, record.key)
+    if arrays is None or f"{PREDICTED}triangles" not in arrays:
+        return None
+    columns = {name: np.asarray(column, np.float64) for name, column in arrays.items()}
+    return columns | compute_estimates(columns, PREDICTED)
+
+
+def compute_ratios(columns: Columns, base: Columns, name: str) -> Column:
+    """Return each polygon's ratio in the column `name` to the base's, (p,), NaN if missing or 0.
+
+    Without this division the polygon's size would make every criterion look good.
+    """
+    drawn = (columns[f"{PREDICTED}triangles"] > 0) & (base[f"{PREDICTED}triangles"] > 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = columns[name] / base[name]
+    return np.where(drawn & np.isfinite(ratio) & (ratio > 0), ratio, np.nan)
+
+
+def pair_ratios(
+    columns: dict[str, Columns], base: str, criterion: str, measure: str
+) -> tuple[Column, Column]:
+    """Return the ratios to the base of a criterion and of a counter, one per polygon and method.
+
+    columns : by triangulator; without the criterion or the measure, the results are empty
+    """
+    name, base_columns = PREDICTED + criterion, columns[base]
+    complete = measure in base_columns and all(name in column for column in columns.values())
+    compared = [
+        column for triangulator, column in columns.items() if triangulator != base and complete
+    ]
+    if not compared:
+        return np.empty(0), np.empty(0)
+    x, y = (
+        np.concatenate([compute_ratios(column, base_columns, field) for column in compared])
+        for field in (name, measure)
+    )
+    return x, y

@@ -17,8 +17,8 @@ from harness.metrics.groups import (
     may_be_same_processor,
     read_processor,
 )
-from harness.metrics.per_polygon import compute_rank_correlation
 from harness.metrics.registry import list_predictions
+from harness.metrics.statistics import compute_rank_correlation
 from harness.profile.profile import name_device_model
 from harness.results.run_folder import Run
 

@@ -9,6 +9,7 @@ from pydantic import model_validator as validator
 
 from harness.errors import IncompatibleRunsError, InputError
 from harness.measuring.timing import EMPTY, Times
+from harness.metrics.statistics import MIN_EPOCHS
 from harness.page import saved
 from harness.page.saved import Count, Finite, NonNegative, SavedModel, Text, check_rounds
 from harness.profile import design, measured
@@ -18,7 +19,6 @@ from harness.profile.law import FORMS, fit_form, predict_times
 from harness.profile.measured import CONTROL, DrawTimes
 from harness.profile.placing import Draw
 from harness.profile.profile import check_profile, make_profile, select_draws_to_fit
-from harness.stats.intervals import MIN_EPOCHS
 from triangulators.devices import is_software
 
 FORMAT = "raster-harness device profile"

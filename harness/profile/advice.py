@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from harness.frame import View, make_frame
 from harness.measuring.pool import MeasuringPool
+from harness.metrics.statistics import compute_mean_interval, compute_student_interval
 from harness.profile.counted import TERMS, Design
 from harness.profile.design import AREAS, ASPECTS
 from harness.profile.law import COSTS
 from harness.profile.measured import DrawTimes
 from harness.profile.placing import Draw
-from harness.stats.intervals import compute_mean_interval, compute_student_interval
 from harness.study.subjects import sample_evenly
 from harness.triangulating.recipes import parse
 from scenes import SceneError, load

@@ -11,12 +11,12 @@ from harness.errors import InconclusiveError, NothingMeasuredError
 from harness.measuring.pool import Backend, MeasuringPool
 from harness.measuring.records import make_time_without_median
 from harness.measuring.timing import EMPTY, Times
+from harness.metrics.run_quality import assess_times
+from harness.metrics.statistics import MIN_EPOCHS, Ratio, compute_paired_ratio
 from harness.profile.placing import Draw
 from harness.rasterisers.base import Options
 from harness.results.record import Time
 from harness.settings import TimingSettings
-from harness.stats.intervals import MIN_EPOCHS, Ratio, compute_paired_ratio
-from harness.stats.run_quality import assess_times
 
 CONTROL = "(control)"  # name of the second copy of one draw of the design
 EPOCHS = 12  # each in a separate process: in some a draw takes 1.5 times as long

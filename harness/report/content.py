@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from harness.machine.git import get_commit
 from harness.metrics.decision import Decided, Decision, decide_run, format_advice
-from harness.metrics.groups import RecordGroup, describe_views, read_processor
-from harness.metrics.per_polygon import (
+from harness.metrics.groups import (
     Columns,
-    compute_rank_correlation,
-    compute_rms_error,
+    RecordGroup,
+    describe_views,
     pair_ratios,
     read_columns,
+    read_processor,
 )
 from harness.metrics.registry import (
     PREDICTED,
@@ -26,6 +26,8 @@ from harness.metrics.registry import (
     list_costs,
     list_predictions,
 )
+from harness.metrics.run_quality import get_run_state
+from harness.metrics.statistics import compute_rank_correlation, compute_rms_error
 from harness.rasterisers.counters import ESTIMATES, compute_estimates
 from harness.report import matrix
 from harness.report.matrix import (
@@ -38,7 +40,6 @@ from harness.results import drawings
 from harness.results.drawings import Geometry
 from harness.results.record import Record
 from harness.results.run_folder import Run
-from harness.stats.run_quality import get_run_state
 from harness.study.subjects import MEASURES
 from harness.style import choose_looks, encode_array, flatten
 from harness.summary import make_row

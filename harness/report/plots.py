@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.metrics.groups import RecordGroup, group_run
-from harness.metrics.per_polygon import (
+from harness.metrics.groups import (
     Columns,
-    compute_rank_correlation,
+    RecordGroup,
     compute_ratios,
-    compute_rms_error,
+    group_run,
     pair_ratios,
     read_columns,
 )
 from harness.metrics.registry import PREDICTED, find_metric, list_costs, list_predictions
+from harness.metrics.statistics import compute_rank_correlation, compute_rms_error
 from harness.rasterisers.counters import ESTIMATES
 from harness.results.run_folder import Run
 from harness.study.correlations import PAPER

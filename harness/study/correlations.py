@@ -19,10 +19,14 @@ from rich.console import Console
 from rich.table import Table
 
 from harness.metrics.groups import IDENTIFYING_CRITERIA
-from harness.metrics.per_polygon import compute_spearman
 from harness.metrics.registry import find_metric, list_costs, list_predictions
+from harness.metrics.statistics import (
+    MIN_VALUES,
+    UNKNOWN,
+    compute_median_interval,
+    compute_spearman,
+)
 from harness.results.record import Record
-from harness.stats.intervals import MIN_VALUES, UNKNOWN, compute_median_interval
 from harness.style import (
     add_legend_below,
     draw_figure,

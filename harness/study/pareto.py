@@ -18,13 +18,12 @@ from shapely import Polygon
 from harness.errors import InputError
 from harness.frame import View, make_frame
 from harness.measuring.run import ScenePart
-from harness.metrics.groups import IDENTIFYING_CRITERIA, RecordGroup, group_run
-from harness.metrics.per_polygon import read_columns
+from harness.metrics.groups import IDENTIFYING_CRITERIA, RecordGroup, group_run, read_columns
 from harness.metrics.registry import PREDICTED
+from harness.metrics.statistics import FASTER, SLOWER
 from harness.results.record import Record
 from harness.results.run_folder import Run
 from harness.settings import StudySize
-from harness.stats.intervals import FASTER, SLOWER
 from harness.study.subjects import choose_polygons, sample_evenly
 from harness.style import make_plain_table
 from harness.triangulating.recipes import parse_all

@@ -19,10 +19,15 @@ import pandas as pd
 from rich.console import Console
 
 from harness.metrics.groups import group_records
-from harness.metrics.per_polygon import Column
 from harness.metrics.registry import list_costs, list_predictions
+from harness.metrics.statistics import (
+    MIN_VALUES,
+    UNKNOWN,
+    Column,
+    compute_mean_interval,
+    split_rounds,
+)
 from harness.results.record import Record, Time
-from harness.stats.intervals import MIN_VALUES, UNKNOWN, compute_mean_interval, split_rounds
 from harness.study.correlations import (
     TIME,
     get_measure_title,

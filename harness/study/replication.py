@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from harness.metrics.registry import find_metric
-from harness.stats.intervals import MIN_VALUES
+from harness.metrics.statistics import MIN_VALUES
 from harness.study.correlations import TIME, TOO_FEW
 
 H_OPTIMAL, EAR_CLIPPING, DELAUNAY = "optimal:half-perimeter", "ear-clipping", "delaunay"

@@ -30,10 +30,7 @@ from harness.frame import View
 from harness.metrics.break_even import compute_break_even
 from harness.metrics.decision import decide_group
 from harness.metrics.groups import compute_time_ratio, group_records
-from harness.metrics.per_polygon import compute_spearman
-from harness.rasterisers.base import Options
-from harness.results.record import CaseId, Record, Time
-from harness.stats.intervals import (
+from harness.metrics.statistics import (
     RUN_SCATTER,
     UNKNOWN,
     add_run_scatter,
@@ -41,7 +38,10 @@ from harness.stats.intervals import (
     compute_median_interval,
     compute_paired_ratio,
     compute_ratio_interval,
+    compute_spearman,
 )
+from harness.rasterisers.base import Options
+from harness.results.record import CaseId, Record, Time
 from harness.study.correlations import estimate_median
 from harness.study.regret import compute_regret_interval, estimate_regret
 from scripts.studies.machines import EPOCHS, MACHINES, Machine, quiet, simulate_run

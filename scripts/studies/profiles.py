@@ -45,6 +45,7 @@ from harness.grid import round_points
 from harness.measuring.loading import load_scene
 from harness.measuring.pool import Backend, MeasuringPool
 from harness.measuring.timing import EMPTY, REFERENCE
+from harness.metrics.statistics import Ratio, compute_mean_interval, compute_paired_ratio
 from harness.profile import profile as profiles
 from harness.profile.advice import recommend_triangulator
 from harness.profile.counted import TERMS, count_cost_terms, count_draw, make_design_rows
@@ -54,7 +55,6 @@ from harness.profile.measured import DrawTimes
 from harness.progress import Reporter
 from harness.rasterisers.base import Options, order_submission
 from harness.settings import StudySize, TimingSettings
-from harness.stats.intervals import Ratio, compute_mean_interval, compute_paired_ratio
 from harness.study.regret import compute_regret_interval, estimate_regret
 from harness.study.subjects import choose_polygons
 from harness.triangulating.recipes import parse

@@ -10,8 +10,8 @@ from harness import rasterisers
 from harness.frame import Frame, View, make_bare_frame, make_frame
 from harness.measuring import tasks
 from harness.measuring.timing import TimingSettings
+from harness.metrics.statistics import Ratio, compute_paired_ratio
 from harness.rasterisers.base import Device, Options
-from harness.stats.intervals import Ratio, compute_paired_ratio
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
 from harness.workers.worker import Worker

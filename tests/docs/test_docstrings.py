@@ -20,7 +20,7 @@ WITH_EXAMPLES = [
     *("scenes", *OF_SCENES, "triangulators", "triangulators.many", "triangulators.polygon"),
     *("triangulators.certificate.certify", "triangulators.criteria", "triangulators.dropin"),
     *("triangulators.polygon_arrays", "triangulators.registry", "triangulators.verify"),
-    "harness.stats.intervals",
+    "harness.metrics.statistics",
 ]
 """Modules with a documented interface; other modules of scenes are called by `load`."""
 SCENE_MODULES = {module.name for module in pkgutil.walk_packages(scenes.__path__, "scenes.")}

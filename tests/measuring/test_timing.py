@@ -23,8 +23,8 @@ from harness.measuring.timing import (
     select_timer,
     time_together,
 )
+from harness.metrics.statistics import Ratio, compute_median_interval, compute_paired_ratio
 from harness.rasterisers.base import Sample
-from harness.stats.intervals import Ratio, compute_median_interval, compute_paired_ratio
 from tests.mock import Clock, ScriptedDrawing
 
 WALL = TimerTest("wall", 0.01, None, 1e-7, "scripted")

@@ -13,8 +13,8 @@ from harness.metrics import decision as decision_module
 from harness.metrics.break_even import BreakEven, _solve_interval_end
 from harness.metrics.decision import decide_run, format_advice
 from harness.metrics.groups import compute_time_ratio
+from harness.metrics.statistics import RUN_SCATTER
 from harness.report.content import make_content
-from harness.stats.intervals import RUN_SCATTER
 from harness.summary import VERDICTS, list_rows, print_summary
 from tests.harness.test_summary import SAMPLES, record, show
 from tests.records import make_group, make_record, make_run

@@ -3,7 +3,7 @@ import pytest
 
 from harness import summary
 from harness.metrics import decision, groups
-from harness.stats.intervals import (
+from harness.metrics.statistics import (
     MIN_VALUES,
     RESAMPLES,
     TAIL,

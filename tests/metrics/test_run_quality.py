@@ -10,7 +10,7 @@ import pytest
 
 from harness.measuring.records import get_default_path
 from harness.metrics.decision import decide_group, format_advice
-from harness.stats.run_quality import (
+from harness.metrics.run_quality import (
     DISTURBED,
     MAX_REFERENCE_RATIO,
     MIN_QUIET_ROUNDS,

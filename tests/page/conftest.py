@@ -10,7 +10,7 @@ import pytest
 from harness.frame import View
 from harness.measuring.pool import MeasuringPool
 from harness.measuring.timing import TimingSettings
-from harness.metrics.per_polygon import read_columns
+from harness.metrics.groups import read_columns
 from harness.page.page_data import make_profile_content, write_page
 from harness.page.result import COUNTERS, FORMAT, RECORD_FIELDS, Result, import_result
 from harness.page.saved import VERSION, read_saved

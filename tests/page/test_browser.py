@@ -7,13 +7,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from harness.metrics.per_polygon import compute_ranks
+from harness.metrics.statistics import add_run_scatter, compute_paired_ratio, compute_ranks
 from harness.page.page_data import make_page_content, write_page
 from harness.page.result import COUNTERS
 from harness.rasterisers import Options
 from harness.rasterisers.reference import Reference
 from harness.results.run_folder import read_run
-from harness.stats.intervals import add_run_scatter, compute_paired_ratio
 from tests.chromium import MEASUREMENT_ENDED, REPORT_READY, Chromium
 from tests.conftest import require_ok
 from tests.page.conftest import measure, read_result

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from harness.measuring.timing import EMPTY, Times
+from harness.metrics.statistics import Ratio, compute_mean_interval
 from harness.page.page_data import GRID_STEPS
 from harness.profile import design, law
 from harness.profile.advice import CRITERIA, compare_aspects
@@ -15,7 +16,6 @@ from harness.profile.fitting import fit_coefficients
 from harness.profile.law import COSTS as CRITERIA_TERMS
 from harness.profile.measured import CONTROL, DrawTimes, normalise_times
 from harness.profile.report import format_seconds
-from harness.stats.intervals import Ratio, compute_mean_interval
 from tests.chromium import REPORT_READY, Chromium
 from tests.conftest import assert_refused, require_ok
 from tests.measuring.test_run import inline

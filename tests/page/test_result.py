@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from harness.errors import HarnessError, IncompatibleRunsError, InputError
-from harness.metrics.per_polygon import read_columns
+from harness.metrics.groups import read_columns
 from harness.page.result import COUNTERS, count_per_polygon, import_result
 from harness.page.saved import make_device_name
 from harness.rasterisers.reference import SHADED

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from harness.metrics.per_polygon import compute_rms_error, pair_ratios, read_columns
+from harness.metrics.groups import pair_ratios, read_columns
 from harness.metrics.registry import PREDICTED, find_metric
+from harness.metrics.statistics import compute_rms_error
 from harness.rasterisers.counters import ESTIMATES, compute_estimates
 from harness.report.plots import NAME, plot_run
 from harness.results.run_folder import read_run

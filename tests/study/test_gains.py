@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 
 from harness.commands.study_gains import list_faster, split_by_order
-from harness.stats.intervals import FASTER, SLOWER
+from harness.metrics.statistics import FASTER, SLOWER
 
 
 def row(triangulator: str, order: str, ratio: float, **changes: object) -> dict[str, object]:

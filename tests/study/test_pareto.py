@@ -9,8 +9,8 @@ from shapely import Polygon, box
 
 from harness.frame import View, make_frame
 from harness.measuring.run import ScenePart
+from harness.metrics.statistics import add_run_scatter, compute_paired_ratio
 from harness.results.run_folder import read_run
-from harness.stats.intervals import add_run_scatter, compute_paired_ratio
 from harness.study import pareto
 from harness.triangulating.recipes import parse_all
 from scenes import load

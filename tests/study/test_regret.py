@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from harness.stats.intervals import MIN_VALUES, compute_mean_interval
+from harness.metrics.statistics import MIN_VALUES, compute_mean_interval
 from harness.study import regret
 from harness.study.correlations import get_measure_title
 from tests.records import make_record

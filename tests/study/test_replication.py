@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 
 from harness.errors import HarnessError, InconclusiveError, NothingMeasuredError, UsageError
+from harness.metrics.run_quality import DISTURBED, RunState
 from harness.settings import StudySize
-from harness.stats.run_quality import DISTURBED, RunState
 from harness.study.replication import CLAIMS, Evidence, evaluate_claims, format_page
 from tests.conftest import assert_refused, require_ok, run_command
 

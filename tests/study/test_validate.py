@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 
 from harness.errors import InputError
+from harness.metrics.run_quality import DISTURBED, RunState
 from harness.results.run_folder import read_run
 from harness.settings import StudySize
-from harness.stats.run_quality import DISTURBED, RunState
 from harness.study.subjects import choose_polygons, choose_triangulators
 from harness.triangulating.recipes import parse_all
 from scenes import load

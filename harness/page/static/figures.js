@@ -1,5 +1,5 @@
 "use strict";
-/* Statistics as in harness/stats/intervals.py: medians, confidence intervals, paired ratios of two drawings, rank correlation. */
+/* Statistics as in harness/metrics/statistics.py: medians, confidence intervals, paired ratios of two drawings, rank correlation. */
 
 function median(values) {
   const sorted = [...values].sort((a, b) => a - b);
@@ -32,7 +32,7 @@ function studentInterval(values) {
 const TAIL = 0.01, RESAMPLES = 1999;
 
 /* Bounds of the 95 % interval of a mean by the studentised bootstrap with RESAMPLES resamples; quantiles at TAIL instead of
-   0.025 correct the coverage for few values, see harness/stats/intervals.py. */
+   0.025 correct the coverage for few values, see harness/metrics/statistics.py. */
 function meanInterval(values, random = Math.random) {
   const meanAndError = (some) => {
     const middle = mean(some);
@@ -68,7 +68,7 @@ function pairedRatio(samples, base, epochs, scatter = RUN_SCATTER) {
   return { value: Math.exp(middle), low: Math.exp(middle - reach), high: Math.exp(middle + reach) };
 }
 
-/* Relative difference up to which neighbouring values share a rank: TIE_TOLERANCE of metrics/per_polygon.py. */
+/* Relative difference up to which neighbouring values share a rank: TIE_TOLERANCE of metrics/statistics.py. */
 const TIE_TOLERANCE = 1e-9;
 
 /* The rank of each value, counted from 1; values within TIE_TOLERANCE share the mean of their ranks. */

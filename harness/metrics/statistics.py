@@ -1,4 +1,4 @@
-"""Confidence intervals that assume little about the distribution of the values.
+"""Statistics of samples: rank correlation, and intervals that assume little about distributions.
 
 `scripts/studies/interval_coverage.py` simulates the coverage of each interval. A ratio of two
 drawings' times is computed from rounds in which both were timed.
@@ -11,6 +11,8 @@ from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+Column = NDArray[np.float64]  # values of p polygons, (p,)
 
 CONFIDENCE = 0.95
 
@@ -272,3 +274,48 @@ def add_run_scatter(ratio: Ratio, candidates: int = 1) -> Ratio:
     reach = quantile * RUN_SCATTER
     low, high = (middle - np.hypot(middle - low, reach), middle + np.hypot(high - middle, reach))
     return replace(ratio, low=float(np.exp(low)), high=float(np.exp(high)))
+
+
+TIE_TOLERANCE = 1e-9  # relative; the sums of two equal triangulations differ by about 1e-15
+
+
+def compute_ranks(values: Column) -> Column:
+    """Return the rank of each value, counted from 1; values within `TIE_TOLERANCE` share the mean.
+
+    Rounding would give two equal sums on either side of a rounding boundary different ranks.
+    """
+    order = np.argsort(values, kind="stable")
+    ascending = values[order]
+    tolerance = TIE_TOLERANCE * np.maximum(np.abs(ascending[1:]), np.abs(ascending[:-1]))
+    is_new = np.diff(ascending) > tolerance
+    group = np.concatenate(([0], np.cumsum(is_new)))[: len(values)]
+    sizes = np.bincount(group)
+    result = np.empty(len(values))
+    result[order] = (np.cumsum(sizes) - (sizes - 1) / 2)[group]
+    return result
+
+
+def compute_spearman(x: Column, y: Column) -> float:
+    """Return Spearman's coefficient; NaN if either column is constant or shorter than 3."""
+    # Computed here, because importing `scipy.stats` takes longer than a short run.
+    if len(x) < 3:
+        return float("nan")
+    x_ranks, y_ranks = compute_ranks(x), compute_ranks(y)
+    if np.ptp(x_ranks) == 0 or np.ptp(y_ranks) == 0:
+        return float("nan")
+    return float(np.corrcoef(x_ranks, y_ranks)[0, 1])
+
+
+def compute_rank_correlation(x: Column, y: Column) -> float | None:
+    """Return Spearman's coefficient of the finite pairs, or None if it is undefined."""
+    finite = np.isfinite(x) & np.isfinite(y)
+    coefficient = compute_spearman(x[finite], y[finite])
+    return None if np.isnan(coefficient) else coefficient
+
+
+def compute_rms_error(x: Column, y: Column) -> float | None:
+    """Return the root mean square of log(x / y), about x's relative error, or None."""
+    valid = np.isfinite(x) & np.isfinite(y) & (x > 0) & (y > 0)
+    if not valid.any():
+        return None
+    return float(np.sqrt(np.mean(np.log(x[valid] / y[valid]) ** 2)))

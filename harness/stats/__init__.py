@@ -1,1 +1,0 @@
-"""Statistics of samples: intervals and ratios, and whether a run was disturbed."""
