@@ -7,8 +7,8 @@ import pytest
 import trimesh
 
 from harness.errors import HarnessError
-from harness.models.diagonals import choose_diagonals, find_outlines
-from harness.models.flat_faces import Faces, ModelMesh, compute_float32_tolerance, find_flat_faces
+from harness.models.diagonals import find_outlines
+from harness.models.flat_faces import Faces, compute_float32_tolerance
 from harness.models.gltf import GltfModel
 from harness.models.in_place import retriangulate
 from scenes import SceneError
@@ -191,29 +191,15 @@ def test_parts_back_to_back_do_not_share_a_diagonal(tmp_path, out):
     assert done.unchanged == {"a diagonal would also be an edge of other triangles": 2}
 
 
-SPOILT = {
-    "a triangle twice": [*LONG, (0, 1, 2)],
-    "an edge of three triangles": [*LONG, (0, 2, 1)],
-    "a point": [(0, 1, 2), (0, 2, 2)],
-}
-
-
-@pytest.mark.parametrize("name", SPOILT)
-def test_non_manifold_triangles_are_unchanged(tmp_path, out, name):
-    builder = Builder(KITE, SPOILT[name])
-    source = builder.write(tmp_path / "spoilt.glb")
+@pytest.mark.parametrize(
+    "triangles",
+    [[*LONG, (0, 1, 2)], [*LONG, (0, 2, 1)], [(0, 1, 2), (0, 2, 2)]],
+    ids=["a triangle twice", "an edge of three triangles", "a point"],
+)
+def test_non_manifold_triangles_are_unchanged(tmp_path, out, triangles):
+    source = Builder(KITE, triangles).write(tmp_path / "spoilt.glb")
     retriangulate(source, out)
     assert out.read_bytes() == source.read_bytes()
-
-
-def test_new_triangles_are_not_thin():
-    """One vertex is on a straight edge except for rounding; cutting it off would be shortest."""
-    points = np.array([(0, 0, 0), (4, 1e-6, 0), (8, 0, 0), (8, 6, 0), (0, 6, 0)], dtype=float)
-    triangles = np.array([(0, 1, 4), (1, 3, 4), (1, 2, 3)])
-    none, tolerance = np.empty((5, 0)), compute_float32_tolerance(points)
-    faces, _ = find_flat_faces(ModelMesh(points, triangles, none, none, tolerance))
-    result = choose_diagonals(faces, "edge-length").triangles
-    assert not any({0, 1, 2} == set(row) for row in faces.vertices[result].tolist())
 
 
 def test_faces_beyond_the_work_budget_get_flips(tmp_path, out, monkeypatch):

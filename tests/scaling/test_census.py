@@ -86,15 +86,6 @@ def test_parts_and_cells_sum_to_the_total(parts, tmp_path):
     assert not cells.duplicated(["x", "y"]).any()
 
 
-def test_moving_a_footprint_near_the_origin_changes_no_counter(footprints):
-    far = shapely.transform(footprints[:40], lambda xy: xy + 4_000_000.0)
-    near, owners = scale_to_pixels(footprints[:40], 0.25)
-    moved, _ = scale_to_pixels(far, 0.25)
-    assert owners.tolist() == list(range(40))
-    assert shapely.bounds(near).min() >= 0
-    assert shapely.equals_exact(near, moved, tolerance=0).all()
-
-
 def test_footprints_without_area_on_the_grid_are_dropped():
     thin = shapely.Polygon([(0, 0), (10, 0), (10, 1e-7)])
     bow = shapely.Polygon([(0, 0), (3, 0), (3, 3), (1.5, 1e-7)])

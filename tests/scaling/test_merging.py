@@ -1,6 +1,7 @@
 import json
 import shutil
 from dataclasses import replace
+from functools import partial
 from itertools import permutations
 from pathlib import Path
 
@@ -49,6 +50,12 @@ def with_records(run, change):
     return replace(run, records=[make_record(**change(fields)) for fields in get_rows(run)])
 
 
+def fail(record, reason="hung"):
+    """Return the record of the case without measurements."""
+    fields = {name: value for name, value in record.items() if name not in ("time", "counters")}
+    return fields | {"status": "failed", "reason": reason}
+
+
 def hosted(runs, *names):
     return [set_host(read_run(runs[name]), name) for name in names]
 
@@ -92,28 +99,16 @@ def test_different_records_of_a_case_are_refused(first, tmp_path):
 
 
 def test_measured_record_replaces_a_failed_record(first, tmp_path):
-    def failed(record):
-        fields = {n: v for n, v in record.items() if n not in ("time", "counters")}
-        return fields | {"status": "failed", "reason": "hung"}
-
-    for number, order in enumerate(permutations([first, with_records(first, failed)])):
+    for number, order in enumerate(permutations([first, with_records(first, fail)])):
         merge_runs(order, tmp_path / str(number))
         assert {r["status"] for r in get_rows(read_run(tmp_path / str(number)))} == {"ok"}
 
 
 def test_choice_between_failures_is_independent_of_names(runs, tmp_path):
     (first,) = hosted(runs, "first")
-
-    def failed(reason, *, backwards):
-        def change(record):
-            fields = {n: v for n, v in record.items() if n not in ("time", "counters")}
-            fields |= {"status": "failed", "reason": reason}
-            return dict(sorted(fields.items(), reverse=backwards))
-
-        return with_records(first, change)
-
-    pair = failed("hung", backwards=True), failed("killed", backwards=False)
-    for number, order in enumerate(permutations(pair)):
+    reasons = ("hung", "killed")
+    failures = [with_records(first, partial(fail, reason=reason)) for reason in reasons]
+    for number, order in enumerate(permutations(failures)):
         merge_runs(order, tmp_path / str(number))
         assert {r["reason"] for r in get_rows(read_run(tmp_path / str(number)))} == {"hung"}
 

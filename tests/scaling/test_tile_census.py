@@ -3,7 +3,6 @@
 import csv
 import gzip
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -91,31 +90,6 @@ def test_lost_polygons_tiles_and_vertices_are_counted(tmp_path):
     frame = make_scene_frame(scene, get_scene_view(scene))
     assert total.get_count("vertices") == len(frame.points)
     assert sum(count for (kind, _), count in summary.counts.items() if kind == "dropped") == 5
-
-
-def is_equal(a: Any, b: Any) -> bool:
-    return set(a) == set(b) and all(
-        np.array_equal(*pair) for group in a for pair in zip(a[group], b[group], strict=True)
-    )
-
-
-def test_archive_formats_have_equal_counts(tmp_path):
-    court, box = encoded([COURT]), encoded([shapely.box(-40, 8, 30, 90), COURT], layer="water")
-    tiles = {
-        TilePosition(3, 4, 2): court,
-        TilePosition(3, 4, 3): box,
-        TilePosition(2, 1, 1): court + box,
-    }
-    groups = {
-        kind: count_all(path, tmp_path / f"out-{kind}")[0].groups
-        for kind, path in three_archives(tmp_path, tiles, Compression.NONE).items()
-    }
-    assert set(groups["pmtiles"]) == {(2, "land"), (2, "water"), (3, "land"), (3, "water")}
-    assert is_equal(groups["pmtiles"], groups["mbtiles"])
-    assert is_equal(groups["pmtiles"], groups["folder"])
-    water = count_all(f"{tmp_path}/a.mbtiles:zoom=3-9,layers=water", tmp_path / "some")[0].groups
-    assert set(water) == {(3, "water")}
-    assert water[3, "water"].get_count("polygons") == 2
 
 
 def write_tiles(path: Path, tiles: dict[int, bytes]) -> str:
@@ -223,7 +197,7 @@ def read_table(folder: Path) -> list[dict[str, str]]:
 
 
 def test_the_command_has_a_line_for_each_zoom_and_layer(harness, tmp_path):
-    arguments = ("census", f"{FILE}:zoom=12-13", "-o", "out", "--triangulators", ",".join(NAMES))
+    arguments = ("census", f"{FILE}:zoom=9-13", "-o", "out", "--triangulators", ",".join(NAMES))
     out, error = require_ok(harness(*arguments))
     lines = [line.split() for line in out.splitlines() if line.startswith(("12", "13"))]
     assert [line[:2] for line in lines] == [

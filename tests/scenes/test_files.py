@@ -363,13 +363,6 @@ def test_notes_are_in_the_first_chunk_only(tmp_path):
     assert later == [(), ()]
 
 
-def test_limit(tmp_path):
-    path = write(tmp_path / "houses.gpkg")
-    scene = load(path, limit=2)
-    assert len(scene.polygons) == len(scene.attributes) == 2
-    require_error("limit=0", path, limit=0)
-
-
 @pytest.mark.parametrize("streaming", [True, False])
 def test_chunks_contain_the_complete_file(tmp_path, streaming, monkeypatch):
     if not streaming:  # as without pyarrow

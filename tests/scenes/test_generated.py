@@ -107,14 +107,13 @@ class TestStress:
         assert scene.repaired == scene.dropped == []
 
 
-class TestCad:
-    @settings(max_examples=25, deadline=None)
-    @given(seed=st.integers(0, 2**40), segments=st.integers(8, 60))
-    def test_parts_are_valid_for_every_seed(self, seed, segments):
-        scene = load("cad", seed=seed, segments=segments, parts=10)
-        assert_valid_polygons(scene.polygons)
-        assert scene.repaired == scene.dropped == []
-        assert are_disjoint(scene.polygons)
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**40), segments=st.integers(8, 60))
+def test_parts_of_cad_are_valid_for_every_seed(seed, segments):
+    scene = load("cad", seed=seed, segments=segments, parts=10)
+    assert_valid_polygons(scene.polygons)
+    assert scene.repaired == scene.dropped == []
+    assert are_disjoint(scene.polygons)
 
 
 @pytest.mark.parametrize(

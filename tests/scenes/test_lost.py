@@ -17,7 +17,6 @@ from scenes.readers import gdal
 from tests.scenes.conftest import SQUARE, feature, require_error, write_file
 from tests.scenes.samples import BOXES, KINDS, NAMED, make_files, outcome
 from tests.scenes.test_files import write as write_vector
-from tests.scenes.test_readers import PLANAR, geoparquet
 
 
 def line(x: int) -> str:
@@ -185,12 +184,6 @@ class TestNesting:
         require_error("levels deep", write_file(path, head + b"".join(valid_parts) + deep))
         whole = head + b"".join([*valid_parts, valid_parts[2]])
         assert len(load(write_file(path, whole)).polygons) == 27
-
-    def test_parquet(self, tmp_path):
-        deep = struct.pack("<BII", 1, 7, 1) * self.DEEP + BOXES[0].wkb
-        scene = load(geoparquet(tmp_path / "a.parquet", [BOXES[0], deep], crs=PLANAR))
-        assert len(scene.polygons) == 1
-        assert scene.dropped == [("row 1", "is nested more than 100 levels deep")]
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes on this system")

@@ -7,8 +7,8 @@ import signal
 import sqlite3
 import tracemalloc
 import zlib
-from collections.abc import Iterable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Iterable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -281,13 +281,6 @@ def test_directory_that_contains_itself_is_refused(tmp_path):
     require_error("a directory contains itself", f"{path}:zoom=3")
 
 
-@contextmanager
-def open_db(path: Path | str) -> Iterator[sqlite3.Connection]:
-    with closing(sqlite3.connect(path)) as database:
-        yield database
-        database.commit()
-
-
 def three_archives(
     folder: Path, tiles: dict[TilePosition, bytes], compression: Compression
 ) -> dict[str, str]:
@@ -299,7 +292,7 @@ def three_archives(
         header = {"tile_type": TileType.MVT, "tile_compression": compression}
         writer.finalize(header, {"attribution": "(c) us"})
     mbtiles = folder / "a.mbtiles"
-    with open_db(mbtiles) as database:
+    with closing(sqlite3.connect(mbtiles)) as database, database:
         database.execute("CREATE TABLE metadata (name TEXT, value TEXT)")
         database.execute("CREATE TABLE tiles (zoom_level, tile_column, tile_row, tile_data)")
         metadata = [("format", "pbf"), ("attribution", "(c) us")]
@@ -384,7 +377,7 @@ def test_directories_are_decompressed_as_the_header_states(kind, tmp_path):
 def test_formats_and_compressions_of_mbtiles(tmp_path, kind, pack):
     tile = pack(encoded([shapely.box(0, 0, 100, 100)]))
     path = three_archives(tmp_path, {TilePosition(3, 4, 2): tile}, Compression.NONE)["mbtiles"]
-    with open_db(Path(path)) as database:
+    with closing(sqlite3.connect(path)) as database, database:
         database.execute("UPDATE metadata SET value = ? WHERE name = 'format'", (kind,))
     scene = load(f"{path}:tiles=9")
     assert len(scene.polygons) == 1
@@ -425,7 +418,7 @@ def test_unreadable_archives_are_reported_in_one_line(text, message, tmp_path):
         writer.write_tile(0, b"png")
         writer.finalize({"tile_type": TileType.PNG, "tile_compression": Compression.NONE}, {})
     for name in ("png", "no"):
-        with open_db(tmp_path / f"{name}.mbtiles") as database:
+        with closing(sqlite3.connect(tmp_path / f"{name}.mbtiles")) as database, database:
             database.execute(f"CREATE TABLE {'metadata' if name == 'png' else 'x'} (name, value)")
             if name == "png":
                 database.execute("INSERT INTO metadata VALUES ('format', 'png')")
@@ -511,7 +504,7 @@ def test_write_ahead_log_of_a_database_is_read(tmp_path):
 
 def test_null_tile_is_damaged(tmp_path):
     path = two_tiles(tmp_path, bytes, Compression.NONE)["mbtiles"]
-    with open_db(path) as database:
+    with closing(sqlite3.connect(path)) as database, database:
         database.execute("UPDATE tiles SET tile_data = NULL WHERE tile_row = 5")
     scene = load(f"{path}:zoom=3")
     assert scene.tiling.names == ("3/4/3",)
@@ -540,7 +533,7 @@ def test_archive_without_tile_options_is_read_as_a_map():
 def test_endless_view_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(archives, "QUERY_TIMEOUT_S", 0.2)
     path = tmp_path / "endless.mbtiles"
-    with open_db(path) as database:
+    with closing(sqlite3.connect(path)) as database, database:
         database.execute("CREATE TABLE metadata (name TEXT, value TEXT)")
         database.execute(
             "CREATE VIEW tiles AS WITH RECURSIVE n(k) AS (SELECT 0 UNION ALL SELECT k + 1 FROM n) "
@@ -561,7 +554,7 @@ def test_endless_view_can_be_interrupted(tmp_path, monkeypatch):
 
 def test_duplicate_tile_counts_once(tmp_path):
     path = two_tiles(tmp_path, bytes, Compression.NONE)["mbtiles"]
-    with open_db(path) as database:
+    with closing(sqlite3.connect(path)) as database, database:
         for _ in range(2):
             database.execute("INSERT INTO tiles SELECT * FROM tiles WHERE tile_row = 4 LIMIT 1")
     scene = load(f"{path}:zoom=3")
@@ -594,7 +587,7 @@ def test_archive_without_tiles_is_reported_in_one_line(tmp_path):
         with pytest.raises(SceneError, match=r"a\.pmtiles holds no tile: give an archive with"):
             call()
     mbtiles = two_tiles(tmp_path, bytes, Compression.NONE)["mbtiles"]
-    with open_db(mbtiles) as database:
+    with closing(sqlite3.connect(mbtiles)) as database, database:
         database.execute("DELETE FROM tiles")
     with pytest.raises(SceneError, match=r"a\.mbtiles holds no tile: give an archive with tiles"):
         cut_tiles(mbtiles, None)
