@@ -17,7 +17,7 @@ from triangulators.criteria.cost import find_plain_cost
 from triangulators.geometry import flips
 from triangulators.geometry.half_edges import link_half_edges
 from triangulators.geometry.order import put_in_walk_order_by_twins
-from triangulators.methods.cost_flips import flip_by_cost
+from triangulators.optimum.local_search import flip_by_cost
 
 SCALED = ("quads@0.125", "quads@1", "quads@3.7")
 """Flips by expected quads at three scales; the last one rounds products."""

@@ -9,7 +9,7 @@ from triangulators import criteria, triangulate, vertices
 from triangulators.criteria.cost import compute_total_cost, find_plain_cost, make_cost
 from triangulators.geometry.half_edges import find_twins
 from triangulators.libraries import ear_clipping
-from triangulators.optimum.windows import MAX_RING_TRIANGLES, optimise_windows
+from triangulators.optimum.local_search import MAX_RING_TRIANGLES, optimise_windows
 from triangulators.polygon import boundary
 from triangulators.verify import verify
 

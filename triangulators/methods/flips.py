@@ -24,8 +24,7 @@ from triangulators.geometry.half_edges import is_triangulation, link_half_edges
 from triangulators.geometry.order import is_walk, put_in_walk_order_by_twins
 from triangulators.initial import find_any_triangulation
 from triangulators.libraries import ear_clipping
-from triangulators.methods.cost_flips import flip_by_cost
-from triangulators.optimum.windows import MAX_RING_TRIANGLES, optimise_windows
+from triangulators.optimum.local_search import MAX_RING_TRIANGLES, flip_by_cost, optimise_windows
 from triangulators.polygon import Boundary, boundary_area
 from triangulators.polygon_arrays import Batch, rings_at
 from triangulators.verify import check_triangle_indices
