@@ -127,7 +127,7 @@ BUILTIN = {
         _make_method_entry(
             "random",
             "a random triangulation, all being equally likely; parameter seed",
-            "counting:draw_triangulation",
+            "exhaustive:draw_triangulation",
             holes=False,
         ),
         _make_method_entry(

@@ -74,8 +74,7 @@ def sample_evenly(numbers: Sequence[int], limit: int) -> list[int]:
 
 def choose_triangulators(design: StudySize, polygon: Polygon) -> tuple[Recipe, ...]:
     """Return the triangulations to measure for a polygon without holes."""
-    from triangulators.methods.counting import count_triangulations
-    from triangulators.methods.exhaustive import enumerate_triangulations
+    from triangulators.methods.exhaustive import count_triangulations, enumerate_triangulations
 
     methods = [
         name

@@ -16,8 +16,12 @@ from tests.triangulators.cases import (
 from triangulators import SkippedError, triangulate
 from triangulators.criteria import predict
 from triangulators.initial import make_cycle
-from triangulators.methods.counting import count_triangulations, count_triangulations_of_cycle
-from triangulators.methods.exhaustive import Recursion, enumerate_triangulations
+from triangulators.methods.exhaustive import (
+    Recursion,
+    count_triangulations,
+    count_triangulations_of_cycle,
+    enumerate_triangulations,
+)
 from triangulators.polygon import boundary
 from triangulators.verify import verify
 
