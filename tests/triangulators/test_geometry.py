@@ -11,9 +11,13 @@ from hypothesis import strategies as st
 
 from scenes import load
 from tests.triangulators.cases import diagonals, hard_polygons, random_simple, star, with_hole
-from triangulators.geometry.half_edges import find_twins
+from triangulators.geometry.half_edges import (
+    find_twins,
+    grow_tree,
+    replace_tree_triangles,
+    unfold_tree,
+)
 from triangulators.geometry.predicates import orient, twice_area
-from triangulators.geometry.unfold import grow_tree, replace_tree_triangles, unfold_tree
 from triangulators.geometry.visibility import find_visible_sites
 from triangulators.initial import find_any_triangulation, make_cycle
 from triangulators.polygon import (

@@ -5,8 +5,8 @@ visible_lists  any cost of one ring, over the pairs of vertices that see each ot
 cut_holes      box and edge costs of small polygons with few holes, over all ways to cut them open
 
 Local search optimises pieces of a triangulation exactly: trees of adjacent triangles, unfolded into
-simple polygons (see `unfold`). No step increases the cost. If the piece is the complete polygon,
-the diagonals that the tree does not cross cut the holes open; other trees give other cuts.
+simple polygons (see `half_edges`). No step increases the cost. If the piece is the complete
+polygon, the diagonals that the tree does not cross cut the holes open; other trees give other cuts.
 """
 
 import numpy as np
@@ -15,9 +15,13 @@ from triangulators.compute.kernels import njit
 from triangulators.criteria import Criterion
 from triangulators.criteria.cost import Cost, compute_total_cost, find_plain_cost
 from triangulators.errors import TriangulationError
-from triangulators.geometry.half_edges import find_twins
+from triangulators.geometry.half_edges import (
+    find_twins,
+    grow_tree,
+    replace_tree_triangles,
+    unfold_tree,
+)
 from triangulators.geometry.predicates import find_grid_unit
-from triangulators.geometry.unfold import grow_tree, replace_tree_triangles, unfold_tree
 from triangulators.geometry.visibility import find_visible_pairs
 from triangulators.optimum.cut_holes import solve_by_cuts
 from triangulators.optimum.full_table import MAX_SMALL_VERTICES, solve_by_full_table

@@ -20,8 +20,14 @@ from triangulators.compute.operations import copy_row, copy_rows
 from triangulators.criteria.cost import Cost, cost_at
 from triangulators.criteria.criterion import FEATURES
 from triangulators.geometry.flips import flip_edge, is_convex, push_diagonals
-from triangulators.geometry.half_edges import link_half_edges, next_edge, previous_edge
-from triangulators.geometry.unfold import grow_tree, replace_tree_triangles, unfold_tree
+from triangulators.geometry.half_edges import (
+    grow_tree,
+    link_half_edges,
+    next_edge,
+    previous_edge,
+    replace_tree_triangles,
+    unfold_tree,
+)
 from triangulators.geometry.visibility import find_visible_pairs
 from triangulators.optimum.any_cost import solve_any_cost
 
