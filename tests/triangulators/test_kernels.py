@@ -177,8 +177,8 @@ def test_saved_code_is_trusted_for_any_umask(tmp_path, monkeypatch):
 def test_remove_old_keeps_current_code(tmp_path, monkeypatch):
     numba_folder = tmp_path / "compiled" / "numba"
     monkeypatch.setattr(files, "cache_folder", lambda: numba_folder)
-    source = ROOT / "triangulators/compute/operations.py"
-    current = f"triangulators.compute.operations-{files.compute_digest(source)}"
+    source = ROOT / "triangulators/compute/kernels.py"
+    current = f"triangulators.compute.kernels-{files.compute_digest(source)}"
     past = time.time() - 2 * files.MAX_UNUSED_S
     for name, when in ((current, past), (GONE, past), (OTHER, None), ("mine-1", past)):
         (numba_folder / name).mkdir(parents=True)

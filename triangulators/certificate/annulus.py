@@ -4,8 +4,7 @@ import numpy as np
 
 from triangulators.certificate.candidates import Candidates
 from triangulators.certificate.skeleton import find_ring_position, make_ring
-from triangulators.compute.kernels import njit
-from triangulators.compute.operations import group_by_key
+from triangulators.compute.kernels import group_by_key, njit
 from triangulators.geometry.predicates import orientation
 
 # Kinds of edges: CUT includes sides of rings; a POCKET has both ends on one ring, and a BRIDGE

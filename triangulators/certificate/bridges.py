@@ -43,8 +43,7 @@ from triangulators.certificate.annulus import (
     find_annulus_rings,
 )
 from triangulators.certificate.candidates import Candidates
-from triangulators.compute.kernels import njit
-from triangulators.compute.operations import group_by_key
+from triangulators.compute.kernels import group_by_key, njit
 from triangulators.geometry.predicates import do_segments_cross
 
 MAX_CUTS = 250  # `solve_by_bridges` gives up if there are more ways to cut

@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from triangulators.compute.kernels import njit
-from triangulators.compute.operations import copy_rows, group_by_key
+from triangulators.compute.kernels import copy_rows, group_by_key, njit
 from triangulators.criteria.cost import Cost, allocate_block, weigh_block
 from triangulators.geometry.half_edges import find_twins
 from triangulators.geometry.predicates import orientation

@@ -23,8 +23,7 @@ import highspy
 import numpy as np
 
 from triangulators.certificate.candidates import Candidates
-from triangulators.compute.kernels import njit
-from triangulators.compute.operations import merge_trees
+from triangulators.compute.kernels import merge_trees, njit
 
 _LOG2_TOTAL = 17  # scales the initial solution to 2^17 or less: the solver has absolute tolerances
 _MAX_POTENTIAL = 2.0**20  # bound of scaled potentials: 8 to 16 times the initial weight

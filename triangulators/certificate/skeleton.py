@@ -18,8 +18,7 @@ import numpy as np
 
 from triangulators.certificate.candidates import Candidates
 from triangulators.checking.units import Units
-from triangulators.compute.kernels import njit
-from triangulators.compute.operations import find_root, group_by_key, merge_trees
+from triangulators.compute.kernels import find_root, group_by_key, merge_trees, njit
 from triangulators.criteria.cost import Cost
 from triangulators.geometry.predicates import do_segments_cross, orientation
 from triangulators.optimum.visible_lists import INFEASIBLE_WEIGHT, compute_far_costs

@@ -18,8 +18,7 @@ the last emitted vertex with remaining triangles is taken, or the next by index.
 
 import numpy as np
 
-from triangulators.compute.kernels import njit
-from triangulators.compute.operations import group_by_key
+from triangulators.compute.kernels import group_by_key, njit
 from triangulators.errors import UnknownNameError, suggest
 from triangulators.geometry.half_edges import link_half_edges
 

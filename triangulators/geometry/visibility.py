@@ -24,8 +24,7 @@ appended; windows whose vertices are all before v are never visited.
 
 import numpy as np
 
-from triangulators.compute.kernels import njit
-from triangulators.compute.operations import copy_row, copy_rows
+from triangulators.compute.kernels import copy_row, copy_rows, njit
 from triangulators.geometry.predicates import orientation
 
 

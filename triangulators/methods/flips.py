@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from triangulators import criteria
-from triangulators.compute.kernels import njit
-from triangulators.compute.operations import copy_rows
+from triangulators.compute.kernels import copy_rows, njit
 from triangulators.criteria import FLIP_TESTS
 from triangulators.criteria.cost import Cost, compute_total_cost, find_plain_cost, make_cost
 from triangulators.criteria.criterion import CriterionLike

@@ -13,8 +13,7 @@ them. The dynamic program from scratch takes less time than completing a copy.
 
 import numpy as np
 
-from triangulators.compute.kernels import njit
-from triangulators.compute.operations import FAST_MATH_FLAGS, copy_row, copy_rows, fmin
+from triangulators.compute.kernels import FAST_MATH_FLAGS, copy_row, copy_rows, fmin, njit
 from triangulators.geometry.order import put_in_walk_order
 from triangulators.geometry.predicates import ORIENTATION_FILTER, find_bounding_box, find_grid_unit
 from triangulators.optimum.full_table import MAX_SMALL_VERTICES, solve_ring, weigh_diagonal

@@ -38,8 +38,7 @@ from typing import Any
 
 import numpy as np
 
-from triangulators.compute.kernels import njit
-from triangulators.compute.operations import FAST_MATH_FLAGS, LANES, fmin, update_minimum_costs
+from triangulators.compute.kernels import FAST_MATH_FLAGS, LANES, fmin, njit, update_minimum_costs
 from triangulators.geometry.predicates import (
     ORIENTATION_FILTER,
     find_bounding_box,

@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from triangulators.compute.kernels import njit
-from triangulators.compute.operations import copy_row, copy_rows
+from triangulators.compute.kernels import copy_row, copy_rows, njit
 from triangulators.criteria.cost import Cost, cost_at
 from triangulators.criteria.criterion import FEATURES
 from triangulators.geometry.flips import flip_edge, is_convex, push_diagonals

@@ -41,8 +41,7 @@ from typing import Any
 import numpy as np
 
 from triangulators.checking.units import Units, compute_weight
-from triangulators.compute.kernels import njit
-from triangulators.compute.operations import FAST_MATH_FLAGS, fmin
+from triangulators.compute.kernels import FAST_MATH_FLAGS, fmin, njit
 from triangulators.criteria.cost import BBOX_AREA, HALF_PERIMETER, Cost, cost_at, replace_fields
 from triangulators.geometry.predicates import find_bounding_box, find_grid_unit
 from triangulators.optimum.any_cost import INFEASIBLE_COST, solve_any_cost
