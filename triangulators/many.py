@@ -10,13 +10,14 @@ import shapely
 from mapbox_earcut import triangulate_float64
 
 from triangulators.calling import triangulate
+from triangulators.compute.kernels import count_usable_cores
 from triangulators.criteria import FLIP_TESTS
 from triangulators.criteria import find as find_criterion
 from triangulators.criteria.cost import Cost, find_plain_cost
 from triangulators.criteria.criterion import FEATURES, CriterionLike
-from triangulators.devices import CPU, check_device_name, count_usable_cores
 from triangulators.errors import ArgumentError, TriangulationError, UnknownNameError, format_error
 from triangulators.geometry.ear_clipping import MAX_VERTICES, find_far_offsets
+from triangulators.gpu import CPU, check_device_name
 from triangulators.methods.flips import (
     AS_EARCUT,
     COST,

@@ -150,7 +150,7 @@ def triangulate(
         raise UsageError(f"--evidence {evidence}: also the name of -o; give another name")
     from harness.export.export import ORDER, export_file, resolve_triangulator_name
     from scenes.spec import join_name
-    from triangulators.devices import CPU
+    from triangulators.gpu import CPU
 
     reporter = Reporter(quiet=quiet, verbose=verbose)
     name = resolve_triangulator_name(triangulator, criterion)

@@ -36,7 +36,7 @@ from scenes.scene import NoteCounter
 from scenes.spec import convert_arguments
 from triangulators import TriangulationError, certify, full_name, parse
 from triangulators.checking.evidence import make_claim
-from triangulators.devices import CPU
+from triangulators.gpu import CPU
 from triangulators.methods.optimal import LIMIT
 from triangulators.polygon_arrays import PolygonArray, Triangulations
 

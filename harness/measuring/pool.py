@@ -31,7 +31,7 @@ from harness.triangulating.triangulate import (
 from harness.workers.pool import WorkerPool, WorkerSpec, get_third_party_limits, wait_for_result
 from harness.workers.worker import Limits, OpenWorker, TaskError, TaskTimeoutError
 from triangulators.compute.compiled_files import is_cached
-from triangulators.devices import count_usable_cores
+from triangulators.compute.kernels import count_usable_cores
 
 T = TypeVar("T")
 

@@ -28,7 +28,7 @@ from harness.metrics.statistics import (
 from harness.rasterisers.counters import compute_estimates
 from harness.results.record import CaseGroup, CaseId, Record
 from harness.results.run_folder import Run, read_arrays
-from triangulators.devices import is_software
+from triangulators.gpu import is_software
 
 Columns = dict[str, Column]  # criteria and counters of p polygons, (p,), by name
 

@@ -19,7 +19,7 @@ from harness.profile.law import FORMS, fit_form, predict_times
 from harness.profile.measured import CONTROL, DrawTimes
 from harness.profile.placing import Draw
 from harness.profile.profile import check_profile, make_profile, select_draws_to_fit
-from triangulators.devices import is_software
+from triangulators.gpu import is_software
 
 FORMAT = "raster-harness device profile"
 NEW_PAGE = "create the page again (raster-harness page --profile) and measure again"

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 from harness import atomic
 from harness.machine import system
 from harness.rasterisers.base import Device
-from triangulators.devices import is_software, selects_renderer
+from triangulators.gpu import is_software, selects_renderer
 
 PROBE = Path(__file__).with_name("probe.py")
 INSTALL = "apt-get install -y libegl1 libgl1 libgl1-mesa-dri"

@@ -28,7 +28,7 @@ from harness.rasterisers.base import (
 )
 from harness.rasterisers.context import Context, OSMesaContext
 from harness.rasterisers.reference import SHADED, count_visible_per_triangle
-from triangulators.devices import is_software, selects_renderer
+from triangulators.gpu import is_software, selects_renderer
 
 KEEP_ALPHA = (True, True, True, False)
 WRITE_ALL = (True, True, True, True)

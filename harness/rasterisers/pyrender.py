@@ -29,7 +29,7 @@ from harness.rasterisers.base import (
 )
 from harness.rasterisers.reference import choose_polygon_colours
 from harness.rasterisers.spans import DEEPEST
-from triangulators.devices import is_software, selects_renderer
+from triangulators.gpu import is_software, selects_renderer
 
 FIELD_OF_VIEW = np.radians(40.0)
 ELEVATION = np.radians(50.0)

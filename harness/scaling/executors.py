@@ -79,7 +79,7 @@ class DaskExecutor(Executor):
 
     def __init__(self, address: str) -> None:
         from scenes.spec import format_install_command  # not needed in a worker
-        from triangulators.devices import count_usable_cores
+        from triangulators.compute.kernels import count_usable_cores
 
         try:
             import dask

@@ -17,8 +17,7 @@ from scenes import load
 from triangulators import PolygonArray, triangulate_many
 from triangulators.criteria.criterion import FEATURES
 from triangulators.criteria.features import sum_features_of_many
-from triangulators.devices import is_software
-from triangulators.gpu import engine
+from triangulators.gpu import engine, is_software
 
 DEVICE = os.environ.get("DEVICE", "llvmpipe")
 

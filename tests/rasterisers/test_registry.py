@@ -8,7 +8,7 @@ import pytest
 from harness import rasterisers
 from harness.errors import NoRasteriserError, UsageError
 from harness.rasterisers import Device, Rasteriser, devices, find_device, get, names
-from triangulators.devices import selects_renderer
+from triangulators.gpu import selects_renderer
 
 
 def test_get_returns_the_rasteriser_of_each_name():

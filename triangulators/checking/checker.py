@@ -24,9 +24,8 @@ from triangulators.checking.units import (
     compute_weights,
     find_units,
 )
-from triangulators.compute.kernels import njit
+from triangulators.compute.kernels import count_usable_cores, njit
 from triangulators.criteria.cost import Cost
-from triangulators.devices import count_usable_cores
 from triangulators.geometry.predicates import orientation
 from triangulators.polygon import Boundary
 

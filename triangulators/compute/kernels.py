@@ -15,6 +15,7 @@ excluded, but not Numba's `min`, which compares and branches.
 would spend the time in the vectoriser's overlap checks and remaining lanes.
 """
 
+import os
 from collections.abc import Callable
 from functools import cached_property, update_wrapper
 from typing import Any, TypeVar, overload
@@ -80,6 +81,13 @@ def njit(function: Any = None, **options: Any) -> Any:
 def intrinsic(function: Callable[..., Any]) -> Any:
     """Declare an intrinsic like `numba.extending.intrinsic`, for use in kernels only."""
     return Intrinsic(function)
+
+
+def count_usable_cores() -> int:
+    """Return the number of cores that this process may use, one thread for each."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 @njit(nogil=True)

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from triangulators.devices import LLVMPIPE, selects_renderer
+from triangulators.gpu import LLVMPIPE, selects_renderer
 from triangulators.gpu.rings import (
     KINDS,
     MAX_VERTICES,
