@@ -139,14 +139,13 @@ def test_scenes_and_triangulators_import_only_themselves():
 
 def test_checker_and_search_share_only_definitions():
     """Only `certify` imports the checker; `initial` imports its visible edges."""
-    shared = {"evidence", "units", "claims"}
     more = {"certify": {"checker"}, "initial": {"edges"}}
     for file in list_sources():
         if "checking" in file.parts:
             continue
         parts = [name.split(".") for name in read_imports(file)]
         known = {part[2] for part in parts if part[:2] == ["triangulators", "checking"]}
-        assert known <= shared | more.get(file.stem, set()), file
+        assert known <= {"evidence"} | more.get(file.stem, set()), file
     for file in (ROOT / "triangulators" / "checking").glob("*.py"):
         names = read_imports(file)
         assert not any(name.startswith("triangulators.certificate") for name in names), file

@@ -13,7 +13,7 @@ from triangulators.certificate import bridges, proof
 from triangulators.certificate.bridges import solve_by_bridges
 from triangulators.certificate.candidates import find_candidates, weigh_candidates
 from triangulators.certificate.proof import minimise_cost
-from triangulators.checking.units import compute_costs
+from triangulators.checking.evidence import compute_costs
 from triangulators.criteria.cost import compute_total_cost, make_cost
 from triangulators.initial import find_any_triangulation
 from triangulators.optimum.any_cost import INFEASIBLE_COST

@@ -18,9 +18,9 @@ from triangulators.certificate.certify import _round_down, make_certificate
 from triangulators.certificate.proof import prove
 from triangulators.checking.checker import _check_potentials
 from triangulators.checking.edges import find_edges
-from triangulators.checking.evidence import CertificateError
-from triangulators.checking.units import (
+from triangulators.checking.evidence import (
     TOO_LARGE,
+    CertificateError,
     Units,
     _count_binary_places,
     compute_costs,

@@ -28,8 +28,12 @@ from triangulators import certify, triangulate
 from triangulators.certificate.certify import make_certificate
 from triangulators.checking import checker
 from triangulators.checking.edges import _do_segments_meet, find_edges
-from triangulators.checking.evidence import CertificateError, make_claim
-from triangulators.checking.units import compute_exact_total, find_units
+from triangulators.checking.evidence import (
+    CertificateError,
+    compute_exact_total,
+    find_units,
+    make_claim,
+)
 
 SQUARE = shapely.Polygon([(0, 0), (9, 0), (9, 9), (0, 9)], [[(2, 2), (2, 4), (4, 3)]])
 RING = shapely.from_wkt(

@@ -14,7 +14,7 @@ from tests.triangulators.cases import (
     star,
 )
 from triangulators import certify, criteria, triangulate, triangulate_with_gap, vertices
-from triangulators.checking.units import has_exact_sums
+from triangulators.checking.evidence import has_exact_sums
 from triangulators.criteria import CRITERIA, predict
 from triangulators.criteria.cost import make_cost
 from triangulators.methods.exhaustive import enumerate_triangulations

@@ -12,7 +12,7 @@ from triangulators.certificate import proof
 from triangulators.certificate.candidates import _list_triangles, _sample_holes, find_candidates
 from triangulators.certificate.linear_program import LinearProgram
 from triangulators.certificate.proof import _find_candidate_indices, prove
-from triangulators.checking.units import (
+from triangulators.checking.evidence import (
     compute_costs,
     compute_exact_total,
     compute_weights,

@@ -25,8 +25,7 @@ from triangulators.certificate.proof import prove
 from triangulators.certificate.skeleton import solve_skeleton
 from triangulators.checking import checker
 from triangulators.checking.edges import find_diagonals
-from triangulators.checking.evidence import CertificateError
-from triangulators.checking.units import compute_weights, find_units
+from triangulators.checking.evidence import CertificateError, compute_weights, find_units
 from triangulators.criteria.cost import replace_fields
 from triangulators.geometry.half_edges import find_twins
 from triangulators.geometry.visibility import find_visible_sites

@@ -10,8 +10,9 @@ import shapely
 from triangulators import criteria
 from triangulators.certificate.proof import PROGRAM_TIMEOUT_S, prove
 from triangulators.checking import checker
-from triangulators.checking.evidence import Certificate, Evidence
-from triangulators.checking.units import (
+from triangulators.checking.evidence import (
+    Certificate,
+    Evidence,
     Units,
     compute_exact_total,
     find_units,
@@ -79,8 +80,8 @@ def certify(
     For polygons without holes, up to 2,000 vertices, a dynamic program over all sub-polygons gives
     the bound; for all others a dynamic or a linear program over the triangles that local minimality
     does not exclude. `checker` verifies either bound in integers; costs that are not integers are
-    rounded down after the tenth digit of the total (see `checking.units`). A polygon with more than
-    eight million triples of mutually visible vertices gets no bound.
+    rounded down after the tenth digit of the total (see `checking.evidence`). A polygon with more
+    than eight million triples of mutually visible vertices gets no bound.
 
     Examples
     --------
@@ -129,8 +130,8 @@ def make_certificate(
     """Check evidence; return the certificate of a triangulation (m, 3) of sites."""
     units = find_units(outline, triangles, cost)
     total = compute_exact_total(outline, triangles, cost, units)
-    # Weights contain hashes of edges, which break ties (see `checking.units`) and sum to less than
-    # units.factor over all triangles: the floor division removes the hashes.
+    # Weights contain hashes of edges, which break ties (see `checking.evidence`) and sum to less
+    # than units.factor over all triangles: the floor division removes the hashes.
     bound_units = checker.compute_lower_bound(outline, triangles, cost, evidence) // units.factor
     proven = proves_optimality(total, bound_units, len(triangles), units)
     if not (units.exact or units.real):

@@ -13,7 +13,7 @@ This uses only that the cost is a sum over triangles. Pair each remaining triang
 edge with each on the right: if a flip makes every pair lighter, the edge is excluded, and so are
 all triangles with that edge, until a fixed point is reached. A pair without a strictly convex
 quadrilateral cannot be flipped and blocks the exclusion, whatever the weight. With the noise of
-`checking.units` ties are very rare; a tie would retain both diagonals of a rectangle.
+`checking.evidence` ties are very rare; a tie would retain both diagonals of a rectangle.
 
 The fixed point does not depend on the order in which edges are examined: fewer triangles make fewer
 pairs, so an edge that can be excluded now can be excluded later. The order of exclusion is stored
@@ -49,7 +49,7 @@ so the inequality of every triangle is considered once.
 import numpy as np
 
 from triangulators.certificate.candidates import Candidates
-from triangulators.checking.units import TOO_LARGE, Units, compute_noise, compute_units
+from triangulators.checking.evidence import TOO_LARGE, Units, compute_noise, compute_units
 from triangulators.compute.kernels import njit
 from triangulators.criteria.cost import Cost
 from triangulators.geometry.predicates import orientation

@@ -15,8 +15,8 @@ from triangulators.certificate.candidates import Candidates, find_candidates
 from triangulators.certificate.linear_program import LinearProgram
 from triangulators.certificate.local_minimality import exclude_edges, extend_potentials
 from triangulators.certificate.skeleton import solve_skeleton
-from triangulators.checking.evidence import Evidence
-from triangulators.checking.units import (
+from triangulators.checking.evidence import (
+    Evidence,
     Units,
     compute_exact_total,
     compute_weights,

@@ -17,7 +17,7 @@ satisfy the inequality of every remaining triangle, whether contained in a trian
 import numpy as np
 
 from triangulators.certificate.candidates import Candidates
-from triangulators.checking.units import Units
+from triangulators.checking.evidence import Units
 from triangulators.compute.kernels import find_root, group_by_key, merge_trees, njit
 from triangulators.criteria.cost import Cost
 from triangulators.geometry.predicates import do_segments_cross, orientation

@@ -1,7 +1,7 @@
 """Check a certificate of optimality in exact arithmetic, without code of the search.
 
-1. The polygon, the criterion and the triangles determine the units of weights (`units`); evidence
-   in other units is rejected.
+1. The polygon, the criterion and the triangles determine the units of weights (`find_units`);
+   evidence in other units is rejected.
 2. The polygon's edges and empty triangles are enumerated here, from exact orientations (`edges`): a
    triangle is three edges that do not surround a hole.
 3. With y the potential of an edge (negative in the opposite direction, 0 if missing from the
@@ -16,9 +16,10 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from triangulators.checking.edges import Edges, find_edges, surrounds_hole
-from triangulators.checking.evidence import CertificateError, Evidence
-from triangulators.checking.units import (
+from triangulators.checking.evidence import (
     TOO_LARGE,
+    CertificateError,
+    Evidence,
     Units,
     compute_weight,
     compute_weights,

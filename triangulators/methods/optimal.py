@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from triangulators import criteria
-from triangulators.checking.units import MAX_EXACT_INTEGER, find_exact_scale
+from triangulators.checking.evidence import MAX_EXACT_INTEGER, find_exact_scale
 from triangulators.criteria.cost import Cost, compute_total_cost, make_cost, replace_fields
 from triangulators.criteria.criterion import CriterionLike
 from triangulators.errors import SkippedError

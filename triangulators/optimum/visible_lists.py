@@ -40,7 +40,7 @@ from typing import Any
 
 import numpy as np
 
-from triangulators.checking.units import Units, compute_weight
+from triangulators.checking.evidence import Units, compute_weight
 from triangulators.compute.kernels import FAST_MATH_FLAGS, fmin, njit
 from triangulators.criteria.cost import BBOX_AREA, HALF_PERIMETER, Cost, cost_at, replace_fields
 from triangulators.geometry.predicates import find_bounding_box, find_grid_unit
