@@ -109,10 +109,10 @@ def _cut_parquet(source: Source, where: str | None) -> Slices:
     return Slices(identity, [*rows], [last - first for first, last in rows], pruned)
 
 
-def has_degrees(file: Path) -> bool:
+def has_degrees(file: Path, layer: str | None = None) -> bool:
     """Whether a file's first features are in longitude and latitude; False if unreadable."""
     with suppress(SceneError):
-        return next(read_chunks(str(file), size=1)).projection is not None
+        return next(read_chunks(str(file), layer=layer, attributes=False)).projection is not None
     return False
 
 
@@ -158,11 +158,18 @@ def _may_group_match(group: Any, parsed_comparisons: list[tuple[str, str, float]
 def compute_identity(file: Path, footer: bytes | None = None) -> str:
     """Return a digest of a file's or folder's name, size, modification time and content.
 
-    The content is `footer`, by default both ends of a file and of its SQLite log, or a list of
-    files.
+    The content is `footer`, by default both ends of a file and of the files that belong to it, or a
+    list of files.
     """
-    status = file.stat()
-    digest = hashlib.sha256(f"{file.name}\0{status.st_size}\0{int(status.st_mtime)}\0".encode())
+    digest = hashlib.sha256()
+    parts = [file]
+    if file.suffix.lower() == ".shp":  # attributes, reference system and encoding
+        suffixes = (".dbf", ".prj", ".cpg", ".DBF", ".PRJ", ".CPG")
+        parts += [part for part in map(file.with_suffix, suffixes) if part.is_file()]
+    for part in parts:
+        status = part.stat()
+        text = f"{part.name}\0{status.st_size}\0{int(status.st_mtime)}\0"
+        digest.update(text.encode())
     log = file.with_name(f"{file.name}-wal")
     if footer is not None:
         digest.update(footer)
@@ -171,7 +178,7 @@ def compute_identity(file: Path, footer: bytes | None = None) -> str:
         lines = (f"{entry.relative_to(file)} {s.st_size} {int(s.st_mtime)}" for entry, s in files)
         digest.update("\n".join(lines).encode())
     else:
-        for part in (file, log) if log.is_file() else (file,):
+        for part in (*parts, log) if log.is_file() else parts:
             digest.update(b"".join(guard.read_both_ends(part)))
     return digest.hexdigest()[:16]
 

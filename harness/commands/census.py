@@ -91,14 +91,14 @@ def census(
     from triangulators.registry import full_name
 
     reporter = Reporter(quiet=quiet, verbose=verbose)
-    names = tuple(map(full_name, triangulators))
-    if len(set(names)) < 2:
+    names = tuple(dict.fromkeys(map(full_name, triangulators)))
+    if len(names) < 2:
         raise UsageError(f"--triangulators {','.join(triangulators)}: give two or more to compare")
     tiles = parse_tile_selection(file)
     if tiles is None:
         scale = UNITS_PER_PIXEL if units_per_pixel is None else units_per_pixel
         # About a kilometre, if the file's units are metres.
-        size = cell or (0.01 if has_degrees(list_files(file)[0]) else 1000.0)
+        size = cell or (0.01 if has_degrees(list_files(file)[0], layer) else 1000.0)
         _count_dataset(file, out, Census(names, scale, size, layer, condition), dask, reporter)
         return
     footprint_options: dict[str, object] = {
@@ -123,7 +123,7 @@ def _count_dataset(
     """Count the shading of many files' polygons or tiles; write the results, and print a table."""
     from harness.results.run_folder import translate_errors
     from harness.scaling.census import TileCensus, make_table, write_census
-    from harness.scaling.counts import TOO_THIN, CensusCounts
+    from harness.scaling.counts import TOO_LARGE, TOO_THIN, CensusCounts
     from harness.scaling.dataset import Dataset
     from scenes.spec import format_suggestion
 
@@ -139,7 +139,8 @@ def _count_dataset(
         if missing := [name for name in asked if totals.layers and name not in totals.layers]:
             hint = format_suggestion(missing[0], sorted(totals.layers), "it has")
             raise UsageError(f"{pattern} has no layer {missing[0]!r}; {hint}")
-        if not any(kind == "failed" or reason == TOO_THIN for kind, reason in summary.counts):
+        off_grid = (TOO_LARGE, TOO_THIN)
+        if not any(kind == "failed" or reason in off_grid for kind, reason in summary.counts):
             condition = getattr(census, "where", None)
             filtered = f" for where={condition}: widen the filter" if condition else ""
             raise InputError(f"{pattern} holds no usable polygon{filtered}")

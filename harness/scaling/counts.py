@@ -29,6 +29,8 @@ from triangulators.polygon_arrays import PolygonArray
 
 PERIOD_PX = 4  # translations by multiples preserve 2x2 and 4x4 blocks, and all counters
 TOO_THIN = "thinner than the grid of 1/256 px"
+MAX_SIDE_PX = 8_000_000  # below 2^31 steps of 1/256 px, so that 32-bit integers hold coordinates
+TOO_LARGE = f"wider or higher than {MAX_SIDE_PX:,} px"
 
 GAINED = (  # depend on the triangulation: exact counters, then criteria in px and px^2
     *("quads", "helper_lanes", "partial_quads", "blocks", "bbox_tests"),
@@ -223,11 +225,15 @@ class PartCounter:
         polygons = np.concatenate([part.polygons for part in batch])
         labels = [label for part in batch for label in part.labels]
         times = np.repeat([part.times for part in batch], sizes)
-        pieces, owners = scale_to_pixels(polygons, units_per_pixel, margin)
-        arrays = PolygonArray.from_shapely(pieces)
         count = len(polygons)
+        sides = np.diff(shapely.bounds(polygons).reshape(-1, 2, 2), axis=1)[:, 0] / units_per_pixel
+        small = np.flatnonzero(sides.max(axis=1) <= MAX_SIDE_PX)
+        pieces, owners = scale_to_pixels(polygons[small], units_per_pixel, margin)
+        arrays, owners = PolygonArray.from_shapely(pieces), small[owners]
         drawn = np.isin(np.arange(count), owners)
-        skipped = [("dropped", k, TOO_THIN) for k in np.flatnonzero(~drawn).tolist()]
+        lost = np.flatnonzero(~drawn)
+        reasons = np.where(np.isin(lost, small), TOO_THIN, TOO_LARGE).tolist()
+        skipped = [("dropped", k, why) for k, why in zip(lost.tolist(), reasons, strict=True)]
         tables = []
         for name in self.triangulators:
             table, failed = _count_shading(arrays, owners, count, name, window, self.threads)

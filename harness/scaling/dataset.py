@@ -43,7 +43,10 @@ LEFT_OUT = "left_out.csv"
 VERSION = 1
 
 CHUNK_ROWS = 12_500  # in memory at a time, for which a process takes 450 MB
-SHAPEFILE_PARTS = {".shx", ".dbf", ".prj", ".cpg", ".qpj", ".sbn", ".sbx", ".qix"}
+SHAPEFILE_PARTS = (
+    *(".shx", ".dbf", ".prj", ".cpg", ".qpj", ".sbn", ".sbx", ".qix"),
+    *(".shp.xml", ".qmd"),  # descriptions by ArcGIS and QGIS
+)
 """Suffixes of a Shapefile's files other than .shp."""
 
 _code_version = cache(environment.hash_code)
@@ -152,12 +155,9 @@ def list_files(pattern: str) -> list[Path]:
     path = Path(pattern)
     if path.is_dir() and not path.suffix and not is_tile_folder(pattern):
         paths = sorted(file for file in path.iterdir() if not file.name.startswith("."))
-        shapes = {file.stem for file in paths if file.suffix.lower() == ".shp"}
-        paths = [
-            file
-            for file in paths
-            if file.suffix.lower() not in SHAPEFILE_PARTS or file.stem not in shapes
-        ]
+        shapes = {file.stem.lower() for file in paths if file.suffix.lower() == ".shp"}
+        parts = {f"{stem}{suffix}" for stem in shapes for suffix in SHAPEFILE_PARTS}
+        paths = [file for file in paths if file.name.lower() not in parts]
     elif path.exists():
         paths = [path]
     else:
@@ -349,6 +349,8 @@ class Dataset:
                 table = pd.DataFrame(summary.left_out, columns=["file", "kind", "which", "reason"])
                 rows = table.to_csv(index=False, lineterminator="\n")
                 atomic.write(self.out / LEFT_OUT, rows.encode(), forced=True)
+            else:  # of a file that the data set no longer has
+                (self.out / LEFT_OUT).unlink(missing_ok=True)
 
     def _remove_temporary_folders(self) -> None:
         """Remove temporary folders of finished parts; others may belong to a running command."""

@@ -147,6 +147,7 @@ def test_a_shapefile_folder_is_read_once(harness):
     Path("folder").mkdir()
     write(Path("folder/houses.shp"), HOUSES, "houses")
     two = ("--triangulators", "ear-clipping,delaunay")
+    Path("folder/houses.shp.xml").write_text("<metadata/>")
     out, _ = require_ok(harness("census", "folder", "-o", "census", *two))
     assert "4 footprints" in out
     code, _, err = harness("census", "folder", "-o", "nothing", *two, "--units-per-pixel", "1000")

@@ -14,8 +14,9 @@ from harness.scaling.census import Census, make_gain_rows
 from harness.scaling.counts import GAINED, CensusCounts, compute_gains, scale_to_pixels
 from harness.scaling.dataset import Dataset
 from harness.scaling.executors import Executor
-from tests.conftest import assert_refused, make_geojson, require_ok
+from tests.conftest import IN_METRES, assert_refused, make_geojson, require_ok
 from tests.scaling.conftest import EVERY
+from tests.scenes.test_files import write
 from triangulators import triangulate
 
 NAMES = ("ear-clipping", "optimal:half-perimeter", "optimal:overdraw")
@@ -92,6 +93,30 @@ def test_footprints_without_area_on_the_grid_are_dropped():
     pieces, owners = scale_to_pixels(np.array([thin, shapely.box(0, 0, 1, 1), bow]), 1.0)
     assert set(owners.tolist()) == {1, 2}
     assert shapely.is_valid(pieces).all()
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_footprints_beyond_32_bits_are_dropped(harness, tmp_path, no_plots, count):
+    """In steps of 1/256 px, coordinates up to 2^31 are counted, and larger ones would wrap."""
+    wide = [[0, 0], [3e6, 0], [3e6, 1], [1, 1], [0, 0]]
+    shapes = [{"type": "Polygon", "coordinates": [ring]} for ring in (wide, SQUARE)[:count]]
+    (tmp_path / "a.geojson").write_text(make_geojson(shapes, crs=IN_METRES))
+    code, _, error = harness("census", "a.geojson", "-o", "out", "--triangulators", "fan,strip")
+    assert code == (0 if count == 2 else 4)
+    assert "dropped 1: wider or higher than 8,000,000 px (feature 0)" in error
+
+
+def test_default_cell_is_in_the_units_of_the_layer(harness, tmp_path, no_plots):
+    """Also with two names of a triangulator, which are counted once."""
+    metres, degrees = shapely.box(2500, 0, 2600, 50), shapely.box(25.001, 60, 25.002, 60.001)
+    write(tmp_path / "two.gpkg", [metres], "metres")
+    write(tmp_path / "two.gpkg", [degrees], "degrees", crs="EPSG:4326", append=True)
+    for layer, x in (("metres", 2000.0), ("degrees", 25.0)):
+        names = ("--triangulators", "earcut,ear-clipping,delaunay", "-o", layer)
+        require_ok(harness("census", "two.gpkg", "--layer", layer, *names))
+        with (tmp_path / layer / "cells.csv").open() as file:
+            (row,) = csv.DictReader(file)
+        assert float(row["x"]) == x
 
 
 def test_gains_are_relative_to_the_base():

@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 from itertools import count, pairwise
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -32,6 +33,7 @@ from tests.scaling.conftest import (
     read_parts,
     write_parquet,
 )
+from tests.scenes.test_files import write
 
 WORK = Triangulating("optimal:half-perimeter")
 
@@ -274,6 +276,14 @@ def test_a_change_of_the_file_changes_its_identity(parts, footprints):
     assert cut_file(str(parts / "1.parquet")).identity != before
     os.utime(parts / "0.parquet", (1, 1))
     assert cut_file(str(parts / "0.parquet")).identity != before
+
+
+@pytest.mark.parametrize("suffix", [".dbf", ".prj"])
+def test_a_change_of_a_part_of_a_shapefile_changes_its_identity(tmp_path, suffix):
+    file = Path(write(tmp_path / "town.shp"))
+    before = cut_file(str(file)).identity
+    file.with_suffix(suffix).rename(tmp_path / f"old{suffix}")
+    assert cut_file(str(file)).identity != before
 
 
 def test_a_geopackage_is_cut_by_features(tmp_path, footprints, finely):
