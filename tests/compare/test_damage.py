@@ -22,6 +22,8 @@ FACTS = ("plan", "environment", "devices", "warnings", "created", "interrupted")
 
 @settings(deadline=None, max_examples=60)
 @given(field=st.sampled_from([f for f in FIELDS if f != "key"]), value=JSON)
+@example(field="vertices", value=10**400)
+@example(field="triangulate_s", value=10**400)
 def test_any_value_in_any_field_is_reported_or_compared(field, value):
     damaged = make_cases(2)
     damaged[1] = {**damaged[1], field: value}
@@ -41,20 +43,6 @@ def test_any_facts_are_read(facts):
     comparison = compare_runs(*(read_back(facts, make_cases(1)) for _ in range(2)))
     assert comparison.verdict == "good"
     json.dumps(to_json(comparison), allow_nan=False)
-
-
-NUMBERS = ("vertices", "triangles", "polygons", "triangulate_s", "proven", "coverage_error")
-
-
-@pytest.mark.parametrize("name", [*NUMBERS, "time"])
-@pytest.mark.parametrize("value", [[], "many", {"epochs": [3, "x"]}, True, 10**400])
-def test_invalid_number_skips_the_record(name, value):
-    damaged = make_cases(1)
-    damaged[0][name] = value
-    run = read_back({}, damaged)
-    assert len(run.records) == len(damaged) - 1
-    assert f"line 1: {name}" in run.problems[0]
-    assert run.problems[0].endswith("; record ignored")
 
 
 @pytest.mark.parametrize("content", ["[]", "3", '"text"', "null", "{", '{"devices": 3}'])

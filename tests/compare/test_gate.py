@@ -1,7 +1,6 @@
 """Changes that make the gate fail, and changes that must not."""
 
 import contextlib
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,11 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.compare.comparison import _has_other_device, compare_runs, compare_without_baseline
-from harness.compare.matching import Match, find_changed_hardware
-from harness.compare.model import CaseChange, Settings, parse_threshold
+from harness.compare.comparison import compare_runs
+from harness.compare.matching import find_changed_hardware
+from harness.compare.model import Settings, parse_threshold
 from harness.compare.outputs import to_html, to_json, to_junit, to_markdown
-from harness.compare.times import classify_change
 from harness.compare.wording import build_tables, format_headline
 from harness.errors import IncompatibleRunsError, UsageError
 from harness.metrics.groups import IDENTIFYING_CRITERIA
@@ -157,6 +155,8 @@ def compare_scenario(folder: Path, name: str, gates: tuple[str, ...]):
 @pytest.mark.parametrize("name", [name for name in SCENARIOS if name != "no-baseline"])
 def test_regression_is_reported_only_with_exit_code_1(tmp_path, name, gates):
     comparison = compare_scenario(tmp_path, name, gates)
+    if name in ("now-skipped", "cut-short", "empty-run", "corrupt-line"):
+        assert comparison.exit_code == 1
     texts = [write(comparison) for write in (format_headline, to_markdown, to_junit, to_html)]
     if comparison.exit_code != 1:
         # Words of an alarm require exit code 1; the style sheet may have such names.
@@ -205,25 +205,6 @@ def test_drift_equal_to_the_threshold_is_tolerated():
     assert {case.time.outcome for case in exact.cases} == {"unchanged"}
     assert [drift.outcome for drift in exact.drifts] == ["unchanged"]
     assert exact.exit_code == 0
-    below = compare_runs(*runs, Settings(thresholds={"time": 0.2499}))
-    assert {case.time.outcome for case in below.cases} == {"regressed"}
-    assert [drift.outcome for drift in below.drifts] == ["regressed"]
-    assert below.exit_code == 1
-
-
-def test_an_improvement_must_exceed_the_threshold_too():
-    bound = math.log1p(0.25)
-    assert classify_change(-bound, -bound, -bound, -bound, 0.25) == ("unchanged", "")
-    assert classify_change(-1.001 * bound, -1.001 * bound, -0.3, -0.2, 0.25) == ("improved", "")
-
-
-@pytest.mark.parametrize("name", ["now-skipped", "cut-short", "empty-run", "corrupt-line"])
-@pytest.mark.parametrize("gates", [("counters",), ("time",)])
-def test_incomplete_plan_is_a_regression(tmp_path, name, gates):
-    comparison = compare_scenario(tmp_path, name, gates)
-    assert comparison.exit_code == 1
-    statuses = {case.status for case in comparison.list_regressed_cases()}
-    assert statuses <= {"now-skipped", "not-done"}
 
 
 @pytest.mark.parametrize("plan", [None, make_plan(scene="elsewhere")], ids=["none", "moved file"])
@@ -320,22 +301,6 @@ def test_case_outside_the_plan_is_not_a_regression(tmp_path, narrower):
     assert [case.id.name for case in comparison.list_regressed_cases()] == ["fan"] * on_a_device
 
 
-def test_one_case_on_another_device_is_detected():
-    llvmpipe, zink = make_record(device="llvmpipe"), make_record(device="zink")
-    name = llvmpipe.id
-    assert _has_other_device([Match(name, llvmpipe, llvmpipe), Match(name, llvmpipe, zink)])
-    assert not _has_other_device([Match(name, llvmpipe, llvmpipe), Match(name, None, zink)])
-
-
-def test_missing_case_is_a_regression_only_with_require_all():
-    name = make_record("fan").id
-    cases = (CaseChange(name, "only-base"), CaseChange(name, "only-head"))
-    for require_all, expected in ((True, [True, False]), (False, [False, False])):
-        settings = Settings(require_all=require_all)
-        comparison = compare_without_baseline("base", make_run([]), settings)
-        assert [comparison.is_regressed(case) for case in cases] == expected
-
-
 def test_driver_version_may_change_and_device_may_not():
     names = ("NVIDIA H100 (535.1)", "NVIDIA H100 (550.2)", "NVIDIA H200 (550.2)")
     details = ({"details": {"renderer": name}} for name in names)
@@ -353,4 +318,6 @@ def test_devices_of_every_rasteriser_are_compared(tmp_path):
     runs = read_pair(tmp_path, {"edits": on("lavapipe")}, edits=on("swiftshader"))
     with pytest.raises(IncompatibleRunsError, match=r"webgpu: BASE ran on lavapipe and HEAD on sw"):
         compare_runs(*runs, Settings())
-    assert len(compare_runs(*runs, Settings(across_devices=True)).cases) == len(TRIANGULATORS)
+    comparison = compare_runs(*runs, Settings(across_devices=True))
+    assert comparison.machines_differ  # although only one case ran on another device
+    assert len(comparison.cases) == len(TRIANGULATORS)

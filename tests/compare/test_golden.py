@@ -26,7 +26,7 @@ def test_outputs(harness, name, monkeypatch):
     scenario = SCENARIOS[name]
     scenario.make()
     in_all_formats = name in SCENARIOS_IN_ALL_FORMATS
-    files = ("--junit", "junit.xml", "--html", "page.html")
+    files = [part for form in ("junit", "html", "markdown", "json") for part in (f"--{form}", form)]
     outputs = {}
     for form, suffix in (TEXT_FORMATS | JSON_FORMAT if in_all_formats else TEXT_FORMATS).items():
         extra = (*scenario.options, *(files if in_all_formats and form == "table" else ()))
@@ -34,8 +34,10 @@ def test_outputs(harness, name, monkeypatch):
         assert (code, err) == (scenario.exit_code, "")
         outputs[suffix] = out
     if in_all_formats:
-        outputs["xml"] = Path("junit.xml").read_text()
-        outputs["html"] = remove_plots(Path("page.html").read_text())
+        outputs["xml"] = Path("junit").read_text()
+        outputs["html"] = remove_plots(Path("html").read_text())
+        assert Path("markdown").read_text() == outputs["md"]
+        assert json.loads(Path("json").read_text()) == json.loads(outputs["json"])
     for suffix, text in outputs.items():
         check(GOLDEN / f"{name}.{suffix}", text)
 

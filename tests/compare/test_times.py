@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.stats import t as student
 
@@ -80,12 +80,6 @@ def test_equal_runs_rarely_regress(noise):
         assert outcomes["inconclusive"] >= 95
     if noise <= 0.02:
         assert outcomes["unchanged"] >= 95
-
-
-def test_noisy_times_are_never_unchanged():
-    changes, _ = compare(pairs(np.random.default_rng(4), [0] * 4, noise=0.6, rounds=12))
-    assert {change.outcome for change in changes} == {"inconclusive"}
-    assert all("95 % CI" in change.reason for change in changes)
 
 
 def test_drift_regresses_only_beyond_the_reference_draw():
@@ -187,6 +181,7 @@ def test_drift_of_few_rounds_is_inconclusive(rounds, outcome):
     above=st.floats(0, 1),
     threshold=st.floats(0, 0.5),
 )
+@example(lowest=math.log1p(0.25), spread=0, below=0, above=0, threshold=0.25)  # exactly equal
 def test_outcome_follows_threshold_and_interval(lowest, spread, below, above, threshold):
     highest = lowest + spread
     low, high = lowest - below, highest + above
