@@ -1,1 +1,7 @@
-from tests.rasterisers.conftest import _open_rasterisers, llvmpipe, opened, reference  # noqa: F401
+from tests.rasterisers.conftest import (  # noqa: F401
+    _open_rasterisers,
+    llvmpipe,
+    on_device,
+    opened,
+    reference,
+)

@@ -1,7 +1,6 @@
 """Times of software devices are separated by processor; other devices are unchanged."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -55,13 +54,6 @@ def test_only_timed_software_devices_are_marked():
     assert find_mixed_processors(runs[:1]) == {}
     devices = [[record.id.device for record in run.records] for run in mark_processors(runs, mark)]
     assert devices == [[f"llvmpipe ({kind})", "gpu0", "cpu"] for kind in ("Xeon", "EPYC")]
-
-
-def test_gpu_with_the_name_of_a_software_device_is_not_marked():
-    runs = make_runs("Xeon", "EPYC")
-    facts = {"devices": {"opengl on llvmpipe": {"details": {"renderer": "NVIDIA H100"}}}}
-    real = Run(Path("run"), facts, runs[0].records)
-    assert mark_processors([*runs, real], mark)[2].records == real.records
 
 
 def test_description_names_the_processor_and_disturbances():

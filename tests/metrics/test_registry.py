@@ -97,17 +97,11 @@ def test_undeclared_counter_is_ranked_gated_and_named(tmp_path):
     assert compare_runs(base, base, Settings(gates=("counters",))).verdict != "regression"
 
 
-def test_counters_of_binning_are_printed():
-    rows = [make_fields(name, k, {"tiles_16": 700 + k}, time=None) for k, name in enumerate(NAMES)]
-    text = show(rows, width=110)
-    assert "tiles of 16 px" in text
-    assert "702" in text
-
-
 def test_rasteriser_declares_its_counters():
     counters.register_counters([counters.Counter("mirror_hits", "mirror hits", "mirrors", "none")])
     figure = find_metric("mirror_hits")
     assert (figure.unit, figure.better, figure.kind) == ("mirrors", "none", "counter")
+    assert figure.description == "mirror hits"
     assert list_costs(["mirror_hits", "quads", MIN_QUADS]) == ["quads"]
     of_order = ["vertex_batches", "transformed_vertices"]
     assert list_costs([*of_order, "quads"]) == ["quads"]
@@ -185,10 +179,3 @@ def test_metric_description_is_its_docstring():
     fields = {"counters": {"quads": 30, "fragments": 80}, "outline_quads": 25}
     assert figure(make_record(**fields)) == 4 * (30 - 25) / 80
     assert figure(make_record(**{**fields, "outline_quads": None})) is None
-
-
-def test_a_counter_without_a_description_is_described_by_its_label():
-    plain = counters.Counter("walked", "squares walked", "squares")
-    assert registry._make_counter_metric(plain).description == "squares walked"
-    described = replace(plain, description="squares that were looked at")
-    assert registry._make_counter_metric(described).description == described.description

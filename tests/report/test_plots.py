@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from harness.metrics.groups import pair_ratios, read_columns
 from harness.metrics.registry import PREDICTED, find_metric
-from harness.metrics.statistics import compute_rms_error
 from harness.rasterisers.counters import ESTIMATES, compute_estimates
 from harness.report.plots import NAME, plot_run
 from harness.results.run_folder import read_run
@@ -91,28 +89,3 @@ def test_estimates_have_the_unit_of_their_counter():
         figure = find_metric(PREDICTED + name)
         assert figure.unit == find_metric(estimate.measure).unit
         assert figure.title == f"{find_metric(estimate.measure).label} by {estimate.formula}"
-
-
-def test_error_is_relative():
-    measured = np.array([1.0, 2.0, 4.0, np.nan])
-    for factors in (1.05, [1.05, 1 / 1.05, 1.05, 1.0]):
-        error = compute_rms_error(measured * factors, measured)
-        assert error == pytest.approx(np.log(1.05))
-    assert compute_rms_error(np.array([np.nan]), np.array([1.0])) is None
-
-
-def test_estimate_is_closer_than_its_criterion(folder):
-    """Expected quads have another unit than helper lanes; 4Q - S has the same."""
-    run = read_run(folder)
-    records = [record for record in run.records if record.id.view.resolution == 256]
-    columns = {record.name: read_columns(run, record) for record in records}
-    error = {
-        name: compute_rms_error(*pair_ratios(columns, "ear-clipping", name, "helper_lanes"))
-        for name in ("helper_lanes_by_quads", "expected_quads", "overdraw")
-    }
-    assert error["helper_lanes_by_quads"] < error["expected_quads"] < error["overdraw"]
-    for record, column in zip(records, columns.values(), strict=True):
-        if record.name == "fan":
-            continue
-        predicted = column[f"{PREDICTED}helper_lanes_by_quads"].sum()
-        assert predicted == pytest.approx(record.counters["helper_lanes"], rel=0.05)

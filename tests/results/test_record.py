@@ -100,6 +100,7 @@ def test_record_round_trips_through_json():
         ({"options": {"work": 1.5}}, r"options.work: Input should be a valid integer"),
         ({"options": {"seed": True}}, r"options.seed: Input should be a valid integer"),
         ({"time": {"samples_s": []}}, r"time.samples_s: is missing"),
+        ({"time": {"samples_s": [1.0], "ci95_s": [0.1]}}, r"time.ci95_s"),
         ({"time": 3}, r"time: Input should be an object"),
     ],
 )
