@@ -49,14 +49,13 @@ LOADED = "document.readyState === 'complete'"
 
 
 class Chromium:
-    """A browser with one page; records errors, downloads and network requests of the page."""
+    """A browser with one page; records errors and network requests of the page."""
 
     def __init__(self, flags: Sequence[str] = FLAGS) -> None:
         program = next((path for name in PROGRAM_NAMES if (path := shutil.which(name))), None)
         assert program, INSTALL_HINT
         self.errors: list[str] = []
         self.requests: list[str] = []
-        self.downloads: list[str] = []
         self._profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
         to_browser, self._out = os.pipe()
         self._in, from_browser = os.pipe()

@@ -38,11 +38,6 @@ def software() -> bool:
     return is_software(renderer)
 
 
-def load_footprints(buildings: int) -> PolygonArray:
-    arrays = PolygonArray.from_shapely(load("city", buildings=buildings).polygons)
-    return replace(arrays, coords=np.round((arrays.coords + 6000) * 256) / 256)
-
-
 def measure_min(call: Callable[[], Any], rounds: int) -> float:
     call()
     times = []
@@ -87,7 +82,9 @@ def compare(benchmark: Any, arrays: PolygonArray, name: str, rounds: int) -> tup
 )
 def test_footprints(benchmark, software, name, buildings, copies_on_gpu, rounds):
     copies = 1 if software else copies_on_gpu
-    footprints = PolygonArray.concatenate([load_footprints(buildings)] * copies)
+    arrays = PolygonArray.from_shapely(load("city", buildings=buildings).polygons)
+    snapped = replace(arrays, coords=np.round((arrays.coords + 6000) * 256) / 256)
+    footprints = PolygonArray.concatenate([snapped] * copies)
     count = len(footprints)
     device_s, cpu_s = compare(benchmark, footprints, name, rounds)
     benchmark.extra_info.update(polygons=count, polygons_per_s=count / device_s)

@@ -1,4 +1,4 @@
-"""The site builds without warnings, with every page and the reference pages made from the code."""
+"""The site builds without warnings; its pages load no external files and fit the window."""
 
 import json
 import re
@@ -9,12 +9,9 @@ import yaml
 from markdown import markdown
 
 from docs import generate
-from harness.commands.index import COMMANDS
-from harness.metrics.registry import list_metrics
 from tests.chromium import LOADED
 from tests.docs.blocks import pages
 from tests.paths import ROOT, run_python
-from triangulators import registry
 
 
 @pytest.fixture(scope="module")
@@ -24,27 +21,6 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     done = run_python(*build, env={"NO_MKDOCS_2_WARNING": "1"})
     assert done.returncode == 0, done.stderr
     return out
-
-
-def test_the_build_has_every_page(site):
-    for page in (ROOT / "docs").rglob("*.md"):
-        relative = page.relative_to(ROOT / "docs")
-        if relative.parts[0] != "ci":
-            assert (site / relative.with_suffix(".html")).exists(), relative
-
-
-def test_the_reference_has_every_command_option_and_name(site):
-    commands = (site / "reference" / "commands.html").read_text()
-    for name in COMMANDS:
-        assert f'id="{name.replace(" ", "-")}"' in commands
-    for option in ("--triangulators", "--gate", "--resume", "--threshold"):
-        assert option in commands
-    names = (site / "reference" / "names.html").read_text()
-    for name in [*registry.BUILTIN, *list_metrics()]:
-        assert f"<code>{name}</code>" in names
-    python = (site / "reference" / "python.html").read_text()
-    for text in ("Triangulate a polygon", "compute_paired_ratio", "javascripts/tables.js"):
-        assert text in python
 
 
 def test_pages_load_no_external_files(site):

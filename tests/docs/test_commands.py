@@ -38,24 +38,6 @@ def test_commands_are_only_in_sh_blocks_and_not_run_for_a_reason():
                 assert "-m harness" not in block.content, (page, block.language)
 
 
-def test_a_readers_triangulator_is_ranked(reader: Reader):
-    readme = {block.note: block for block in blocks(ROOT / "README.md") if block.kind == "file"}
-    reader.follow(readme["mine.py"])
-    assert len(readme["mine.py"].content.splitlines()) <= 20
-    names = "ear-clipping,delaunay,mine:cut"
-    arguments = f"run --scene buildings.geojson --triangulators {names} --quick --out out"
-    assert reader.run(f".venv/bin/python -m harness {arguments}") == 0
-    lines = (reader.folder / "out" / "cases.jsonl").read_text().splitlines()
-    records = {record["triangulator"]: record for record in map(json.loads, lines)}
-    mine = records.pop("mine:cut")
-    assert mine["status"] == "ok"
-    assert mine["polygons"] == 3
-    assert mine["coverage_error"] == 0
-    others = [record["predicted"]["half_perimeter"] for record in records.values()]
-    assert mine["predicted"]["half_perimeter"] <= min(others)
-    assert (reader.folder / "out" / "report.html").exists()
-
-
 def test_each_command_has_an_example():
     for name in COMMANDS:
         assert f"{PROGRAM} {name}" in load_command(name).epilog

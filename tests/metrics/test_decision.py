@@ -56,14 +56,6 @@ def break_even(record, base):
     return break_even_module.compute_break_even(*typed, compute_time_ratio(*typed))
 
 
-def show_table(records):
-    """Return the rows of the table by triangulator, and all lines."""
-    lines = show(records, width=160).splitlines()
-    words = [(line.split() or [""])[0] for line in lines[2:]]
-    rows = zip(words, lines[2:], strict=True)
-    return {word: line for word, line in rows if word in NAMES}, lines
-
-
 NAMES = ("ear-clipping", "delaunay", "greedy")
 COMBINATIONS = list(itertools.product(DRAWS, TRIANGULATING, COUNTS))
 
@@ -122,7 +114,8 @@ def test_sentence_table_and_ranking_agree(draws, triangulating, counts):
     records = [first, other, slow]
     decision = decide(records)
     sentence = format_advice(decision)
-    rows, lines = show_table(records)
+    lines = show(records, width=160).splitlines()
+    rows = {word: line for line in lines[2:] if (word := (line.split() or [""])[0]) in NAMES}
     content = make_content(make_run(records))
     cases = {case["row"]["triangulator"]: case for case in content["cases"]}
     assert list(rows) == [standing.name for standing in decision.standings]

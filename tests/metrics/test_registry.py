@@ -28,6 +28,7 @@ from harness.summary import write_csv
 from tests.harness.test_summary import record, show
 from tests.records import make_record, make_run
 from triangulators import criteria
+from triangulators.registry import BUILTIN
 
 NAMES = ("ear-clipping", "delaunay", "optimal:overdraw", "optimal:half-perimeter", "greedy", "fan")
 
@@ -138,14 +139,8 @@ def test_style_of_a_triangulator_is_independent_of_the_others():
     assert len({(look.colour, look.marker) for look in many.values()}) == 3
     for defaults in (DEFAULT_TRIANGULATORS, MODEL_TRIANGULATORS):
         assert len({look.colour for look in choose_looks(defaults).values()}) == len(defaults)
-    fixed = choose_looks(list(registry_names()))
+    fixed = choose_looks([*BUILTIN, *(f"optimal:{name}" for name in criteria.names())])
     assert len({(look.colour, look.marker) for look in fixed.values()}) == len(fixed)
-
-
-def registry_names() -> list[str]:
-    from triangulators import registry as built_in
-
-    return [*built_in.BUILTIN, *(f"optimal:{name}" for name in criteria.names())]
 
 
 def test_shaded_lanes_are_four_a_quad():

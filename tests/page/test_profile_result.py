@@ -141,19 +141,6 @@ def test_inconsistent_results_are_refused_in_one_line(harness, saved, name):
     assert not Path("results").exists()
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda text: text.replace("0.0", "0.1", 1), "modified after saving"),
-        (lambda text: text[: len(text) // 2], "not a file saved by a"),
-        (lambda text: text.replace("device profile", "device story", 1), "not a file saved by a"),
-    ],
-)
-def test_damaged_file_is_refused(harness, profiled, change, message):
-    Path("saved.json").write_text(change(profiled["saved"]))
-    assert_refused(harness("import", "saved.json"), message)
-
-
 def test_options_for_runs_are_refused(harness, saved):
     result = harness("import", saved(), "--summary", "s.json")
     assert_refused(result, "--run and --summary are only for runs")

@@ -84,7 +84,7 @@ def test_run_of_another_scene_is_refused(harness, saved, small_run):
         (b"", "not a file saved by a measuring page"),
         (b"\xff\xfe", "not a file saved by a measuring page"),
         (b"[" * 100_000, "not a file saved by a measuring page"),
-        (b"[]", "not a file saved by a measuring page"),
+        (b'{"format": "another", "version": 1}', "not a file saved by a measuring page"),
         (b'{"format": "raster-harness device result", "version": 2}', "another version"),
         (b'{"format": "raster-harness device result", "version": 1}', "modified after saving"),
         (

@@ -92,12 +92,6 @@ CONTENT = {
 }
 
 
-def test_profile_survives_a_round_trip(tmp_path):
-    file = tmp_path / "made" / "device.json"
-    assert write_profile(CONTENT, file) == file
-    assert read_coefficients(file) == CONTENT["coefficients"]
-
-
 def test_refused_profile_does_not_replace_a_good_one(tmp_path):
     good = write_profile(CONTENT, tmp_path / "device.json")
     before = good.read_bytes()

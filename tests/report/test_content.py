@@ -29,14 +29,6 @@ opengl,llvmpipe,overdraw,helper_lanes,spearman_pooled,0.2,,,24
 """
 
 
-def read_records(folder: Path) -> list[dict]:
-    return [json.loads(line) for line in (folder / "cases.jsonl").read_text().splitlines()]
-
-
-def write_records(folder: Path, records: list[dict]) -> None:
-    (folder / "cases.jsonl").write_text("".join(json.dumps(record) + "\n" for record in records))
-
-
 def test_chart_library_has_the_published_digest():
     static = resources.files("harness.report") / "static"
     content = (static / "echarts.common.min.js").read_bytes()
@@ -51,11 +43,12 @@ def test_command_writes_a_file_in_a_new_folder(harness, copy):
 
 
 def test_failures_are_listed(copy, browser):
-    records = read_records(copy)
+    file = copy / "cases.jsonl"
+    records = [json.loads(line) for line in file.read_text().splitlines()]
     for record in records[:2]:
         record |= {"status": "failed", "reason": "crashed: SIGSEGV"}
         del record["time"], record["counters"]
-    write_records(copy, records)
+    file.write_text("".join(json.dumps(record) + "\n" for record in records))
     browser.open(write_report(read_run(copy)))
     browser.evaluate("$('show-failed').click()")
     assert browser.read_text("found") == "1 to 2 of 2"

@@ -125,16 +125,12 @@ def test_the_content_is_on_the_disk_before_the_name(tmp_path, monkeypatch):
     assert [mode & 0o170000 for mode in calls] == [0o100000, 0o040000]
 
 
-@pytest.fixture
-def endpoint(tmp_path, monkeypatch):
-    """Return a socket: like a device node not a regular file, and any user can create a socket."""
+def test_devices_and_sockets_stay(tmp_path, monkeypatch):
+    """A socket, which any user can create, is like a device node not a regular file."""
     monkeypatch.chdir(tmp_path)
+    endpoint = tmp_path / "endpoint"
     with socket.socket(socket.AF_UNIX) as server:
         server.bind("endpoint")
-        yield tmp_path / "endpoint"
-
-
-def test_devices_and_sockets_stay(endpoint):
     with pytest.raises(FileExistsError, match=r"not a regular file: .*endpoint"):
         write_output(endpoint, "text")
     with pytest.raises(FileExistsError):

@@ -27,6 +27,8 @@ def test_names_include_marks_and_hosts():
     case = replace(CITY, triangulator="random", number=7, upright=True, host="lab")
     assert case.name == "random#7@0"
     assert str(case) == "random#7@0, city 64 px, turned 30°, work 8, opengl on llvmpipe@lab"
+    group = replace(CITY, view=View(64, 22.5, "circle")).group
+    assert str(group) == "city 64 px, turned 22.5°, fit to a circle, work 8, opengl on llvmpipe"
     assert replace(case, version="base").name == "BASE random#7@0"
     assert len({id_.key for id_ in (case, CITY, replace(case, version="base"))}) == 3
 

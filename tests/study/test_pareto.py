@@ -8,16 +8,13 @@ import pytest
 from shapely import Polygon, box
 
 from harness.frame import View, make_frame
-from harness.measuring.run import ScenePart
 from harness.metrics.statistics import add_run_scatter, compute_paired_ratio
 from harness.results.run_folder import read_run
 from harness.study import pareto
-from harness.triangulating.recipes import parse_all
 from scenes import load
 from tests.conftest import assert_refused, require_ok, write_geojson
 from tests.measuring.test_run import make_plan, measure
 from tests.records import get_rows
-from triangulators import full_name
 
 pytestmark = pytest.mark.usefixtures("in_process")
 
@@ -133,12 +130,6 @@ def test_long_front_is_sampled_evenly():
     assert parts[-1].label == "city"
 
 
-def test_names_of_the_sweep_are_full_names():
-    for name in (*pareto.SWEEP, pareto.WITH_C):
-        assert full_name(name) == name
-    assert len(set(pareto.SWEEP)) == 11
-
-
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
@@ -192,15 +183,3 @@ def test_points_of_the_front_are_cases_by_number(block, tmp_path):
     assert (status["pareto#0"], status["pareto#99"]) == ("ok", "skipped")
     first = next(record for record in records if record["triangulator"] == "pareto#0")
     assert (first["polygons"], first["polygons_skipped"]) == (2, 1)
-
-
-def test_parts_have_triangulators_of_their_own(block, tmp_path):
-    def split(label, scene):
-        return [ScenePart(f"{label}#0", scene, parse_all(["delaunay"])), ScenePart(label, scene)]
-
-    plan = make_plan(block, triangulators=("ear-clipping",))
-    outcome = measure(plan, tmp_path / "out", split=split)
-    cases = {(r["scene"], r["triangulator"]) for r in get_rows(outcome)}
-    assert cases == {(f"{block.name}#0", "delaunay"), (block.name, "ear-clipping")}
-    planned = read_run(tmp_path / "out").facts["plan"]["triangulators"]
-    assert planned == ["delaunay", "ear-clipping"]

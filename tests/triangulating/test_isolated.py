@@ -10,7 +10,7 @@ import triangulators
 from harness.errors import UsageError
 from harness.triangulating import isolated
 from harness.workers.worker import TaskError, get_shared_worker
-from tests.conftest import write_geojson
+from tests.conftest import BLOCK, write_geojson
 from triangulators.polygon_arrays import PolygonArray
 
 SIZES = (1.0, 2.0, 30.0, 3.0, 4.0, 40.0, 5.0)
@@ -98,7 +98,7 @@ def test_invalid_triangulations_fail(in_worker, monkeypatch):
     if in_worker:
         monkeypatch.setattr(isolated.multiprocessing, "parent_process", os.getppid)
         monkeypatch.setattr("harness.workers.worker.get_shared_worker", None)  # not called
-    shapes = [box(0, 0, 2, 1), l_shape()]
+    shapes = [box(0, 0, 2, 1), BLOCK[0]]
     result = isolated.triangulate_many(shapes, "tests.broken:return_two_triangles")
     assert list(result.failed) == [1]
     assert "gap or overlap" in result.failed[1]
@@ -107,7 +107,7 @@ def test_invalid_triangulations_fail(in_worker, monkeypatch):
 
 def test_built_in_triangulations_are_verified(monkeypatch):
     square, real = box(0, 0, 2, 1), triangulators.triangulate_many
-    assert isolated.triangulate_many([square, l_shape()], "ear-clipping").failed == {}
+    assert isolated.triangulate_many([square, BLOCK[0]], "ear-clipping").failed == {}
 
     def overlapping(*arguments, **options):
         result = real(*arguments, **options)
@@ -115,11 +115,7 @@ def test_built_in_triangulations_are_verified(monkeypatch):
         return result
 
     monkeypatch.setattr(isolated.triangulators, "triangulate_many", overlapping)
-    result = isolated.triangulate_many([square, l_shape(), square], "ear-clipping")
+    result = isolated.triangulate_many([square, BLOCK[0], square], "ear-clipping")
     assert list(result.failed) == [1]
     assert [len(piece) for piece in result] == [2, 0, 2]
     assert len(result.compiled) == 3
-
-
-def l_shape() -> Polygon:
-    return Polygon([(0, 0), (6, 0), (6, 2), (2, 2), (2, 4), (0, 4)])

@@ -36,14 +36,6 @@ def polygons() -> list[Polygon]:
     return make_frame([box(0, 0, 9, 9), holed, box(300, 300, 320, 310)], View(512)).polygons
 
 
-@pytest.fixture
-def no_proof(monkeypatch):
-    """Prevent walks of bridges, connected skeletons and the linear program."""
-    monkeypatch.setattr(proof, "solve_by_bridges", lambda *_: np.empty(0, np.int64))
-    monkeypatch.setattr(proof, "solve_skeleton", lambda *_: None)
-    monkeypatch.setattr(optimal, "MAX_PROGRAM_VERTICES", 0)
-
-
 def triangulate_named(name: str, polygons: list[Polygon], database=None) -> FrameTriangulation:
     return triangulate_polygons(parse(name), polygons, database)
 
@@ -55,9 +47,11 @@ def test_only_optima_have_gaps(polygons):
 
 
 @pytest.mark.parametrize("is_proven", [True, False])
-def test_results_are_cached_with_their_gaps(polygons, tmp_path, monkeypatch, request, is_proven):
+def test_results_are_cached_with_their_gaps(polygons, tmp_path, monkeypatch, is_proven):
     if not is_proven:
-        request.getfixturevalue("no_proof")
+        monkeypatch.setattr(proof, "solve_by_bridges", lambda *_: np.empty(0, np.int64))
+        monkeypatch.setattr(proof, "solve_skeleton", lambda *_: None)
+        monkeypatch.setattr(optimal, "MAX_PROGRAM_VERTICES", 0)
     monkeypatch.setattr(database_module, "MIN_CACHED_S", 0.0)
     monkeypatch.setattr(Recipe, "triangulate_batch", skip_batch)
     first, second = (
