@@ -10,8 +10,7 @@ from tests.triangulators.cases import pose, record_calls, with_holes
 from tests.triangulators.test_skeleton import annulus
 from triangulators.certificate import proof
 from triangulators.certificate.candidates import _list_triangles, _sample_holes, find_candidates
-from triangulators.certificate.linear_program import LinearProgram
-from triangulators.certificate.proof import _find_candidate_indices, prove
+from triangulators.certificate.proof import LinearProgram, _find_candidate_indices, prove
 from triangulators.checking.evidence import (
     compute_costs,
     compute_exact_total,

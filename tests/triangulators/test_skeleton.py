@@ -17,7 +17,7 @@ from tests.triangulators.cases import (
     touching_polygons,
     with_holes,
 )
-from triangulators.certificate import linear_program, proof
+from triangulators.certificate import proof
 from triangulators.certificate.candidates import find_candidates
 from triangulators.certificate.certify import make_certificate
 from triangulators.certificate.local_minimality import exclude_edges, extend_potentials
@@ -158,7 +158,7 @@ def test_extension_preserves_lift():
 
 
 def test_connected_skeletons_need_no_program(monkeypatch):
-    monkeypatch.setattr(linear_program, "highspy", None)
+    monkeypatch.setattr(proof, "highspy", None)
     needed = 0
     for polygon in holed():
         try:

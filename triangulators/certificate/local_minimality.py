@@ -21,8 +21,8 @@ because each exclusion is justified by the earlier exclusions. An edge with t le
 triangles takes at most t * u trial flips, plus at most t + u for examining the edge again.
 
 Potentials of excluded edges. The checker knows nothing of exclusions: it requires a potential of
-every edge (see `linear_program`, also for the source). The potentials of the remaining edges always
-extend to the excluded edges.
+every edge (see `proof`, also for the source). The potentials of the remaining edges always extend
+to the excluded edges.
 
 Take the excluded edges in reverse, the last first. Let a-b be the next, and let abc on the left
 and bad on the right be the triangles at a-b whose other sides have potentials. The potential y(ab)
