@@ -84,7 +84,7 @@ ENTRIES = {
         ),
         Entry(
             "helsinki-tiles",
-            "scenes.tiles.read:helsinki",
+            "scenes.tiles:helsinki",
             "map tiles of central Helsinki, each a separate view",
             "ODbL 1.0, (c) OpenStreetMap contributors",
             extra="tiles",
@@ -265,7 +265,7 @@ def is_tiled(text: str) -> bool:
 
 
 def _choose_reader(parameters: dict[str, Any]) -> Callable[..., Scene]:
-    module = "scenes.files" if TILE_OPTIONS.isdisjoint(parameters) else "scenes.tiles.read"
+    module = "scenes.files" if TILE_OPTIONS.isdisjoint(parameters) else "scenes.tiles"
     reader: Callable[..., Scene] = importlib.import_module(module).read
     return reader
 

@@ -20,10 +20,10 @@ from scenes.readers import guard
 from scenes.readers.geoparquet import find_geometry_column, import_parquet
 from scenes.readers.guard import check_path
 from scenes.readers.reader import Source, choose_reader
+from scenes.readers.tile_archives import TilePosition, TileRun, open_archive
 from scenes.scene import SceneError
 from scenes.spec import convert_arguments, parse_name, path_exists
-from scenes.tiles.archives import TilePosition, TileRun, open_archive
-from scenes.tiles.read import PIXELS, TileContent, check_pixels, read_tile
+from scenes.tiles import PIXELS, TileContent, check_pixels, read_tile
 
 MIN_ROWS, MAX_ROWS = 20_000, 50_000  # of a slice, if the file's row groups permit both
 RANDOM_ACCESS = (".gpkg", ".fgb", ".shp")  # files in which GDAL skips features without reading

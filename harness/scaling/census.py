@@ -29,7 +29,7 @@ from harness.scaling.dataset import CHUNK_ROWS, FilePart, PartResult, PartWork
 from harness.style import TWO_COLUMNS, choose_looks, draw_figure, make_figure, make_plain_table
 from scenes.files import read_chunks
 from scenes.slices import Slices, TileSelection, cut_file, cut_tiles, read_tiles
-from scenes.tiles.read import note_rounding
+from scenes.tiles import note_rounding
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

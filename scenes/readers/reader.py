@@ -105,7 +105,7 @@ GDAL = Reader(
 _PARQUET = Reader("scenes.readers.geoparquet:read", "GeoParquet", in_memory=False, has_layers=True)
 _CITY = Reader("scenes.readers.cityjson:read", "CityJSON", has_layers=True)
 _SEQUENCE = replace(_CITY, function="scenes.readers.cityjson:read_sequence", in_memory=False)
-_TILES = Reader("scenes.tiles.read:read_map", "map tiles", in_memory=False, has_layers=True)
+_TILES = Reader("scenes.tiles:read_map", "map tiles", in_memory=False, has_layers=True)
 _MESH = Reader("scenes.readers.meshes:read", "a 3D model")
 _READERS = {
     **dict.fromkeys((".gltf", ".glb", ".stl", ".off"), _MESH),

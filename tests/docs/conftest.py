@@ -14,7 +14,7 @@ import pytest
 from harness.measuring.run import run
 from harness.workers import serving
 from harness.workers.worker import Limits, Worker
-from scenes.tiles.read import FILE
+from scenes.tiles import FILE
 from tests.conftest import BLOCK, BRIEF_TIMING, run_command, write_geojson
 from tests.docs.blocks import COMMAND, Block
 from tests.paths import ROOT

@@ -20,7 +20,7 @@ import pytest
 
 from harness.results.run_folder import read_run
 from scenes import load
-from scenes.tiles.read import FILE
+from scenes.tiles import FILE
 from tests.fuzz.targets.runs import make_sample_run
 from tests.models.various import make_solid
 from tests.page.conftest import make_result, write_saved

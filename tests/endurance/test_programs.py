@@ -20,8 +20,8 @@ import numpy as np
 import pytest
 
 from harness.results.run_folder import read_run
-from scenes.tiles.archives import PMTiles
-from scenes.tiles.read import FILE
+from scenes.readers.tile_archives import PMTiles
+from scenes.tiles import FILE
 from tests.endurance.programs import (
     SILENT_S,
     Outcome,

@@ -15,7 +15,7 @@ from harness.errors import InputError, StorageError, UsageError
 from harness.export import check_evidence
 from harness.export.export import FORMATS, export_file
 from scenes import SceneError, load
-from scenes.tiles.read import FILE
+from scenes.tiles import FILE
 from tests.conftest import assert_refused, make_geojson, require_ok
 from triangulators import triangulate_many
 

@@ -41,7 +41,7 @@ def test_the_wheel_has_every_file_of_the_packages(tmp_path):
     files = (file for package in PACKAGES for file in (source / package).rglob("*"))
     assert {str(file.relative_to(source)) for file in files if file.is_file()} <= held
     licences = {f"harness/report/static/LICENSE-{name}.txt" for name in ("echarts", "d3")}
-    assert licences | {"scenes/tiles/LICENSE-helsinki.txt"} <= held
+    assert licences | {"scenes/data/LICENSE-helsinki.txt"} <= held
     assert any(name.endswith("entry_points.txt") for name in held)
 
 

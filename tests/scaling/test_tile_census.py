@@ -21,9 +21,9 @@ from harness.scaling.executors import Executor
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import SceneError, load
+from scenes.readers.tile_archives import PMTiles, TilePosition, compute_first_number, open_archive
 from scenes.slices import MAX_TILES, cut_tiles, parse_tile_selection
-from scenes.tiles.archives import PMTiles, TilePosition, compute_first_number, open_archive
-from scenes.tiles.read import FILE
+from scenes.tiles import FILE
 from tests.conftest import assert_refused, require_ok
 from tests.scenes.test_tiles import COURT, encoded, pmtiles, three_archives
 

@@ -14,7 +14,7 @@ import shapely
 from pmtiles.tile import Compression
 
 from scenes import Scene, SceneError, load
-from scenes.tiles.archives import TilePosition
+from scenes.readers.tile_archives import TilePosition
 from tests.scenes.conftest import assert_valid_polygons
 
 COUNT = 24

@@ -31,12 +31,12 @@ from harness.errors import UsageError
 from harness.frame import View, get_scene_view, make_scene_frame
 from harness.grid import SUBPIXEL
 from scenes import SceneError, load
+from scenes.readers import tile_archives as archives
+from scenes.readers.tile_archives import PMTiles, TilePosition, compute_first_number, decompress
+from scenes.readers.vector_tile import Layer, build_layer, decode_layers
 from scenes.scene import Note
 from scenes.slices import TileSelection, cut_tiles, read_tiles
-from scenes.tiles import archives
-from scenes.tiles.archives import PMTiles, TilePosition, compute_first_number, decompress
-from scenes.tiles.read import FILE, locate_tile
-from scenes.tiles.vector_tile import Layer, build_layer, decode_layers
+from scenes.tiles import FILE, locate_tile
 from tests.paths import ROOT
 from tests.scenes.conftest import require_error, write_file
 

@@ -15,11 +15,11 @@ from scenes.files import explain_empty
 from scenes.readers import guard
 from scenes.readers.guard import check_path
 from scenes.readers.reader import RawChunk, Source
+from scenes.readers.tile_archives import Archive, TilePosition, TileRun, open_archive
+from scenes.readers.vector_tile import Layer, build_layer, decode_layers
 from scenes.repair import clean
 from scenes.scene import Note, Scene, SceneError, Tiling
 from scenes.spec import format_suggestion
-from scenes.tiles.archives import Archive, TilePosition, TileRun, open_archive
-from scenes.tiles.vector_tile import Layer, build_layer, decode_layers
 
 PIXELS = 512  # side of a tile on the screen; 256 on old maps, 1024 on dense screens
 _PIXELS_RANGE = (8, 4096)  # permitted sides of a tile on the screen, in px
@@ -262,7 +262,7 @@ def locate_tile(longitude: float, latitude: float, zoom: int) -> tuple[int, int]
     return min(max(int(x), 0), side - 1), min(max(int(y), 0), side - 1)
 
 
-FILE = Path(__file__).with_name("helsinki.pmtiles")
+FILE = Path(__file__).parent / "data" / "helsinki.pmtiles"
 ATTRIBUTION = "(c) OpenStreetMap contributors, ODbL 1.0"
 
 

@@ -1,1 +1,0 @@
-"""Map tiles, each a separate view: archives, the vector tile format, scenes of polygons."""
