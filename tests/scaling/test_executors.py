@@ -22,10 +22,7 @@ from tests.scaling.conftest import EVERY, read_ids, read_parts
 
 NAMES = [f"t{number}" for number in range(12)]
 WORK = Triangulating("optimal:half-perimeter")
-
-
-def quiet() -> Reporter:
-    return Reporter(quiet=True)
+quiet = partial(Reporter, quiet=True)
 
 
 def test_crashed_task_is_reported_and_others_complete(two_workers, tmp_path):

@@ -34,10 +34,6 @@ def test_file_with_an_invalid_arrow_header_is_refused(tmp_path):
     assert load_or_refuse(path) is None
 
 
-class StrangeError(Exception):
-    """An exception of no library."""
-
-
 @pytest.mark.parametrize(
     "kind", ["geojson", "gpkg", "fgb", "parquet", "wkt", "wkb", "svg", "city.json", "obj", "ply"]
 )
@@ -46,7 +42,7 @@ def test_exceptions_of_libraries_become_one_line(tmp_path, monkeypatch, kind):
     path.write_bytes(make_files(kind)[path.name])
 
     def fail(*_, **__):
-        raise StrangeError("first line\nsecond")
+        raise Exception("first line\nsecond")
 
     # Each reader uses one of these for geometries.
     for function in (

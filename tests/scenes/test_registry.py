@@ -61,10 +61,10 @@ def test_a_folder_named_like_a_scene_does_not_hide_it(monkeypatch, tmp_path):
 
 
 def test_a_file_named_like_a_scene_needs_its_suffix(geojson, monkeypatch, tmp_path):
-    geojson(feature([SQUARE]), name="town.geojson")
+    geojson(feature([SQUARE]), feature([SQUARE]), name="town.geojson")
     monkeypatch.chdir(tmp_path)
     assert load("town.geojson").name == "town"
-    assert load("./town.geojson:limit=1").polygons[0].area == 100
+    assert [polygon.area for polygon in load("./town.geojson:limit=1").polygons] == [100]
 
 
 class Installed:
@@ -75,24 +75,16 @@ class Installed:
         return [shapely.box(0, 0, size, seed + 1)]
 
 
-@pytest.fixture
-def installed(monkeypatch):
+def test_scenes_of_other_packages_are_listed_and_loaded(monkeypatch):
     builders = {"bare": "tests.scenes.test_registry:Installed.bare", "broken": "no_such_module:f"}
     points = [EntryPoint(name, value, registry.GROUP) for name, value in builders.items()]
     monkeypatch.setattr(registry, "entry_points", lambda group: points)
-
-
-@pytest.mark.usefixtures("installed")
-class TestEntryPoints:
-    def test_are_listed_and_loaded(self):
-        assert "bare" in names()
-        scene = load("bare:size=3", seed=1)
-        assert isinstance(scene, Scene)
-        assert_valid_polygons(scene.polygons)
-        assert scene.polygons[0].area == 6
-
-    def test_failed_import_is_reported_in_one_line(self):
-        require_error("cannot be imported", "broken")
+    assert "bare" in names()
+    scene = load("bare:size=3", seed=1)
+    assert isinstance(scene, Scene)
+    assert_valid_polygons(scene.polygons)
+    assert scene.polygons[0].area == 6
+    require_error("cannot be imported", "broken")
 
 
 MODULE = """
