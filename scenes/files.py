@@ -7,6 +7,7 @@ import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,7 @@ from scenes.readers.guard import check_path
 from scenes.readers.reader import GDAL, RawChunk, Source, choose_reader
 from scenes.repair import Cleaned, clean
 from scenes.scene import Note, Scene, SceneError
+from scenes.spec import format_suggestion
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -213,9 +215,10 @@ def _choose_projection(
     if project or (geographic and project is None):
         if datum is not None and not datum.is_geographic:
             raise SceneError(f"{path} is in {datum.name} already: leave project=True out")
-        if globe is None:
+        if globe is None or (datum is not None and not geographic):
             raise SceneError(
-                f"the coordinates of {path} are not longitude and latitude: leave project=True out"
+                f"the coordinates of {path} are not longitude and latitude in degrees: "
+                "leave project=True out"
             )
         crs = raw.crs if geographic and raw.crs else _DEGREES_CRS
         projection = Projection.fit(crs, globe)
@@ -255,6 +258,12 @@ def find_matching_rows(table: pd.DataFrame | None, condition: str, path: str) ->
     """
     if table is None or not table.shape[1]:
         raise SceneError(f"{path} has no attributes: leave where={condition!r} out")
+    names = [str(column).lower() for column in table.columns]
+    for name in re.findall(r"'[^']*'|\"((?:[^\"]|\"\")*)\"", condition):
+        # SQLite takes a quoted name of no column as text, which may exceed all numbers.
+        if name and name.replace('""', '"').lower() not in names:
+            hint = format_suggestion(name, names, "it has")
+            raise SceneError(f"{path}: invalid condition {condition!r}: no column {name!r}; {hint}")
     table, condition = _flatten_fields(table, condition)
     columns = ", ".join('"' + str(c).replace('"', '""') + '"' for c in table.columns)
     marks = ", ".join("?" * table.shape[1])
@@ -301,4 +310,6 @@ def _to_sqlite(value: Any) -> Any:
         value = value.item()
     if value is None or isinstance(value, (bool, int, float, str, bytes)):
         return value
+    if isinstance(value, Decimal):  # as text, it would exceed every number
+        return float(value)
     return None if value is pd.NA or value is pd.NaT else str(value)

@@ -94,9 +94,10 @@ def counties(*, seed: int = 0, level: str = "county", states: str = "contiguous"
     if states == "contiguous":
         rows = [row for row in rows if row[0] not in _NOT_CONTIGUOUS]
     elif states != "all":
-        rows = [row for row in rows if row[0] in states.upper().split("+")]
-    if not rows:
-        raise SceneError(f"counties: no outline of states={states!r}: give all, or TX+NM")
+        requested = states.upper().split("+")
+        if unknown := set(requested) - {row[0] for row in rows}:
+            raise SceneError(f"counties: no outline of states={min(unknown)}: give all, or TX+NM")
+        rows = [row for row in rows if row[0] in requested]
     import pandas as pd
 
     from scenes.projection import Projection

@@ -212,6 +212,8 @@ def load(
     name, parsed_parameters = parse_name(str(name_or_path))
     parameters = {**parsed_parameters, **parameters}
     seed = convert_value("seed", parameters.pop("seed", seed), int)
+    if seed < 0:
+        raise SceneError(f"{name}: seed={seed} is out of range: give 0 or more")
     limit = parameters.pop("limit", None)
     if _is_file(name):
         function = _choose_reader(parameters)

@@ -225,8 +225,10 @@ def _choose_tiles(
             west, south, east, north = map(float, tiles.split(","))
         except ValueError:
             raise error from None
-        if zoom is None or not (-180 <= west < east <= 180 and south < north):
+        if not (-180 <= west < east <= 180 and south < north):
             raise error
+        if zoom is None:
+            raise SceneError(f"tiles={tiles}: the files do not state positions: give a number")
         (min_x, min_y), (max_x, max_y) = (
             locate_tile(*corner, zoom) for corner in ((west, north), (east, south))
         )
@@ -303,6 +305,7 @@ def read_map(source: Source, size: int) -> Iterator[RawChunk]:  # noqa: ARG001 -
             (f"{name} {layer}".strip(), reason) for layer, reason in content.unreadable_layers
         ]
         dropped += [(f"tile {name}", content.damage)] if content.damage else []
+        repaired: list[Note] = []
         for layer in content.layers:
             on_map = shapely.transform(
                 layer.polygons, lambda xy, corner=corner: xy / PIXELS * side + corner
@@ -311,5 +314,6 @@ def read_map(source: Source, size: int) -> Iterator[RawChunk]:  # noqa: ARG001 -
             labels += [f"{name} {layer.name} {number}" for number in range(len(on_map))]
             label = f"{name} {layer.name}"
             dropped += [(f"{label} {feature}", reason) for feature, reason in layer.dropped]
+            repaired += [(f"{label} {feature}", reason) for feature, reason in layer.repaired]
         notes = (f"map tiles of zoom {zoom}",)
-        yield RawChunk(polygons, labels, crs="EPSG:3857", dropped=dropped, notes=notes)
+        yield RawChunk(polygons, labels, None, "EPSG:3857", "units", dropped, repaired, notes)

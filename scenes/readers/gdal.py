@@ -142,6 +142,13 @@ def _remove_srid(wkb: bytes) -> bytes:
     return wkb[:1] + struct.pack(f"{order}I", kind & ~_SRID) + wkb[9:]
 
 
+def read_srid(wkb: bytes) -> int:
+    """Return the SRID of EWKB, or 0 if there is none."""
+    if _remove_srid(wkb) == wkb:
+        return 0
+    return int.from_bytes(wkb[5:9], "little" if wkb[:1] == b"\1" else "big")
+
+
 _GEOMETRIES = ("Point", "LineString", "Polygon", "GeometryCollection")
 _KINDS = ("Feature", *_GEOMETRIES, *(f"Multi{kind}" for kind in _GEOMETRIES[:3]))
 _SEQUENCES = (".geojsonl", ".geojsons", ".ndgeojson", ".ndjson", ".jsonl", ".nljson")

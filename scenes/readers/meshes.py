@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import shapely
 from numpy.typing import NDArray
 
@@ -35,6 +36,8 @@ def read(source: Source, size: int) -> Iterator[RawChunk]:  # noqa: ARG001 - a m
     suffix = source.path.suffix.lower()
     model = GltfFile(source.path) if suffix in (".glb", ".gltf") else None
     if model is not None and (rings := read_polygons(model)) is not None:
+        if not rings:
+            raise SceneError(f"{source.path} has no faces: give a model with faces")
         yield _flatten_polygons(rings)
         return
     dropped: list[Note] = []
@@ -180,23 +183,42 @@ def join_facets(
     """Return coplanar neighbouring triangles as polygons, and notes on triangles without area."""
     import trimesh
 
-    mesh = trimesh.Trimesh(vertices, triangles, process=False)
-    groups = [np.asarray(group) for group in mesh.facets]
-    single = np.setdiff1d(np.arange(len(triangles)), np.concatenate([*groups, np.empty(0, int)]))
-    groups += [np.array([i]) for i in single]
     polygons: list[Any] = []
     dropped: list[Note] = []
-    for group in groups:
-        corners = vertices[triangles[group]]
-        edges = corners[:, 1:] - corners[:, :1]
-        normal = np.cross(edges[:, 0], edges[:, 1]).sum(axis=0)
-        length = np.linalg.norm(normal)
-        if not np.isfinite(length) or length == 0.0:
-            dropped.append((f"triangle {group[0]}", _NO_PLANE))
-            continue
-        flat = (corners - corners[0, 0]) @ compute_axes(normal / length)[:2].T
-        polygons.append(shapely.union_all(shapely.polygons(flat)))
+    # The second side of a sheet is a layer of its own: its triangles have the same vertices.
+    corners = pd.DataFrame(np.sort(triangles, axis=1))
+    layer = corners.groupby([0, 1, 2]).cumcount().to_numpy()
+    for number in range(layer.max(initial=-1) + 1):
+        members = np.flatnonzero(layer == number)
+        mesh = trimesh.Trimesh(vertices, triangles[members], process=False)
+        groups = [members[group] for group in mesh.facets]
+        single = np.setdiff1d(members, np.concatenate([*groups, np.empty(0, int)]))
+        for group in [*groups, *single[:, None]]:
+            facets = _join_facet(vertices[triangles[group]])
+            polygons += facets
+            if not facets:
+                dropped += [(f"triangle {i}", _NO_PLANE) for i in group]
     return polygons, dropped
+
+
+def _join_facet(corners: NDArray[np.float64]) -> list[Any]:
+    """Return coplanar triangles (m, 3, 3) as a polygon for each side that has triangles.
+
+    Triangles of both orientations are one side, with some reversed, unless they overlap.
+    """
+    edges = corners[:, 1:] - corners[:, :1]
+    normals = np.cross(edges[:, 0], edges[:, 1])
+    largest = normals[np.argmax((normals**2).sum(axis=1))]
+    is_front = normals @ largest >= 0.0
+    normal = np.where(is_front[:, None], normals, -normals).sum(axis=0)
+    length = np.linalg.norm(normal)
+    if not np.isfinite(length) or length == 0.0:
+        return []
+    flat = shapely.polygons((corners - corners[0, 0]) @ compute_axes(normal / length)[:2].T)
+    area = shapely.union_all(flat)
+    if is_front.all() or area.area > (1.0 - 1e-9) * shapely.area(flat).sum():
+        return [area]
+    return [*_join_facet(corners[is_front]), *_join_facet(corners[~is_front])]
 
 
 def parse_obj(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:

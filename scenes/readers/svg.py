@@ -231,6 +231,7 @@ class _Drawing:
         clip_state, _ = self._enter_element(
             clip, replace(state, clip=None, properties=_INHERITED, hidden="")
         )
+        clip_state = replace(clip_state, hidden="")  # `display` does not apply to clip paths
         areas = []
         for child in clip:
             if get_tag(child) in ("use", "text"):

@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from scenes.readers.gdal import linearize
+from scenes.readers.gdal import linearize, read_srid
 from scenes.readers.guard import check_last_line, number_lines
 from scenes.readers.reader import RawChunk, Source
 from scenes.scene import Note
@@ -130,6 +130,8 @@ def _parse_geometry(source: Any) -> tuple[Any | None, str]:
     straight = linearize(source)
     geometry = None if straight is None else shapely.from_wkb(straight, on_invalid="ignore")
     if geometry is not None:
+        if not isinstance(source, str):
+            geometry = shapely.set_srid(geometry, read_srid(source))
         return geometry, CURVED if is_curved else ""
     return None, f"{UNPARSABLE}: curves" if is_curved else UNPARSABLE
 
@@ -145,7 +147,8 @@ def read_text(source: Source, size: int) -> Iterator[RawChunk]:
         return
     check_last_line(source.path, _is_complete_line)
     numbered = number_lines(source.path)
-    crs, is_first = None, True
+    crs: str | None = None
+    is_first = True
     while chunk := list(islice(numbered, size)):
         geometries: list[Any] = []
         labels: list[str] = []
@@ -159,15 +162,14 @@ def read_text(source: Source, size: int) -> Iterator[RawChunk]:
             if geometry is None:
                 dropped.append((label, change))
                 continue
-            if is_first and crs is None:
-                crs = srid
+            if is_first:
+                crs, is_first = srid, False
             if srid not in (None, crs):
                 dropped.append((label, f"is in {srid}, previous lines in {crs or 'none'}"))
                 continue
             geometries.append(geometry)
             labels.append(label)
             repaired += [(label, change)] if change else []
-        is_first = is_first and not geometries
         yield RawChunk(geometries, labels, crs=crs, dropped=dropped, repaired=repaired)
 
 

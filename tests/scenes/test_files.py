@@ -237,8 +237,13 @@ class TestCurves:
     def test_curve_with_an_srid(self, tmp_path):
         wkb = curved_wkb(CIRCLE)
         extended = wkb[:1] + struct.pack("<II", 10 | 0x20000000, 3067) + wkb[5:]
-        (polygon,) = load(write_file(tmp_path / "a.wkb", extended)).polygons
-        assert polygon.area == pytest.approx(78.5, rel=2e-3)
+        for name, content in (("a.wkb", extended), ("a.wkt", extended.hex())):
+            scene = load(write_file(tmp_path / name, content))
+            assert scene.polygons[0].area == pytest.approx(78.5, rel=2e-3)
+            assert (scene.units, scene.notes[-1]) == (
+                "m",
+                "coordinates in ETRS89 / TM35FIN(E,N), m",
+            )
 
 
 def test_closed_lines_of_a_drawing_are_polygons(tmp_path):

@@ -114,6 +114,13 @@ class TestText:
             assert scene.dropped == []
 
     @pytest.mark.parametrize("size", [1, 100])
+    def test_first_line_sets_the_reference_system(self, tmp_path, size):
+        path = write_file(tmp_path / "a.wkt", f"{BOXES[0].wkt}\nSRID=3857;{BOXES[1].wkt}\n")
+        chunks = list(read_chunks(str(path), size=size))
+        dropped = [note for chunk in chunks for note in chunk.cleaned.dropped]
+        assert dropped == [("line 2", "is in EPSG:3857, previous lines in none")]
+
+    @pytest.mark.parametrize("size", [1, 100])
     def test_line_in_another_reference_system_is_dropped(self, tmp_path, size):
         systems = ["SRID=3067;", "", "SRID=3857;", "SRID=3067;"]
         lines = [f"{srid}{box.wkt}\n" for srid, box in zip(systems, BOXES, strict=False)]

@@ -85,7 +85,10 @@ def test_counties_by_state_and_level():
     assert scene.polygons[0].area == pytest.approx(9_547.6 * 11_086.9, rel=1e-3)
     assert len(load("counties:states=all").polygons) == 3
     assert len(load("counties:states=ak+nm,level=state").polygons) == 2
-    for parameter, message in (("states=ZZ", "no outline"), ("level=town", "unknown level")):
+    for parameter, message in (
+        ("states=NM+ZZ", "no outline of states=ZZ"),
+        ("level=town", "unknown level"),
+    ):
         require_error(message, f"counties:{parameter}")
 
 

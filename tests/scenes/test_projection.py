@@ -100,6 +100,7 @@ def test_coordinates_in_grads_are_not_projected(tmp_path):
     scene = load(path)
     assert scene.units == "units"
     assert "are not degrees as in NTF (Paris); used unchanged" in scene.notes[0]
+    require_error("are not longitude and latitude in degrees", path, project=True)
 
 
 def test_coordinates_are_planar_if_most_features_are_off_the_globe(tmp_path):

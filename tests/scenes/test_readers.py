@@ -3,6 +3,7 @@
 import io
 import json
 from contextlib import nullcontext
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -81,6 +82,13 @@ class TestGeoParquet:
         assert scene.dropped == [("row 1", "empty geometry")]
         assert [p.area for p in load(path, where="h > 5 AND s LIKE 'it%'").polygons] == [96]
         require_error("invalid condition 'zz > 1'", path, where="zz > 1")
+        require_error("no column 'hh'; did you mean h?", path, where='"hh" > 1')
+
+    def test_condition_on_decimals(self, tmp_path):
+        columns = {"h": [Decimal("9.5"), Decimal("20"), None]}
+        path = geoparquet(tmp_path / "a.parquet", [SQUARE, HOLED, SQUARE], crs=PLANAR, **columns)
+        for condition in ("h > 10", '"H" = 20'):
+            assert [p.area for p in load(path, where=condition).polygons] == [96]
 
     def test_default_reference_system_is_longitude_and_latitude(self, tmp_path):
         square = shapely.box(25, 60, 25.01, 60.01)
@@ -254,6 +262,19 @@ class TestModels:
         scene = load(write_file(tmp_path / "a.obj", text))
         assert [p.area for p in scene.polygons] == [30]
         assert [name for name, _ in scene.dropped] == ["face 1", "face 2", "face 3"]
+
+    @pytest.mark.parametrize(
+        ("faces", "areas"),
+        [
+            (["1 2 3", "1 3 4", "3 2 1", "4 3 1"], [1, 1]),  # a sheet with two sides
+            (["1 2 3", "1 3 4", "4 2 1", "4 3 2"], [1, 1]),  # with other diagonals
+            (["1 2 3", "1 4 3"], [1]),  # reversed
+        ],
+    )
+    def test_coplanar_triangles_of_both_orientations(self, tmp_path, faces, areas):
+        text = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n" + "".join(f"f {face}\n" for face in faces)
+        scene = load(write_file(tmp_path / "a.obj", text))
+        assert ([p.area for p in scene.polygons], scene.dropped) == (areas, [])
 
     def test_faces_that_are_not_planar_are_noted(self, tmp_path):
         text = "v 0 0 0\nv 1 0 0\nv 1 1 0.2\nv 0 1 0\nf 1 2 3 4\n"

@@ -47,6 +47,7 @@ def test_unknown_scene_suggests_the_nearest():
         ("city:buildings=many", "is not int"),
         ("city:limit=0", "give 1 or more"),
         ("city:seed=x", "is not int"),
+        ("city:seed=-1", "seed=-1 is out of range: give 0 or more"),
     ],
 )
 def test_wrong_parameters_are_refused(spec, message):

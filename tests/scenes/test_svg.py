@@ -59,6 +59,7 @@ def read(folder: Path, body: str, size: str = 'width="100" height="100"'):
         CLIP % ("", '<circle cx="40" cy="30" r="9"/>')
         + '<g clip-path="url(#k)" transform="translate(5 5)"><rect width="50" height="50"/></g>',
         CLIP % (' transform="scale(.5) translate(9)"', "") + CLIPPED,
+        CLIP % (' display="none"', "") + CLIPPED,
         '<clipPath id="j"><path clip-rule="evenodd" d="M0 0h20v20h-20z m5 5h9v9h-9z"/></clipPath>'
         + CLIP % (' clip-path="url(#j)"', "")
         + CLIPPED,

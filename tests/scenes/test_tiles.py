@@ -238,6 +238,9 @@ def test_invalid_polygons_are_noted_and_repaired_only_on_integers(tmp_path):
     assert crossing == "self-intersects at 12.4 12.0; dropped"
     assert far == "exceeds the tile by more than a tile's side"
     assert [name for name, _ in scene.repaired] == ["bad.mvt land feature 1"]
+    tiles = {TilePosition(1, 0, 0): encoded(polygons)}
+    as_map = load(three_archives(tmp_path, tiles, Compression.NONE)["mbtiles"])
+    assert [name for name, _ in as_map.repaired] == ["1/0/0 land feature 1"]
     assert scene.attributes["layer"].to_list() == ["land"] * len(scene.polygons)
     points = shapely.get_coordinates(np.array(scene.polygons)) * 8
     assert (points == np.rint(points)).all()
