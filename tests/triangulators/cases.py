@@ -19,11 +19,7 @@ from triangulators import criteria
 from triangulators.criteria.cost import make_cost
 from triangulators.polygon import boundary, boundary_area
 
-PAPER = [(3, 7), (0, 8), (1, 11), (7, 11), (7, 6), (6, 3), (3, 0), (1, 3), (3, 2)]
-
-
-def paper_polygon() -> shapely.Polygon:
-    return shapely.Polygon(PAPER)
+PAPER = shapely.Polygon([(3, 7), (0, 8), (1, 11), (7, 11), (7, 6), (6, 3), (3, 0), (1, 3), (3, 2)])
 
 
 @cache

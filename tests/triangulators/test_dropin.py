@@ -52,14 +52,6 @@ def test_optimum_with_holes_is_never_worse_than_earcut(method):
     assert better > 15
 
 
-def test_float32():
-    polygon = star(50)
-    points, ends = earcut_rings(polygon)
-    single = dropin.triangulate_float32(points.astype(np.float32), ends)
-    assert np.array_equal(single, dropin.triangulate_float64(points, ends))
-    assert single.dtype == np.uint32
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_hostile_input_gives_valid_or_earcut_triangles(method):
     for name, rings in read_rings("earcut_fixtures.json"):
@@ -90,16 +82,16 @@ def test_bad_arguments_raise_earcut_errors():
     assert len(dropin.triangulate_float64(*empty)) == len(mapbox_earcut.triangulate_float64(*empty))
 
 
-@pytest.mark.parametrize("kind", [np.int32, np.int64])
-def test_integer_functions_equal_float64(kind):
-    triangulate_integers = getattr(dropin, f"triangulate_{kind.__name__}")
+@pytest.mark.parametrize("kind", [np.float32, np.int32, np.int64])
+def test_functions_of_other_types_equal_float64(kind):
+    triangulate_numbers = getattr(dropin, f"triangulate_{kind.__name__}")
     raw = getattr(mapbox_earcut, f"triangulate_{kind.__name__}")
     better = 0
     for polygon in (star(50), with_hole(np.random.default_rng(4), 14, 6)):
         points, ends = earcut_rings(polygon)
         doubles = np.round(points * 1000)
         points = doubles.astype(kind)
-        indices, theirs = triangulate_integers(points, ends), raw(points, ends)
+        indices, theirs = triangulate_numbers(points, ends), raw(points, ends)
         assert indices.dtype == np.uint32
         assert np.array_equal(indices, dropin.triangulate_float64(doubles, ends))
         ours, raw_cost = (
@@ -108,7 +100,9 @@ def test_integer_functions_equal_float64(kind):
         assert ours <= raw_cost * (1 + 1e-12)
         better += ours < raw_cost
         # Earcut casts what is not of its kind; so does the drop-in.
-        assert np.array_equal(triangulate_integers(doubles + 0.25, ends), indices)
+        between = doubles + 0.25
+        cast = triangulate_numbers(between.astype(kind), ends)
+        assert np.array_equal(triangulate_numbers(between, ends), cast)
     assert better
 
 

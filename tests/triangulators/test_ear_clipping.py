@@ -1,11 +1,8 @@
-import mapbox_earcut
 import numpy as np
 
-from harness.frame import View, make_frame
 from scenes import load
 from tests.ports.polygons import earcut_rings, random_polygons
 from tests.triangulators.cases import smooth, star
-from triangulators import triangulate, triangulate_many, vertices
 from triangulators.geometry.ear_clipping import MAX_VERTICES, clip_ears_of_ring, run_earcut
 
 
@@ -45,14 +42,3 @@ def test_rings_that_earcut_repairs_are_left_to_earcut():
     crossing = np.array([(0.0, 0.0), (4.0, 4.0), (4.0, 0.0), (0.0, 4.0)])
     for points in (collinear[:2], closed, crossing, np.zeros((5, 2)), np.full((4, 2), np.nan)):
         assert clip_ears_of_ring(points).shape == (0, 3)
-
-
-def test_batches_equal_single_calls_for_any_number_of_threads():
-    polygons = make_frame(load("glyphs").polygons, View(256)).polygons
-    expected = [triangulate(polygon, "flips:l1") for polygon in polygons]
-    for threads in (1, 3):
-        result = triangulate_many(polygons, "flips:l1", threads=threads)
-        assert all(np.array_equal(*pair) for pair in zip(result, expected, strict=True))
-    raw = mapbox_earcut.triangulate_float64(*earcut_rings(polygons[0])).reshape(-1, 3)
-    assert np.array_equal(triangulate_many(polygons, "ear-clipping")[0], raw)
-    assert max(len(vertices(polygon)) for polygon in polygons) > 30

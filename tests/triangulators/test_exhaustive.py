@@ -6,9 +6,9 @@ import pytest
 from harness.study.pareto import make_triangulation_table
 from tests.paths import find_shared_data
 from tests.triangulators.cases import (
+    PAPER,
     all_triangulations,
     convex,
-    paper_polygon,
     random_simple,
     star,
     with_hole,
@@ -27,10 +27,10 @@ from triangulators.verify import verify
 
 
 def test_the_papers_polygon_has_29_conforming_triangulations():
-    listed = enumerate_triangulations(paper_polygon())
-    assert len(listed) == count_triangulations(paper_polygon()) == 29
-    assert all(verify(paper_polygon(), triangles).conforming for triangles in listed)
-    table = make_triangulation_table(paper_polygon(), "conforming")
+    listed = enumerate_triangulations(PAPER)
+    assert len(listed) == count_triangulations(PAPER) == 29
+    assert all(verify(PAPER, triangles).conforming for triangles in listed)
+    table = make_triangulation_table(PAPER, "conforming")
     assert min(table["overdraw"]) == 56.0
     assert len(set(table["diagonals"])) == 29
     assert all(text.count("-") == 6 for text in table["diagonals"])
@@ -39,7 +39,7 @@ def test_the_papers_polygon_has_29_conforming_triangulations():
 def test_paper_mode_reproduces_table_1():
     rows = csv.DictReader(find_shared_data("paper_table1.csv").read_text().splitlines())
     printed = [(float(row["area"]), float(row["difference_deg"])) for row in rows]
-    table = make_triangulation_table(paper_polygon(), "paper")
+    table = make_triangulation_table(PAPER, "paper")
     pairs = list(zip(table["overdraw"], table["shape"], strict=True))
     assert len(pairs) == 47
     assert table["conforming"].sum() == 29
@@ -50,8 +50,8 @@ def test_paper_mode_reproduces_table_1():
 
 
 def test_dropped_vertices_leave_t_junctions_but_cover():
-    for triangles in enumerate_triangulations(paper_polygon(), "paper"):
-        verification = verify(paper_polygon(), triangles)
+    for triangles in enumerate_triangulations(PAPER, "paper"):
+        verification = verify(PAPER, triangles)
         assert verification.ok
         assert verification.conforming == (len(triangles) == 7)
         assert verification.conforming or {vertex for vertex, _ in verification.t_junctions} == {8}
@@ -88,7 +88,7 @@ def test_too_many_triangulations_are_skipped_with_alternative(polygon):
 
 
 def test_count_stops_at_limit():
-    for polygon in (paper_polygon(), convex(12), star(24)):
+    for polygon in (PAPER, convex(12), star(24)):
         ring = make_cycle(boundary(polygon), "count")
         full_count = count_triangulations_of_cycle(ring)
         assert count_triangulations_of_cycle(ring, full_count) == full_count
@@ -101,16 +101,16 @@ def test_holes_are_skipped():
 
 
 def test_listed_sorts_paper_triangulations_by_overdraw():
-    table = make_triangulation_table(paper_polygon(), "paper")
-    points = boundary(paper_polygon()).points
-    listed = [triangulate(paper_polygon(), "listed", k=k) for k in range(47)]
+    table = make_triangulation_table(PAPER, "paper")
+    points = boundary(PAPER).points
+    listed = [triangulate(PAPER, "listed", k=k) for k in range(47)]
     assert len({tuple(sorted(map(tuple, triangles.tolist()))) for triangles in listed}) == 47
     costs = [predict(points, triangles)["overdraw"] for triangles in listed]
     assert costs == pytest.approx(sorted(table["overdraw"]))
     assert costs[0] == 53.0
-    assert not verify(paper_polygon(), listed[0]).conforming
-    assert sum(verify(paper_polygon(), triangles).conforming for triangles in listed) == 29
+    assert not verify(PAPER, listed[0]).conforming
+    assert sum(verify(PAPER, triangles).conforming for triangles in listed) == 29
     with pytest.raises(SkippedError, match="k=47 is out of range"):
-        triangulate(paper_polygon(), "listed", k=47)
+        triangulate(PAPER, "listed", k=47)
     with pytest.raises(SkippedError, match="more than 20000"):
         triangulate(convex(20), "listed")

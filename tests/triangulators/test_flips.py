@@ -192,13 +192,14 @@ def test_unknown_flip_test_lists_choices():
     [
         *("earcut-refine", "flips", "flips:euclidean", "flips:delaunay", "flips:shape"),
         *("flips:mixed", "flips:expected-quads", "refined", "refined:edge-length", "refined:shape"),
+        *("delaunay", "optimal:shape"),
     ],
 )
 def test_batch_equals_single_calls(name):
     rng = np.random.default_rng(9)
     polygons = [random_simple(rng, int(rng.integers(3, 30)), 40) for _ in range(60)]
     polygons += [with_hole(rng, 10, 4) for _ in range(10)] + [star(250)]
-    result = triangulate_many(polygons, name)
+    result = triangulate_many(polygons, name, threads=3)
     assert not result.failed
     changed = 0
     for polygon, triangles in zip(polygons, result, strict=True):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import shapely
 
-from tests.triangulators.cases import touching_polygons, with_hole
+from tests.triangulators.cases import record_calls, touching_polygons, with_hole
 from triangulators import certify, triangulate, vertices
 from triangulators.criteria import CRITERIA, find
 from triangulators.criteria.cost import compute_total_cost, make_cost
@@ -40,23 +40,17 @@ def test_local_search_is_close_to_optimum():
 
 def test_local_search_continues_after_gain(monkeypatch):
     """It ends after six consecutive choices of cuts without gain."""
-    totals = []
-
-    class Watched(best_way.Patchwork):
-        def compute_cost(self):
-            totals.append(super().compute_cost())
-            return totals[-1]
-
-    monkeypatch.setattr(best_way, "Patchwork", Watched)
+    calls = record_calls(monkeypatch, best_way.Patchwork, "compute_cost")
     rng = np.random.default_rng(6)
     cost = make_cost(CRITERIA["half-perimeter"], 1.0, 1)
     gains = 0
     for _ in range(8):
-        totals.clear()
+        calls.clear()
         outline = boundary(with_hole(rng, 20, 9))
         if len(np.unique(outline.edges)) < 29 or len(outline.edges) > 29:
             continue  # rings that touch may leave nothing to cut
-        best_way.optimise_along_random_trees(outline.points, find_best_initial(outline, cost), cost)
+        optimise_along_random_trees(outline.points, find_best_initial(outline, cost), cost)
+        totals = [total for _, total in calls]
         improved = np.flatnonzero(np.diff(totals) < -1e-9) + 1
         gains += len(improved)
         last = improved[-1] if len(improved) else 0

@@ -37,7 +37,9 @@ if __name__ == "__main__":
 
 @pytest.fixture
 def sources(tmp_path, monkeypatch) -> Path:
-    """A package of two kernels, one of which calls the other, with the caching modules."""
+    """A package of two kernels, one of which calls the other, in the current folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     package = tmp_path / "triangulators"
     (package / "compute").mkdir(parents=True)
     for folder in (package, package / "compute"):
@@ -67,42 +69,33 @@ kernel(1)
 """
 
 
-def test_two_processes_compile_kernel_once(sources, tmp_path):
-    environment = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(sources.parent)}
-    options = {"cwd": sources.parent, "stdout": subprocess.PIPE}
-    start = partial(subprocess.Popen, env=os.environ | environment, **options)
-    both = [start([sys.executable, "-c", TRACED]) for _ in range(2)]
-    printed = [line for process in both for line in process.communicate()[0].decode().split()]
+def test_two_processes_compile_kernel_once(sources):
+    command = [sys.executable, "-c", TRACED]
+    both = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    printed = [line for process in both for line in process.communicate()[0].split()]
     assert [process.returncode for process in both] == [0, 0]
     assert sorted(printed) == ["inner", "outer"]
 
 
-def called(sources: Path, cache: Path) -> str:
-    environment = {"NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(sources.parent)}
-    options = {"cwd": sources.parent, "check": True}
-    return run_python("-m", "triangulators.outer", env=environment, **options).stdout.strip()
-
-
 def test_change_in_called_module_recompiles(sources, tmp_path):
+    call_kernel = partial(run_python, "-m", "triangulators.outer", cwd=tmp_path)
     cache = tmp_path / "cache"
-    assert called(sources, cache) == "20"
+    assert call_kernel().stdout == "20\n"
     files_before = set(cache.rglob("*.nbc"))
     assert {file.name.partition("-")[0] for file in files_before} == {"inner", "outer"}
     (sources / "inner.py").write_text(INNER.format(added=4))
     os.utime(sources / "inner.py", (1, 1))  # older than what was compiled, as after a checkout
-    assert called(sources, cache) == "50"
+    assert call_kernel().stdout == "50\n"
     assert files_before < set(cache.rglob("*.nbc"))
 
 
-def forget() -> None:
-    for name in ("compute_digest", "_read_source", "_find_imports", "_find_file"):
-        getattr(files, name).cache_clear()
+@pytest.mark.parametrize(("edited", "changed"), [("a", "a"), ("b", "ab"), ("c", "abc"), ("d", "d")])
+def test_digest_changes_for_importing_modules_only(tmp_path, monkeypatch, edited, changed):
+    def compute_digests():
+        for name in ("compute_digest", "_read_source", "_find_imports", "_find_file"):
+            getattr(files, name).cache_clear()
+        return {name: files.compute_digest(package / f"{name}.py") for name in "abcd"}
 
-
-@pytest.fixture
-def in_memory(tmp_path, monkeypatch) -> Path:
-    """Digests of modules in a temporary folder."""
-    forget()
     monkeypatch.setattr(files, "SOURCES", tmp_path)
     package = tmp_path / "triangulators"
     package.mkdir()
@@ -110,17 +103,10 @@ def in_memory(tmp_path, monkeypatch) -> Path:
     (package / "b.py").write_text("if True:\n    from triangulators.c import f\n")
     (package / "c.py").write_text("def f(): ...\n")
     (package / "d.py").write_text("import numpy\n")
-    yield package
-    forget()
-
-
-@pytest.mark.parametrize(("edited", "changed"), [("a", "a"), ("b", "ab"), ("c", "abc"), ("d", "d")])
-def test_digest_changes_for_importing_modules_only(in_memory, edited, changed):
-    before = {name: files.compute_digest(in_memory / f"{name}.py") for name in "abcd"}
-    with (in_memory / f"{edited}.py").open("a") as file:
+    before = compute_digests()
+    with (package / f"{edited}.py").open("a") as file:
         file.write("# changed\n")
-    forget()
-    after = {name: files.compute_digest(in_memory / f"{name}.py") for name in "abcd"}
+    after = compute_digests()
     assert {name for name in "abcd" if before[name] != after[name]} == set(changed)
 
 

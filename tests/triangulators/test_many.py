@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from tests.ports.polygons import earcut_rings
-from tests.triangulators.cases import convex, random_simple, read_shared, star, with_hole
+from tests.triangulators.cases import convex, random_simple, star, with_hole, with_holes
 from triangulators import PolygonArray, UnknownNameError, triangulate, triangulate_many, vertices
 from triangulators import many as batch
 from triangulators.criteria import find
@@ -21,13 +21,6 @@ def mixture(count=120):
     polygons = [random_simple(rng, int(rng.integers(3, 30)), 40) for _ in range(count)]
     polygons += [with_hole(rng, 10, 4) for _ in range(15)] + [star(150), convex(90)]
     return [shapely.reverse(p) if index % 2 else p for index, p in enumerate(polygons)]
-
-
-def test_other_triangulators_equal_single_calls():
-    polygons = mixture(10)
-    for name in ("delaunay", "optimal:shape"):
-        for polygon, triangles in zip(polygons, triangulate_many(polygons, name), strict=True):
-            assert np.array_equal(triangles, triangulate(polygon, name))
 
 
 def test_polygon_arrays_are_sequences_of_polygons():
@@ -58,14 +51,6 @@ def test_unpickling_equal_arrays_reuses_polygons():
     assert np.array_equal(pickle.loads(pickle.dumps(squares)).coords, squares.coords)
 
 
-def test_arrays_and_polygons_give_equal_triangulations():
-    polygons = mixture(30)
-    arrays = PolygonArray.from_shapely(polygons)
-    by_arrays, by_polygons = triangulate_many(arrays), triangulate_many(polygons)
-    assert np.array_equal(by_arrays.triangles, by_polygons.triangles)
-    assert np.array_equal(by_arrays.triangle_offsets, by_polygons.triangle_offsets)
-
-
 def test_invalid_polygons_are_listed_and_others_triangulated():
     bow_tie = shapely.Polygon([(0, 0), (4, 4), (4, 0), (0, 4)])
     repeated = shapely.Polygon([(0, 0), (0, 0), (4, 0), (4, 4), (0, 4)])
@@ -77,22 +62,14 @@ def test_invalid_polygons_are_listed_and_others_triangulated():
     assert verify(repeated, result[2]).conforming
 
 
-def test_threads_and_unknown_names():
+def test_threads_and_arrays_do_not_change_triangulations():
     polygons = mixture(400)
-    one, three = (triangulate_many(polygons, threads=count) for count in (1, 3))
+    one = triangulate_many(polygons, threads=1)
+    three = triangulate_many(PolygonArray.from_shapely(polygons), threads=3)
     assert np.array_equal(one.triangles, three.triangles)
+    assert np.array_equal(one.triangle_offsets, three.triangle_offsets)
     with pytest.raises(UnknownNameError):
         triangulate_many(polygons, "optimal:nothing")
-
-
-def test_real_buildings():
-    polygons = [polygon for _, polygon in read_shared("helsinki.json")]
-    result = triangulate_many(polygons)
-    bad = {index for index, polygon in enumerate(polygons) if not polygon.is_valid}
-    assert set(result.failed) == bad
-    for index in range(len(polygons)):
-        if index not in bad:
-            assert verify(polygons[index], result[index]).conforming
 
 
 @pytest.mark.parametrize("name", ["ear-clipping", "flips:l1"])
@@ -106,7 +83,7 @@ def test_ear_clipping_chunks_of_any_size_agree(monkeypatch, name, vertices_befor
         assert chunked.failed == {}
         assert chunked.compiled.all()
         for polygon, triangles in zip(polygons, chunked, strict=True):
-            assert verify(polygon, triangles).conforming
+            assert np.array_equal(triangles, triangulate(polygon, name))
 
 
 def test_failing_user_function_affects_only_its_polygons():
@@ -123,21 +100,11 @@ OFF_GRID = shapely.from_wkt(
 
 
 def polygons(scale: float, count: int, seed: int = 17) -> list[shapely.Polygon]:
-    """Random polygons with 0 to 8 holes on a grid that `scale` may take off it."""
+    """Random polygons with 0 to 4 holes on a grid that `scale` may take off it."""
     rng = np.random.default_rng(seed)
-    drawn = []
-    while len(drawn) < count:
-        polygon = random_simple(rng, int(rng.integers(4, 14)), 24)
-        for _ in range(len(drawn) % 9 * 6):
-            ring = shapely.get_coordinates(random_simple(rng, 3, 4))[:-1] + rng.integers(0, 20, 2)
-            cut = shapely.Polygon(polygon.exterior, [*polygon.interiors, ring])
-            if cut.is_valid and len(cut.interiors) <= len(drawn) % 9:
-                polygon = cut
-        moved = shapely.transform(polygon, lambda points: points * scale)
-        if moved.is_valid:
-            drawn.append(moved)
-    assert max(len(polygon.interiors) for polygon in drawn) >= 4
-    return drawn
+    drawn = [with_holes(rng, int(rng.integers(4, 14)), number % 5) for number in range(count)]
+    moved = [shapely.transform(polygon, lambda points: points * scale) for polygon in drawn]
+    return [polygon for polygon in moved if polygon.is_valid]
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.1, 1 / 3], ids=["grid", "tenths", "thirds"])

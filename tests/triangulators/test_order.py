@@ -204,11 +204,3 @@ def test_a_fan_shades_each_vertex_once():
     shuffled = np.random.default_rng(2).permutation(triangles)
     # Around the centre all triangles are given at once; the centre itself must stay in the cache.
     assert count_misses(sort_for_vertex_cache(shuffled, 31, 64), 64) == 31
-
-
-def test_triangulations_of_buildings_shade_each_vertex_hardly_more_than_once():
-    for polygon in load("city:buildings=30").polygons:
-        triangles = triangulate(polygon, "delaunay")
-        count = len(vertices(polygon))
-        ordered = sort_for_vertex_cache(np.random.default_rng(3).permutation(triangles), count)
-        assert count_misses(ordered, CACHE_SIZE) <= 1.25 * count

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shapely
 
-from tests.triangulators.cases import convex, paper_polygon, random_simple, twice_area
+from tests.triangulators.cases import PAPER, convex, random_simple, twice_area
 from triangulators import SkippedError, UnavailableError, find, triangulate, vertices
 from triangulators.verify import verify
 
@@ -16,7 +16,7 @@ from triangulators.verify import verify
 def test_random_is_uniform_and_seeded():
     draws = 29 * 60
     seen = Counter(
-        tuple(sorted(map(tuple, triangulate(paper_polygon(), "random", seed=seed).tolist())))
+        tuple(sorted(map(tuple, triangulate(PAPER, "random", seed=seed).tolist())))
         for seed in range(draws)
     )
     assert len(seen) == 29

@@ -157,15 +157,3 @@ def test_program_weights_are_scaled_for_solver(size):
     heavy = np.where(allowed, weights, weights + 2.0 * total)
     assert program.weights == pytest.approx(heavy * program.scale, rel=1e-12)
     assert program.free.sum() == len(c.edges) - len(c.points) + 1
-
-
-def test_candidate_indices_are_independent_of_rotation(monkeypatch):
-    """All candidates in all rotations; unknown triangles have index -1."""
-    outline, start, _ = ring(monkeypatch, 0)
-    c = find_candidates(outline, start, 10**6)
-    numbers = np.arange(len(c.triangles))
-    for turned in range(3):
-        triangles = np.roll(c.triangles, turned, axis=1)
-        assert np.array_equal(_find_candidate_indices(c, triangles), numbers)
-    n = len(c.points)
-    assert _find_candidate_indices(c, np.array([[n - 3, n - 2, n], [0, 0, 1]])).tolist() == [-1, -1]
