@@ -23,7 +23,7 @@ from harness.metrics.run_quality import QUIET, RunState
 from harness.rasterisers.base import Sample
 from harness.rasterisers.reference import _FillDrawing
 from harness.workers import serving
-from tests.chromium import Chromium
+from tests.chromium import WEBGPU_FLAGS, Chromium
 from tests.inline import InlineWorker
 from triangulators.gpu import engine
 
@@ -200,6 +200,14 @@ def device_counts(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 def browser() -> Iterator[Chromium]:
     """Yield a browser for all tests of pages; they fail with a hint if it is not installed."""
     chromium = Chromium()
+    yield chromium
+    chromium.close()
+
+
+@pytest.fixture(scope="session")
+def gpu_browser() -> Iterator[Chromium]:
+    """Yield a browser with WebGPU and WebGL 2 on the CPU."""
+    chromium = Chromium(WEBGPU_FLAGS)
     yield chromium
     chromium.close()
 

@@ -10,10 +10,9 @@ import shapely
 from harness.frame import View, make_frame
 from scenes import load
 from tests.conftest import run_command, write_geojson
-from tests.paths import find_shared_data
 from tests.ports import languages
 from tests.ports.languages import Cases, flip_in_python, read_flips
-from tests.ports.polygons import Rings, earcut_rings, is_equivalent, random_polygons
+from tests.ports.polygons import Rings, earcut_rings, flatten_rings, is_equivalent, random_polygons
 from tests.triangulators.cases import convex, read_rings, smooth, star, touching_polygons
 from tests.triangulators.test_many import polygons as with_holes
 from triangulators import triangulate, triangulate_many, vertices
@@ -100,12 +99,7 @@ def load_scene_rings(name: str) -> list[Rings]:
 
 def load_file_rings(name: str) -> list[Rings]:
     """Return valid and invalid polygons from third-party data."""
-    find_shared_data(name)
-    ring_lists = (rings for _, rings in read_rings(name))
-    return [
-        (np.concatenate([ring.reshape(-1, 2) for ring in rings]), np.cumsum([*map(len, rings)]))
-        for rings in ring_lists
-    ]
+    return [flatten_rings(rings) for _, rings in read_rings(name)]
 
 
 @pytest.mark.parametrize(

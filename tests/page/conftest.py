@@ -1,6 +1,6 @@
 import hashlib
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from harness.page.page_data import make_profile_content, write_page
 from harness.page.result import COUNTERS, FORMAT, RECORD_FIELDS, Result, import_result
 from harness.page.saved import VERSION, read_saved
 from harness.results.run_folder import Run, read_run, select_latest
-from tests.chromium import MEASUREMENT_ENDED, REPORT_READY, WEBGPU_FLAGS, Chromium
+from tests.chromium import MEASUREMENT_ENDED, REPORT_READY, Chromium
 from tests.measuring.test_run import inline, make_plan
 from tests.measuring.test_run import measure as measure_run
 from tests.paths import ROOT
@@ -136,13 +136,6 @@ def profiled(browser: Chromium, profile_page: Path) -> dict[str, Any]:
     texts["coefficients"] = browser.evaluate("state.profile.coefficients")
     browser.send("Emulation.clearDeviceMetricsOverride")
     return {"result": result, **texts}
-
-
-@pytest.fixture(scope="session")
-def gpu_browser() -> Iterator[Chromium]:
-    chromium = Chromium(WEBGPU_FLAGS)
-    yield chromium
-    chromium.close()
 
 
 WORLD = (ROOT / "tests/page/world.js").read_text()

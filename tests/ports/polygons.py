@@ -1,6 +1,6 @@
 """Random polygons with holes, integer or real, with collinear or touching vertices; checks."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import shapely
@@ -16,6 +16,12 @@ def earcut_rings(polygon: shapely.Polygon) -> Rings:
     """Return vertices (n, 2) and ends of rings, uint32, as mapbox_earcut takes them."""
     points, ring_offsets = rings_of(polygon)
     return points, ring_offsets[1:].astype(np.uint32)
+
+
+def flatten_rings(rings: Sequence[np.ndarray]) -> Rings:
+    """Return the vertices (n, 2) and ends, uint32, of rings (k, 2)."""
+    ends = np.cumsum([len(ring) for ring in rings]).astype(np.uint32)
+    return np.concatenate([ring.reshape(-1, 2) for ring in rings]), ends
 
 
 _MAX_INTEGER = 2**25

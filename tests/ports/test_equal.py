@@ -16,7 +16,7 @@ from tests.docs.blocks import blocks
 from tests.paths import ROOT
 from tests.ports import languages, vectors
 from tests.ports.languages import Cases, flip_in_python, read_flips
-from tests.ports.polygons import earcut_rings, is_equivalent, random_polygons
+from tests.ports.polygons import earcut_rings, flatten_rings, is_equivalent, random_polygons
 from tests.triangulators.cases import read_rings
 from triangulators.criteria import FLIP_TESTS
 
@@ -34,10 +34,8 @@ def cases():
     for scene in ("city", "cad", "stress", "paper"):
         polygons += [earcut_rings(polygon) for polygon in load(scene).polygons[:100]]
     for name in ("earcut_fixtures.json", "poly2tri_testbed.json"):
-        for _, rings in read_rings(name):
-            points = np.concatenate([ring.reshape(-1, 2) for ring in rings])
-            if len(points) < 3000:
-                polygons.append((points, np.cumsum([len(ring) for ring in rings])))
+        flat = [flatten_rings(rings) for _, rings in read_rings(name)]
+        polygons += [(points, ends) for points, ends in flat if len(points) < 3000]
     return Cases.of(polygons)
 
 

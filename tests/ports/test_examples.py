@@ -9,7 +9,6 @@ import pytest
 
 from harness.frame import UNBOUNDED
 from harness.rasterisers.spans import FRAGMENTS, QUADS, count_pixels_per_triangle
-from tests.chromium import REPORT_READY, WEBGPU_FLAGS, Chromium
 from tests.paths import ROOT
 from tests.ports import languages
 from triangulators import flip
@@ -44,23 +43,15 @@ def pages(tmp_path_factory):
     return folder
 
 
-@pytest.fixture(scope="module")
-def chromium():
-    """Yield a browser with WebGL 2 on the CPU."""
-    browser = Chromium(WEBGPU_FLAGS)
-    yield browser
-    browser.close()
-
-
 @pytest.fixture(scope="module", params=EXPECTED)
-def page_results(request, pages, chromium):
+def page_results(request, pages, gpu_browser):
     """Return the name, text and global `results` of a page."""
-    chromium.open(pages / f"{request.param}.html", REPORT_READY)
-    assert chromium.errors == []
-    addresses = {address.split(":")[0] for address in chromium.requests}
+    gpu_browser.open(pages / f"{request.param}.html")
+    assert gpu_browser.errors == []
+    addresses = {address.split(":")[0] for address in gpu_browser.requests}
     assert addresses <= {"file", "blob", "data"}
-    text = chromium.evaluate("document.body.innerText")
-    return request.param, text, chromium.evaluate("results")
+    text = gpu_browser.evaluate("document.body.innerText")
+    return request.param, text, gpu_browser.evaluate("results")
 
 
 def read_arrays(state):

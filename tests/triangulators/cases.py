@@ -138,34 +138,6 @@ def all_triangulations(polygon: shapely.Polygon) -> list[list[tuple[int, int, in
     return between(0, len(points) - 1)
 
 
-def brute_cost(name: str, a, b, c) -> float:
-    """Return the cost of a triangle by a criterion, in plain Python."""
-    x, y = zip(a, b, c, strict=True)
-    width, height = max(x) - min(x), max(y) - min(y)
-    area = abs(twice_area(a, b, c)) / 2
-    sides = [np.hypot(*(np.subtract(p, q))) for p, q in ((b, c), (c, a), (a, b))]
-    if name == "overdraw":
-        return width * height - area
-    if name == "half-perimeter":
-        return width + height
-    if name == "edge-length":
-        return sum(sides)
-    if name == "shape":
-        angles = []
-        for k in range(3):
-            opposite, one, two = sides[k], sides[k - 1], sides[k - 2]
-            cosine = (one**2 + two**2 - opposite**2) / (2 * one * two)
-            angles.append(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
-        return sum(abs(60 - angle) for angle in angles)
-    if name == "beauty":
-        return -area / sum(sides)
-    if name == "complexity":
-        return 24.0
-    if name.startswith("expected-"):
-        return mean_blocks((a, b, c), {"expected-quads": 2, "expected-blocks": 4}[name])
-    raise AssertionError(name)
-
-
 def mean_blocks(triangle, size: int) -> float:
     """Return the mean number of size x size blocks with a covered centre, by a union in GEOS."""
     shape = shapely.Polygon(triangle)

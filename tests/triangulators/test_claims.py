@@ -27,7 +27,7 @@ from tests.triangulators.cases import pose, random_simple, touching_polygons
 from triangulators import certify, triangulate
 from triangulators.certificate.certify import make_certificate
 from triangulators.checking import checker
-from triangulators.checking.edges import find_edges
+from triangulators.checking.edges import _do_segments_meet, find_edges
 from triangulators.checking.evidence import (
     CertificateError,
     compute_exact_total,
@@ -273,3 +273,12 @@ def test_rejects_side_that_is_not_an_edge():
     sites[0] = next(t for t in itertools.combinations(range(7), 3) if t[:2] not in seen)
     with pytest.raises(CertificateError, match="not an edge of the polygon"):
         checker.compute_lower_bound(outline, sites, cost, true)
+
+
+def test_segments_meet_as_in_shapely():
+    """All pairs of segments without a common end on a grid of 4 x 3 points."""
+    points = np.array(list(itertools.product(range(4), range(3)))) / 64
+    rows = np.array(list(itertools.permutations(range(12), 4)))
+    first, second = (shapely.linestrings(points[rows[:, k : k + 2]]) for k in (0, 2))
+    meets = [_do_segments_meet(points, *row) for row in rows.tolist()]
+    assert meets == shapely.intersects(first, second).tolist()

@@ -7,6 +7,7 @@ import pytest
 from harness.frame import View, make_frame
 from scenes import load
 from tests.paths import ROOT
+from tests.ports.polygons import flatten_rings
 from tests.triangulators.cases import read_rings
 from triangulators import flip, triangulate_many, vertices
 from triangulators.criteria import find
@@ -58,8 +59,7 @@ def test_slivers_of_earcuts_fixtures():
     """Index arrays of earcut, also for invalid polygons."""
     many: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
     for _, rings in read_rings("earcut_fixtures.json"):
-        points = np.concatenate(rings)
-        ends = np.cumsum([len(ring) for ring in rings]).astype(np.uint32)
+        points, ends = flatten_rings(rings)
         raw = mapbox_earcut.triangulate_float64(points, ends).astype(np.int32)
         refined = raw.copy()
         flip_as_earcut(points, refined, link_half_edges(refined))
