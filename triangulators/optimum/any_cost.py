@@ -53,6 +53,17 @@ def solve_any_cost(
 
 
 @njit(nogil=True)
+def find_list_starts(target: np.ndarray, n: int) -> np.ndarray:
+    """Return the starts (n + 1,) of lists by j < n, for visible pairs i-j with j in target (p,)."""
+    first = np.zeros(n + 1, dtype=np.int64)
+    for j in target:
+        first[j + 1] += 1
+    for j in range(n):
+        first[j + 1] += first[j]
+    return first
+
+
+@njit(nogil=True)
 def _find_best_apexes(
     start: np.ndarray, target: np.ndarray, points: np.ndarray, cost: Cost
 ) -> np.ndarray:
@@ -62,11 +73,7 @@ def _find_best_apexes(
     compared pair by pair: `row` has the costs of i-k, which precede i-j, and `below` those of k-j.
     """
     n, pairs = len(points), start[len(points)]
-    first = np.zeros(n + 1, dtype=np.int64)
-    for p in range(pairs):
-        first[target[p] + 1] += 1
-    for j in range(n):
-        first[j + 1] += first[j]
+    first = find_list_starts(target, n)
     lists = (first, first[:n].copy(), np.empty(pairs, dtype=np.int32))
     apex, below = lists[2], np.empty(pairs)
     chosen, row = np.empty(pairs, dtype=np.int32), np.empty(n)

@@ -44,7 +44,7 @@ from triangulators.checking.evidence import Units, compute_weight
 from triangulators.compute.kernels import FAST_MATH_FLAGS, fmin, njit
 from triangulators.criteria.cost import BBOX_AREA, HALF_PERIMETER, Cost, cost_at, replace_fields
 from triangulators.geometry.predicates import find_bounding_box, find_grid_unit
-from triangulators.optimum.any_cost import INFEASIBLE_COST, solve_any_cost
+from triangulators.optimum.any_cost import INFEASIBLE_COST, find_list_starts, solve_any_cost
 
 INT32_LIMIT = 1 << 30  # sums of lengths fit int32 if n (w + h), in units of the grid, is below this
 # Cost of a sub-polygon without a triangulation; the sum of two does not overflow.
@@ -77,11 +77,7 @@ def _fill_costs(
     pair in `target`.
     """
     n, pairs = len(start) - 1, start[len(start) - 1]
-    first = np.zeros(n + 1, dtype=np.int64)
-    for p in range(pairs):
-        first[target[p] + 1] += 1
-    for j in range(n):
-        first[j + 1] += first[j]
+    first = find_list_starts(target, n)
     end = first[:n].copy()
     apex = np.empty(pairs, dtype=np.int32)
     lists = np.empty((1 + len(extra_rows), pairs), dtype=extra_rows.dtype)
