@@ -280,6 +280,12 @@ def _read_node_matrix(node: dict[str, Any]) -> NDArray[np.float64]:
     return result
 
 
+def _place_vertices(stored: NDArray[Any], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return positions (n, 3), with y up as in glTF, at a placement, with z up."""
+    x, y, z = (stored @ matrix[:3, :3].T + matrix[:3, 3]).T
+    return np.column_stack((x, -z, y))
+
+
 def read_polygons(model: GltfFile) -> list[list[NDArray[np.float64]]] | None:
     """Return the rings (k, 3), z up, of each polygon; None unless all primitives are polygons."""
     primitives = [p for mesh in model.json.get("meshes", []) for p in mesh["primitives"]]
@@ -291,14 +297,13 @@ def read_polygons(model: GltfFile) -> list[list[NDArray[np.float64]]] | None:
             stored, matrices = model.read_positions(primitive, placements)
             loops = model.read_loops(primitive, len(stored))
             for matrix in matrices:
-                x, y, z = (stored @ matrix[:3, :3].T + matrix[:3, 3]).T
-                vertices = np.column_stack((x, -z, y))  # y is up in glTF
+                vertices = _place_vertices(stored, matrix)
                 polygons += [[vertices[ring] for ring in rings] for rings in loops]
     return polygons
 
 
 def read_triangles(model: GltfFile) -> tuple[NDArray[np.float64], NDArray[np.int64], int]:
-    """Return placed vertices (n, 3), triangles (m, 3), and the number of skipped primitives."""
+    """Return vertices (n, 3), z up, triangles (m, 3), and the number of skipped primitives."""
     vertices: list[NDArray[np.float64]] = [np.empty((0, 3))]
     triangles: list[NDArray[np.int64]] = [np.empty((0, 3), np.int64)]
     count = skipped = 0
@@ -311,7 +316,7 @@ def read_triangles(model: GltfFile) -> tuple[NDArray[np.float64], NDArray[np.int
             stored, matrices = model.read_positions(primitive, placements)
             local = model.read_triangles(primitive, len(stored))
             for matrix in matrices:
-                vertices.append(stored @ matrix[:3, :3].T + matrix[:3, 3])
+                vertices.append(_place_vertices(stored, matrix))
                 triangles.append(local + count)
                 count += len(stored)
     return np.concatenate(vertices), np.concatenate(triangles), skipped

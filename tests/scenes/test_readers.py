@@ -299,6 +299,14 @@ class TestModels:
         assert sorted(round(p.area, 3) for p in scene.polygons) == [6] * 4 + [30] * 4 + [96] * 2
         assert sum(len(p.interiors) for p in scene.polygons) == 2
 
+    def test_walls_of_gltf_are_upright(self, tmp_path):
+        """In glTF, y points up."""
+        corners = [(0, 0, 0), (3, 0, -4), (3, 2, -4), (0, 2, 0)]
+        trimesh.Trimesh(corners, [(0, 1, 2), (0, 2, 3)]).export(tmp_path / "wall.glb")
+        (wall,) = load(tmp_path / "wall.glb").polygons
+        left, low, right, high = wall.bounds
+        assert (right - left, high - low) == pytest.approx((5, 2))
+
     @pytest.mark.parametrize("change", [str.upper, str.title, str.lower])
     def test_keywords_of_stl_have_any_case(self, tmp_path, change):
         facets = "".join(
