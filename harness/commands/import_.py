@@ -57,7 +57,7 @@ def import_(
     and the fitted cost model (law) are computed again, and a result that differs from these is
     refused. Given the folder of a run, the command writes only the --summary of the run's device.
     """
-    from harness.commands.outcome import choose_folder, make_run
+    from harness.commands.runs import choose_folder, make_run
     from harness.page import profile_result
     from harness.page.device_summaries import write_summary
     from harness.page.result import FORMAT, Result, import_result

@@ -237,7 +237,7 @@ def _list_all_triangulations(
     scene: Scene, polygon: int, mode: Literal["conforming", "paper"], out: Path | None
 ) -> None:
     from harness import atomic
-    from harness.commands.outcome import choose_folder
+    from harness.commands.runs import choose_folder
     from harness.study.pareto import make_triangulation_table
     from harness.style import make_plain_table
     from triangulators import TriangulationError

@@ -31,7 +31,7 @@ def merge(
     Measured records of the same case must be equal, unless --hosts distinguishes their devices.
     With --hosts, counters of devices with the same name must agree on all hosts.
     """
-    from harness.commands.outcome import make_run
+    from harness.commands.runs import make_run
     from harness.results.run_folder import read_latest
     from harness.scaling import merging
 

@@ -114,7 +114,7 @@ def run(
     verbose: options.Verbose = False,
 ) -> None:
     """Measure triangulators on a scene, with exact counters and repeated times; store the run."""
-    from harness.commands import outcome, run_inputs
+    from harness.commands import runs
     from harness.frame import View, is_model_with_views
     from harness.machine.system import get_database_path
     from harness.measuring.other_version import FOLDER as BASE_FOLDER
@@ -126,19 +126,19 @@ def run(
 
     timing = QUICK if quick else TimingSettings(precision=precision, budget_s=budget)
     timing = replace(timing, processes=repeats)
-    profile_file = run_inputs.find_profile_file(profile, resume)
+    profile_file = runs.find_profile_file(profile, resume)
     if resume and not scene:
-        plan = run_inputs.read_plan(resume)
+        plan = runs.read_plan(resume)
     elif not scene:
         raise UsageError("--scene is missing; try --scene city, or your own file")
     else:
-        run_inputs.refuse_another_view(context, scene)
+        runs.refuse_another_view(context, scene)
         if is_model_with_views(scene) and not options.is_given(context, "triangulators"):
             triangulators = options.ValueList(MODEL_TRIANGULATORS)
         plan = Plan(
             scene=join_name(scene, layer=layer, where=condition, limit=limit),
             seed=seed,
-            triangulators=run_inputs.parse_recipes(triangulators, seed, profile_file),
+            triangulators=runs.parse_recipes(triangulators, seed, profile_file),
             rasterisers=options.choose_rasterisers(rasterisers),
             devices=tuple(device or ()),
             views=tuple(View(size, angle, fit) for size in resolution for angle in rotation),
@@ -154,27 +154,27 @@ def run(
             timing=timing,
             timeout_s=timeout or (QUICK_TIMEOUT_S if quick else TIMEOUT_S),
         )
-    folder = outcome.choose_folder(plan.scene, out, resume)
+    folder = runs.choose_folder(plan.scene, out, resume)
     reporter = Reporter(quiet=quiet, verbose=verbose)
-    with run_inputs.open_baseline(baseline_reference, plan, resume, twice=draw_twice) as baseline:
+    with runs.open_baseline(baseline_reference, plan, resume, twice=draw_twice) as baseline:
         run_options = RunOptions(
             resume=resume is not None,
             force=force,
             database=get_database_path() if cached else None,
             baseline=baseline,
-            base=run_inputs.resolve_base_name(base, plan),
-            **run_inputs.read_profile_options(profile_file),
+            base=runs.resolve_base_name(base, plan),
+            **runs.read_profile_options(profile_file),
         )
         result = carry_out(plan, folder, reporter, run_options)
     if as_json:
         typer.echo(
             json.dumps(
-                outcome.make_json_content(result), indent=2, ensure_ascii=False, allow_nan=False
+                runs.make_json_content(result), indent=2, ensure_ascii=False, allow_nan=False
             )
         )
     # With --json, standard output holds nothing but the JSON.
     screen = Screen(stderr=as_json, quiet=as_json)
-    outcome.finish_run(result, screen, reporter, report=report, plots=not quick)
+    runs.finish_run(result, screen, reporter, report=report, plots=not quick)
     if baseline and not as_json:
         path = os.path.relpath(result.path)
         typer.echo(f"to compare: raster-harness compare {path}/{BASE_FOLDER} {path}")

@@ -154,7 +154,7 @@ def _list_parts(
 
 
 def _measure_validation(scene: str, folder: Path, settings: _Settings) -> None:
-    from harness.commands.outcome import raise_if_cases_failed
+    from harness.commands.runs import raise_if_cases_failed
 
     plan = study_validate.plan_validation(
         scene,
@@ -184,7 +184,7 @@ def _measure_gains(
     turned: bool = False,
 ) -> None:
     """Measure or resume a run, at all `ANGLES` if `turned`; write the gains of complete cases."""
-    from harness.commands import outcome
+    from harness.commands import runs
     from harness.frame import View
     from harness.machine.system import get_database_path
     from harness.measuring.plan import Plan
@@ -212,7 +212,7 @@ def _measure_gains(
     result = carry_out(plan, folder, reporter, run_options)
     incomplete = None
     try:
-        outcome.finish_run(result, Screen(quiet=True), reporter, plots=not settings.quick)
+        runs.finish_run(result, Screen(quiet=True), reporter, plots=not settings.quick)
     except InconclusiveError as error:
         incomplete = error
     study_gains.write_gains([read_run(folder)], bases, folder)

@@ -44,7 +44,7 @@ def study_pareto(
     """
     import pandas as pd
 
-    from harness.commands.outcome import choose_folder, finish_study, measure_study
+    from harness.commands.runs import choose_folder, finish_study, measure_study
     from harness.frame import View
     from harness.measuring.plan import Plan
     from harness.report.page import write_report

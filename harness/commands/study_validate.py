@@ -53,7 +53,7 @@ def study_validate(
     criterion is good if it ranks the triangulations of a polygon as the measured cost does, and if
     the triangulation that it prefers costs little more than the cheapest one measured (regret).
     """
-    from harness.commands.outcome import choose_folder, finish_study
+    from harness.commands.runs import choose_folder, finish_study
     from harness.report import matrix
     from harness.study import correlations, regret
 
@@ -130,7 +130,7 @@ def measure_validation(
     force: bool = False,
 ) -> Validation:
     """Measure many triangulations of single polygons; write tables, plots and the report."""
-    from harness.commands.outcome import measure_study
+    from harness.commands.runs import measure_study
     from harness.measuring.run import ScenePart
     from harness.report.page import write_report
     from harness.study import correlations, regret

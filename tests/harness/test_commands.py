@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from harness.commands.options import choose_rasterisers
-from harness.commands.outcome import choose_folder
+from harness.commands.runs import choose_folder
 from harness.commands.triangulate import COMPILING
 from harness.profile.law import COSTS
 from harness.triangulating.database import ModelDatabase, TimedTriangles

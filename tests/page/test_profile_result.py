@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from harness.commands.run_inputs import parse_recipes
+from harness.commands.runs import parse_recipes
 from harness.errors import INCONCLUSIVE
 from harness.page.profile_result import FORMAT
 from harness.profile import advice, design, report

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from harness.commands.run_inputs import parse_recipes
+from harness.commands.runs import parse_recipes
 from harness.errors import INCONCLUSIVE, NO_RASTERISER, NOTHING_MEASURED
 from harness.machine.environment import describe_processor
 from harness.profile import advice, design, measured, report

@@ -226,7 +226,7 @@ def test_study_with_failed_parts_is_inconclusive(harness, monkeypatch):
     """The gains of a run with failed cases are those of the measured cases."""
     monkeypatch.setattr("harness.commands.study_all._measure_validation", lambda *_: None)
     failed = fail_with(InconclusiveError("1 of 8 cases failed (mine:cut)"))
-    monkeypatch.setattr("harness.commands.outcome.finish_run", failed)
+    monkeypatch.setattr("harness.commands.runs.finish_run", failed)
     monkeypatch.setattr("harness.measuring.run.run", lambda *_: None)
     monkeypatch.setattr("harness.results.run_folder.read_run", lambda folder: folder)
     asked = []
@@ -240,5 +240,5 @@ def test_study_with_failed_parts_is_inconclusive(harness, monkeypatch):
     assert "error: 3 of 4 parts of the study are incomplete" in err
     assert "city: 11 of 11 findings hold" in out
     assert [path.name for path in asked] == ["choice", "walked", "turned"]
-    monkeypatch.setattr("harness.commands.outcome.finish_run", lambda *_, **__: None)
+    monkeypatch.setattr("harness.commands.runs.finish_run", lambda *_, **__: None)
     assert harness("study", "all", "city", "--out", "out")[0] == 0
