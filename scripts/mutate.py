@@ -49,7 +49,7 @@ TESTS = {
     "harness/page/result.py": "tests/page/test_result.py tests/page/test_devices.py",
     "harness/study/correlations.py": "tests/study/test_correlations.py",
     "harness/study/regret.py": "tests/study/test_regret.py",
-    "harness/profile/fitting.py": "tests/profile/test_fitting.py",
+    "harness/profile/cost_terms.py": "tests/profile/test_fitting.py",
     "harness/profile/law.py": "tests/profile/test_fitting.py",
     "triangulators/certificate": "tests/triangulators/test_certify.py"
     " tests/triangulators/test_claims.py tests/triangulators/test_skeleton.py"

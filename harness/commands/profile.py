@@ -46,7 +46,7 @@ def profile(
     from harness.measuring.pool import Backend, MeasuringPool
     from harness.profile import design, measured
     from harness.profile import profile as profiles
-    from harness.profile.counted import count_draw
+    from harness.profile.cost_terms import count_draw
     from harness.rasterisers.base import Options
     from harness.workers.worker import Worker
 

@@ -17,7 +17,7 @@ from harness.page.device_summaries import CRITERIA as SUMMARISED
 from harness.page.result import RECORD_FIELDS, count_per_polygon
 from harness.profile import law
 from harness.profile.advice import BASE, CRITERIA, SCENES, sum_scene_features
-from harness.profile.counted import PX_TERMS, TERMS, count_draw
+from harness.profile.cost_terms import PX_TERMS, TERMS, count_draw
 from harness.profile.design import DESIGN_VERSION, make_draws, snap_draw
 from harness.profile.law import COSTS, make_cost_rows
 from harness.profile.placing import Draw

@@ -13,7 +13,7 @@ from harness.metrics.statistics import MIN_EPOCHS
 from harness.page import saved
 from harness.page.saved import Count, Finite, NonNegative, SavedModel, Text, check_rounds
 from harness.profile import design, measured
-from harness.profile.counted import TERMS, Design, count_draw, make_design_rows
+from harness.profile.cost_terms import TERMS, Design, count_draw, make_design_rows
 from harness.profile.design import DESIGN_VERSION
 from harness.profile.law import FORMS, fit_form, predict_times
 from harness.profile.measured import CONTROL, DrawTimes

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from harness.frame import View, make_frame
 from harness.measuring.pool import MeasuringPool
 from harness.metrics.statistics import compute_mean_interval, compute_student_interval
-from harness.profile.counted import TERMS, Design
+from harness.profile.cost_terms import TERMS, Design
 from harness.profile.design import AREAS, ASPECTS
 from harness.profile.law import COSTS
 from harness.profile.measured import DrawTimes

@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from harness.errors import UsageError
 from harness.frame import Frame
 from harness.metrics.decision import MIN_SAVED_SHARE, choose_recommended, describe_recommended
-from harness.profile.counted import COARSE_SCAN_PX, TERMS, count_cost_terms, make_design_rows
+from harness.profile.cost_terms import COARSE_SCAN_PX, TERMS, count_cost_terms, make_design_rows
 from harness.profile.law import FORMS, VERTICES, Law, compute_stage_times
 from harness.profile.profile import describe_origin, is_of_this_machine, read_law, read_profile
 from harness.rasterisers.base import Options, order_submission
@@ -67,7 +67,7 @@ Cost = dict[str, Any]  # Cost of one triangulator's triangles, from `predict_dra
 class DeviceCosts:
     """A device's costs, fitted to measured draw times, from a profile.
 
-    costs : seconds for each of `counted.TERMS`, (t,)
+    costs : seconds for each of `cost_terms.TERMS`, (t,)
     law : the fitted costs with their covariance, or None if the profile stores no times
     origin : the device and processor on which the profile was measured
     is_here : True if this machine has the device and processor

@@ -1,4 +1,4 @@
-"""A device's law: the cost in seconds of each of `counted.TERMS`, with intervals.
+"""A device's law: the cost in seconds of each of `cost_terms.TERMS`, with intervals.
 
 A draw takes the sum of its costs, as on one processor, or the time of its slowest stage (`FORMS`),
 as on a GPU, whose stages work at the same time on different triangles. The form is chosen by the
@@ -41,8 +41,9 @@ from numpy.typing import NDArray
 
 from harness.frame import Frame
 from harness.grid import SUBPIXEL
-from harness.profile.counted import TERMS, Design
-from harness.profile.fitting import (
+from harness.profile.cost_terms import (
+    TERMS,
+    Design,
     Seconds,
     compute_group_means,
     compute_loss,

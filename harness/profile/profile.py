@@ -17,9 +17,8 @@ from harness.machine.environment import describe_processor
 from harness.profile import law as laws
 from harness.profile import stage_draws
 from harness.profile.advice import compare_aspects
-from harness.profile.counted import PX_TERMS, TERMS, make_design_rows
+from harness.profile.cost_terms import PX_TERMS, TERMS, fit_coefficients, make_design_rows
 from harness.profile.design import DESIGN_VERSION
-from harness.profile.fitting import fit_coefficients
 from harness.profile.law import COSTS, FORMS, Law, make_cost_rows
 from harness.profile.measured import DrawTimes
 from harness.profile.placing import Draw

@@ -11,7 +11,7 @@ import numpy as np
 
 from harness.metrics.decision import join_names
 from harness.profile.advice import CRITERIA, SCENES
-from harness.profile.counted import TERMS
+from harness.profile.cost_terms import TERMS
 from harness.profile.profile import describe_origin, name_device_model
 from harness.style import (
     COLOURS,

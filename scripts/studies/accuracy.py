@@ -39,7 +39,7 @@ from numpy.typing import NDArray
 from harness.frame import View, make_scene_frame
 from harness.measuring.loading import load_scene
 from harness.profile import law
-from harness.profile.counted import TERMS, count_cost_terms, make_design_rows
+from harness.profile.cost_terms import TERMS, count_cost_terms, make_design_rows
 from harness.progress import Reporter
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons

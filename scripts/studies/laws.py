@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 
 from harness.measuring.timing import EMPTY, TimerTest, Times, time_together
 from harness.profile import design, law, measured
-from harness.profile.counted import TERMS, count_draw, make_design_rows
+from harness.profile.cost_terms import TERMS, count_draw, make_design_rows
 from harness.profile.placing import Draw
 from harness.profile.profile import select_draws_to_fit
 from harness.rasterisers.base import Sample

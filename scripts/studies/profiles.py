@@ -48,8 +48,14 @@ from harness.measuring.timing import EMPTY, REFERENCE
 from harness.metrics.statistics import Ratio, compute_mean_interval, compute_paired_ratio
 from harness.profile import profile as profiles
 from harness.profile.advice import recommend_triangulator
-from harness.profile.counted import TERMS, count_cost_terms, count_draw, make_design_rows
-from harness.profile.fitting import compute_r_squared, compute_r_squared_within
+from harness.profile.cost_terms import (
+    TERMS,
+    compute_r_squared,
+    compute_r_squared_within,
+    count_cost_terms,
+    count_draw,
+    make_design_rows,
+)
 from harness.profile.law import COSTS, make_cost_rows, predict_times
 from harness.profile.measured import DrawTimes
 from harness.progress import Reporter

@@ -10,7 +10,7 @@ from shapely import Polygon, box
 
 from harness import viewport_sizes as sizes
 from harness.frame import View, make_scene_frame
-from harness.profile.counted import TERMS, count_cost_terms
+from harness.profile.cost_terms import TERMS, count_cost_terms
 from harness.profile.device_costs import DeviceCosts
 from harness.profile.law import VERTICES
 from harness.rasterisers.reference import SHADED

@@ -11,8 +11,7 @@ from harness.metrics.statistics import Ratio, compute_mean_interval
 from harness.page.page_data import GRID_STEPS
 from harness.profile import design, law
 from harness.profile.advice import CRITERIA, compare_aspects
-from harness.profile.counted import TERMS, count_draw, make_design_rows
-from harness.profile.fitting import fit_coefficients
+from harness.profile.cost_terms import TERMS, count_draw, fit_coefficients, make_design_rows
 from harness.profile.law import COSTS as CRITERIA_TERMS
 from harness.profile.measured import CONTROL, DrawTimes, normalise_times
 from harness.profile.report import format_seconds

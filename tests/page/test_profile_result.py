@@ -14,7 +14,7 @@ from harness.errors import INCONCLUSIVE
 from harness.page.profile_result import FORMAT
 from harness.profile import advice, design, report
 from harness.profile.advice import CALIBRATED_OPTIMUM
-from harness.profile.counted import count_draw
+from harness.profile.cost_terms import count_draw
 from harness.profile.placing import Draw
 from harness.profile.profile import read_coefficients
 from tests.conftest import assert_refused, require_ok

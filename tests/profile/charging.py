@@ -4,7 +4,7 @@ from typing import ClassVar
 
 from harness.frame import Frame
 from harness.grid import SUBPIXEL
-from harness.profile.counted import count_draw
+from harness.profile.cost_terms import count_draw
 from harness.profile.placing import Draw
 from harness.rasterisers.base import Device, Drawing, Options, Sample, Triangles
 from tests.mock import MockRasteriser

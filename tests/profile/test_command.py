@@ -15,7 +15,7 @@ from harness.errors import INCONCLUSIVE, NO_RASTERISER, NOTHING_MEASURED
 from harness.machine.environment import describe_processor
 from harness.profile import advice, design, measured, report
 from harness.profile.advice import BASE, CALIBRATED_OPTIMUM, CRITERIA, choose_triangulator
-from harness.profile.counted import make_design_rows
+from harness.profile.cost_terms import make_design_rows
 from harness.profile.law import DEVIATION_FACTOR
 from harness.profile.profile import describe_origin, is_of_this_machine, read_coefficients, read_law
 from tests.conftest import assert_one_line, assert_refused, require_ok

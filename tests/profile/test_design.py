@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from harness.frame import UNBOUNDED
 from harness.grid import SUBPIXEL
 from harness.profile import design, placing, stage_draws
-from harness.profile.counted import TERMS, count_draw, make_design_rows
+from harness.profile.cost_terms import TERMS, count_draw, make_design_rows
 from harness.profile.design import ASPECTS
 from harness.profile.placing import DIRECTIONS, SIDE, Draw
 from harness.rasterisers import spans

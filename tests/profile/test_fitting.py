@@ -8,8 +8,8 @@ import pytest
 from harness.errors import InputError
 from harness.frame import make_bare_frame
 from harness.measuring.timing import EMPTY, Times
-from harness.profile import design, fitting, law, measured
-from harness.profile.counted import TERMS, count_draw
+from harness.profile import cost_terms, design, law, measured
+from harness.profile.cost_terms import TERMS, count_draw
 from harness.profile.law import COSTS, make_cost_rows
 from harness.profile.measured import CONTROL
 from harness.profile.placing import Draw
@@ -35,7 +35,7 @@ def test_fit_is_robust_to_noise_and_outliers(criteria_costs):
     random = np.random.default_rng(0)
     seconds = rows @ TRUE_COSTS * np.exp(0.01 * random.standard_normal(len(rows)))
     seconds[random.random(len(rows)) < 0.03] *= 1.5
-    costs = fitting.fit_coefficients(rows, seconds, groups)
+    costs = cost_terms.fit_coefficients(rows, seconds, groups)
     assert (costs >= 0).all()
     assert rows @ costs == pytest.approx(rows @ TRUE_COSTS, rel=0.04)
 
@@ -43,8 +43,8 @@ def test_fit_is_robust_to_noise_and_outliers(criteria_costs):
 def test_common_errors_of_groups_affect_the_fit_little(criteria_costs):
     rows, groups = criteria_costs
     common = np.exp(0.2 * np.random.default_rng(0).standard_normal(groups.max() + 1))
-    costs = fitting.fit_coefficients(rows, rows @ TRUE_COSTS * common[groups], groups)
-    r2 = fitting.compute_r_squared_within(rows @ TRUE_COSTS, rows @ costs, groups)
+    costs = cost_terms.fit_coefficients(rows, rows @ TRUE_COSTS * common[groups], groups)
+    r2 = cost_terms.compute_r_squared_within(rows @ TRUE_COSTS, rows @ costs, groups)
     # With a weight of 1 for common errors instead of `BETWEEN_WEIGHT`, it is 0.9996.
     assert r2 > 0.9999
 
@@ -52,20 +52,22 @@ def test_common_errors_of_groups_affect_the_fit_little(criteria_costs):
 def test_scale_of_terms_does_not_matter():
     size = np.array([1e9, 1e-30])
     design = np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 2.0], [1.0, 5.0]])
-    costs = fitting.fit_coefficients(design * size, design @ [3.0, 2.0], [0, 0, 1, 1])
+    costs = cost_terms.fit_coefficients(design * size, design @ [3.0, 2.0], [0, 0, 1, 1])
     assert costs * size == pytest.approx([3.0, 2.0], rel=1e-3)
 
 
 def test_groups_are_weighted_by_their_draws():
     """Nine draws of a group, and one of another group that costs 2 % more."""
     columns, seconds = np.ones((10, 1)), np.r_[np.ones(9), 1.02]
-    (cost,) = fitting.fit_coefficients(columns, seconds, [*[0] * 9, 1])
+    (cost,) = cost_terms.fit_coefficients(columns, seconds, [*[0] * 9, 1])
     assert cost == pytest.approx(1.002, abs=0.001)
 
 
 def test_noise_does_not_bias_costs():
     """Errors relative to the measured times would bias costs by 0.3 %."""
-    (cost,) = fitting.fit_coefficients(np.ones((40, 1)), np.tile([0.96, 1.04], 20), list(range(40)))
+    (cost,) = cost_terms.fit_coefficients(
+        np.ones((40, 1)), np.tile([0.96, 1.04], 20), list(range(40))
+    )
     assert cost == pytest.approx(1.0, abs=1e-3)
 
 
@@ -74,15 +76,15 @@ def test_fit_continues_after_some_draws_are_exact():
     design = np.repeat([[1.0, 0.0], [0.0, 1.0]], [5, 20], axis=0)
     seconds = design @ [3.0, 2.0]
     seconds[5:9] *= 5.0
-    costs = fitting.fit_coefficients(design, seconds, list(range(25)))
+    costs = cost_terms.fit_coefficients(design, seconds, list(range(25)))
     assert costs == pytest.approx([3.0, 2.0], rel=0.02)
 
 
 def test_r2_is_the_explained_share_of_the_variance():
     measured, predicted = np.array([1.0, 2.0, 3.0]), np.array([1.0, 2.0, 4.0])
-    assert fitting.compute_r_squared(measured, predicted) == pytest.approx(0.5)
+    assert cost_terms.compute_r_squared(measured, predicted) == pytest.approx(0.5)
     logs = np.array([0.0, 2.0, 10.0, 12.0]), np.array([0.0, 1.0, 5.0, 6.0])
-    within = fitting.compute_r_squared_within(*np.exp(logs), ["a", "a", "b", "b"])
+    within = cost_terms.compute_r_squared_within(*np.exp(logs), ["a", "a", "b", "b"])
     assert within == pytest.approx(0.75)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from harness.frame import View, make_scene_frame
-from harness.profile.counted import TERMS, count_cost_terms
+from harness.profile.cost_terms import TERMS, count_cost_terms
 from harness.profile.device_costs import (
     EXPECTED,
     DeviceCosts,

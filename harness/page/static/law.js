@@ -1,5 +1,5 @@
 "use strict";
-/* A device's law, as harness/profile/law.py and fitting.py fit it: a sum of costs or a maximum of stages, non-negative
+/* A device's law, as harness/profile/law.py and cost_terms.py fit it: a sum of costs or a maximum of stages, non-negative
    costs, relative errors, and intervals for errors that the draws of a group share. Rows are arrays of numbers, one
    for each draw; `members` has a row for each stage: 1 for the terms that count in the stage, else 0. */
 
@@ -76,7 +76,7 @@ function computeGram(rows, width, trust) {
 }
 
 /* Costs that fit the seconds of draws, by iteratively reweighted least squares of relative errors, non-negative unless `signed`;
-   labels: each draw's group number. See harness/profile/fitting.py, solve. */
+   labels: each draw's group number. See harness/profile/cost_terms.py, fit_iteratively. */
 function fitCoefficients(design, seconds, labels, signed = false) {
   const size = design[0].length, width = size + 1, groups = Math.max(...labels) + 1;
   const members = new Array(groups).fill(0);
@@ -205,7 +205,7 @@ function explainedVariance(seconds, predicted, labels) {
 const product = (left, right) => left.map((row) => right[0].map((_, j) => row.reduce((total, value, k) => total + value * right[k][j], 0)));
 const transpose = (rows) => rows[0].map((_, j) => rows.map((row) => row[j]));
 
-/* Rows minus the mean of the row's group, then a weighted row of each group's mean; see fitting.py, stack_deviations. */
+/* Rows minus the mean of the row's group, then a weighted row of each group's mean; see cost_terms.py, stack_deviations. */
 function stackDeviations(rows, labels) {
   const groups = range(Math.max(...labels) + 1).map((label) => rows.filter((_, k) => labels[k] === label));
   const means = groups.map((own) => own[0].map((_, j) => mean(own.map((row) => row[j]))));
