@@ -106,7 +106,7 @@ def inspect(
     --sizes, all polygons are counted without drawing, and the result is one sentence.
     """
     from harness.frame import View
-    from harness.measuring.loading import load_scene
+    from harness.measuring.plan import load_scene
     from harness.triangulating.recipes import parse_all
     from scenes.spec import join_name
 

@@ -23,10 +23,9 @@ from harness.errors import (
 from harness.frame import FIXED_VIEW_MESSAGE, FIXED_VIEWS, View, get_scene_view, get_viewing
 from harness.machine import environment, system
 from harness.machine.environment import describe_processor
-from harness.measuring.loading import find_backends, import_third_party_triangulators, load_scene
 from harness.measuring.other_version import FOLDER as BASE_FOLDER
 from harness.measuring.other_version import OtherVersion
-from harness.measuring.plan import Plan
+from harness.measuring.plan import Plan, find_backends, import_third_party_triangulators, load_scene
 from harness.measuring.pool import MeasuringPool
 from harness.measuring.records import RunWriter, get_default_path, update_reference_draws
 from harness.measuring.scene import Calibrate, SceneRun

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from harness.errors import HarnessError
 from harness.frame import Frame, View, make_scene_frame
 from harness.measuring import records
-from harness.measuring.loading import UsableBackend
-from harness.measuring.plan import Plan
+from harness.measuring.plan import Plan, UsableBackend
 from harness.measuring.pool import Backend, MeasuringPool, collect_bounds
 from harness.measuring.tasks import EXACT_QUADS
 from harness.metrics.registry import PREDICTED

@@ -37,7 +37,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from harness.frame import View, make_scene_frame
-from harness.measuring.loading import load_scene
+from harness.measuring.plan import load_scene
 from harness.profile import law
 from harness.profile.cost_terms import TERMS, count_cost_terms, make_design_rows
 from harness.progress import Reporter

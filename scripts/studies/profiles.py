@@ -42,7 +42,7 @@ from harness import rasterisers
 from harness.errors import NothingMeasuredError
 from harness.frame import Frame, View, make_frame
 from harness.grid import round_points
-from harness.measuring.loading import load_scene
+from harness.measuring.plan import load_scene
 from harness.measuring.pool import Backend, MeasuringPool
 from harness.measuring.timing import EMPTY, REFERENCE
 from harness.metrics.statistics import Ratio, compute_mean_interval, compute_paired_ratio

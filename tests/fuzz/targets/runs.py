@@ -129,7 +129,7 @@ def enter_workspace() -> Iterator[Path]:
         workspace.mkdir(parents=True)
         patch.chdir(workspace)
         patch.setitem(run.__kwdefaults__, "open_worker", lambda *_: InlineWorker())
-        patch.setattr("harness.measuring.loading.Worker", lambda *_: InlineWorker())
+        patch.setattr("harness.measuring.plan.Worker", lambda *_: InlineWorker())
         patch.setattr("harness.report.plots.plot_run", lambda run: [])
         shutil.copytree(make_sample_run(), "RUN")
         shutil.copy(make_sample_run().with_name("block.geojson"), ".")
