@@ -25,8 +25,7 @@ from harness.export.writers import (
     make_mesh,
 )
 from harness.machine.user_modules import allow_user_module
-from harness.triangulating.isolated import triangulate_many
-from harness.triangulating.triangulate import describe_large_polygon
+from harness.triangulating.triangulate import describe_large_polygon, triangulate_many
 from scenes import load
 from scenes.files import Chunk, read, read_chunks
 from scenes.readers.reader import is_model

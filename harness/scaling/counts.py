@@ -21,7 +21,7 @@ from harness.grid import SUBPIXEL, snap_polygons
 from harness.rasterisers.reference import count_per_triangle
 from harness.results.run_folder import UNREADABLE
 from harness.scaling.dataset import CHUNK_ROWS, FilePart, PartResult
-from harness.triangulating.isolated import triangulate_many
+from harness.triangulating.triangulate import triangulate_many
 from scenes.files import Chunk
 from scenes.scene import NoteCounter
 from scenes.slices import Tile

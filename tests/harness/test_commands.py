@@ -15,7 +15,7 @@ from harness.commands.runs import choose_folder
 from harness.commands.triangulate import COMPILING
 from harness.profile.law import COSTS
 from harness.triangulating.database import ModelDatabase, TimedTriangles
-from harness.triangulating.isolated import triangulate_many
+from harness.triangulating.triangulate import triangulate_many
 from tests.conftest import assert_one_line, assert_refused, require_ok
 from tests.harness.test_cli import MOCK
 from tests.paths import ROOT

@@ -96,7 +96,7 @@ def test_the_log_has_workers_retries_and_the_exit_code(harness):
         r"\.cli: raster-harness \S+: --log events\.log triangulate squares\.wkt",
         r"\.workers\.worker: triangulator tests\.broken:crash_at_large: started process \d+",
         r"\.workers\.worker: triangulator tests\.broken:crash_at_large crashed: SIGSEGV",
-        r"\.triangulating\.isolated: .* retry in halves: polygons 0 to 1",
+        r"\.triangulating\.triangulate: .* retry in halves: polygons 0 to 1",
         r"\.cli: exit code 5",
     ):
         assert re.search(rf"^{stamp}{event}", log, re.MULTILINE), event

@@ -20,7 +20,7 @@ from harness.progress import Reporter
 from harness.scaling.dataset import MANIFEST, Dataset
 from harness.scaling.executors import Executor
 from harness.scaling.triangulated import Triangulating
-from harness.triangulating.isolated import triangulate_many
+from harness.triangulating.triangulate import triangulate_many
 from scenes.files import read_chunks
 from scenes.slices import cut_file, parse_comparisons
 from tests.conftest import require_ok

@@ -8,7 +8,7 @@ from shapely import Polygon, box
 
 import triangulators
 from harness.errors import UsageError
-from harness.triangulating import isolated
+from harness.triangulating import triangulate
 from harness.workers.worker import TaskError, get_shared_worker
 from tests.conftest import BLOCK, write_geojson
 from triangulators.polygon_arrays import PolygonArray
@@ -27,7 +27,7 @@ def squares() -> list[Polygon]:
     ids=["polygons", "arrays"],
 )
 def test_only_crashing_polygons_fail(make_polygons):
-    result = isolated.triangulate_many(make_polygons(), "tests.broken:crash_at_large")
+    result = triangulate.triangulate_many(make_polygons(), "tests.broken:crash_at_large")
     right = triangulators.triangulate_many(squares(), "ear-clipping")
     assert sorted(result.failed) == CRASHING
     assert all("crashed: SIGSEGV" in reason for reason in result.failed.values())
@@ -37,7 +37,7 @@ def test_only_crashing_polygons_fail(make_polygons):
 
 
 def test_after_many_crashes_a_part_fails_as_a_unit(monkeypatch):
-    monkeypatch.setattr(isolated, "MAX_CRASHES", 1)
+    monkeypatch.setattr(triangulate, "MAX_CRASHES", 1)
     tried = []
     worker = get_shared_worker("triangulator tests.broken:crash_at_large")
     call = worker.call
@@ -49,7 +49,7 @@ def test_after_many_crashes_a_part_fails_as_a_unit(monkeypatch):
 
     monkeypatch.setattr(worker, "call", counted)
     large = [box(0, 0, 20, 20)] * 8
-    result = isolated.triangulate_many([*large, box(0, 0, 1, 1)], "tests.broken:crash_at_large")
+    result = triangulate.triangulate_many([*large, box(0, 0, 1, 1)], "tests.broken:crash_at_large")
     assert sorted(result.failed) == list(range(9))
     assert tried == [9, 4, 2, 1, 1, 2, 5]
     assert "after 1 crashes, a crashing polygon's neighbours fail as well" in result.failed[8]
@@ -57,7 +57,7 @@ def test_after_many_crashes_a_part_fails_as_a_unit(monkeypatch):
 
 
 def test_an_empty_batch():
-    result = isolated.triangulate_many([], "tests.broken:triangulate_clockwise")
+    result = triangulate.triangulate_many([], "tests.broken:triangulate_clockwise")
     assert (len(result), result.triangles.shape, result.failed) == (0, (0, 3), {})
 
 
@@ -74,13 +74,13 @@ def test_import_errors_are_reported(tmp_path, monkeypatch, statement, error, rea
     (tmp_path / f"{name}.py").write_text(f"import os\n{statement}\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.raises(error, match=reason):
-        isolated.triangulate_many(squares(), f"{name}:cut")
+        triangulate.triangulate_many(squares(), f"{name}:cut")
 
 
 def test_a_missing_module_is_refused():
     message = "no module 'mien'; the module must be in the current folder"
     with pytest.raises(UsageError, match=message):
-        isolated.triangulate_many(squares(), "mien:cut")
+        triangulate.triangulate_many(squares(), "mien:cut")
 
 
 def test_triangulate_names_crashing_polygons_and_writes_the_others(harness, tmp_path):
@@ -96,10 +96,10 @@ def test_triangulate_names_crashing_polygons_and_writes_the_others(harness, tmp_
 @pytest.mark.parametrize("in_worker", [False, True], ids=["isolated", "in a worker"])
 def test_invalid_triangulations_fail(in_worker, monkeypatch):
     if in_worker:
-        monkeypatch.setattr(isolated.multiprocessing, "parent_process", os.getppid)
+        monkeypatch.setattr(triangulate.multiprocessing, "parent_process", os.getppid)
         monkeypatch.setattr("harness.workers.worker.get_shared_worker", None)  # not called
     shapes = [box(0, 0, 2, 1), BLOCK[0]]
-    result = isolated.triangulate_many(shapes, "tests.broken:return_two_triangles")
+    result = triangulate.triangulate_many(shapes, "tests.broken:return_two_triangles")
     assert list(result.failed) == [1]
     assert "gap or overlap" in result.failed[1]
     assert [len(piece) for piece in result] == [2, 0]
@@ -107,15 +107,15 @@ def test_invalid_triangulations_fail(in_worker, monkeypatch):
 
 def test_built_in_triangulations_are_verified(monkeypatch):
     square, real = box(0, 0, 2, 1), triangulators.triangulate_many
-    assert isolated.triangulate_many([square, BLOCK[0]], "ear-clipping").failed == {}
+    assert triangulate.triangulate_many([square, BLOCK[0]], "ear-clipping").failed == {}
 
     def overlapping(*arguments, **options):
         result = real(*arguments, **options)
         result.triangles[2:4] = result.triangles[2]  # the first two of the second polygon
         return result
 
-    monkeypatch.setattr(isolated.triangulators, "triangulate_many", overlapping)
-    result = isolated.triangulate_many([square, BLOCK[0], square], "ear-clipping")
+    monkeypatch.setattr(triangulate.triangulators, "triangulate_many", overlapping)
+    result = triangulate.triangulate_many([square, BLOCK[0], square], "ear-clipping")
     assert list(result.failed) == [1]
     assert [len(piece) for piece in result] == [2, 0, 2]
     assert len(result.compiled) == 3
