@@ -11,9 +11,8 @@ from harness.compare.matching import Match, match_cases
 from harness.compare.model import Comparison
 from harness.frame import Frame, make_grid_frame
 from harness.grid import SUBPIXEL
-from harness.results import drawings
 from harness.results.record import Record
-from harness.results.run_folder import Run, read_arrays, select_latest
+from harness.results.run_folder import Run, read_arrays, read_geometry, select_latest
 from harness.settings import COST_COUNTERS
 
 MAX_GROWN = 3  # maximum number of polygons shown of all regressed cases
@@ -95,7 +94,7 @@ def _read_polygon(
     triangles, frame = {}, None
     for side, run, record in (("BASE", base, match.base), ("HEAD", head, match.head)):
         assert record is not None  # growth is computed only for cases of both runs
-        geometry = drawings.read(run, record.id.view)
+        geometry = read_geometry(run, record.id.view)
         rows = None if geometry is None else geometry.triangles.get(record.name)
         if geometry is None or rows is None or index >= len(geometry.source):
             return None

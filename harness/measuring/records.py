@@ -21,7 +21,6 @@ from harness.metrics.registry import MIN_QUADS, OUTLINE
 from harness.metrics.run_quality import find_undisturbed
 from harness.progress import Reporter
 from harness.rasterisers.base import Counters
-from harness.results import drawings
 from harness.results.parsing import identify_rounds
 from harness.results.record import (
     CaseId,
@@ -90,7 +89,7 @@ class RunWriter:
                 for recipe, rows in triangles.items()
                 if recipe.other == is_base
             }
-            drawings.write(store, frame, by_name)
+            store.write_geometry(frame, by_name)
 
     def add_counted(self, record: Record, columns: Columns | None) -> None:
         """Store a record without time, for a run that resumes this one."""

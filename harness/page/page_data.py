@@ -25,11 +25,9 @@ from harness.profile.profile import select_draws_to_fit
 from harness.rasterisers.base import read_shader
 from harness.report.page import CHARTS, ELEMENTS, SPANS, STYLE
 from harness.report.page import PACKAGE as REPORT
-from harness.results import drawings
-from harness.results.drawings import Geometry
 from harness.results.parsing import record_to_json
 from harness.results.record import Record
-from harness.results.run_folder import Run
+from harness.results.run_folder import Geometry, Run, read_geometry
 from harness.style import choose_looks, encode_array, load_template, pack_json, read_static
 
 PACKAGE = "harness.page"
@@ -184,7 +182,7 @@ def _make_views(run: Run) -> Iterator[ViewContent]:
         if record.is_ok and options.samples == 1 and options.order == "native":
             by_view.setdefault(record.id.view, {}).setdefault(record.name, record)
     for view, records in by_view.items():
-        geometry = drawings.read(run, view)
+        geometry = read_geometry(run, view)
         if geometry is None or len(drawn := [n for n in records if n in geometry.triangles]) < 2:
             continue
         yield {

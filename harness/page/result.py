@@ -29,11 +29,16 @@ from harness.page.saved import (
 )
 from harness.page.saved import Times as SavedTimes
 from harness.rasterisers.reference import count_per_triangle
-from harness.results import drawings
-from harness.results.drawings import Geometry
 from harness.results.parsing import parse_record, record_to_json
 from harness.results.record import Record, RunFacts, Time
-from harness.results.run_folder import Run, read_arrays
+from harness.results.run_folder import (
+    FRAMES,
+    Geometry,
+    Run,
+    get_view_file_stem,
+    read_arrays,
+    read_geometry,
+)
 from harness.results.run_writer import RunFolder
 from harness.settings import RESOLUTIONS, TimingSettings
 
@@ -286,7 +291,7 @@ def _raise_if_contradicting(run: Run, case: _Case, *, exact_grid: bool) -> None:
             f"{name}: {', '.join(different)} contradict {run.path}; give the run from which the "
             "page was made"
         )
-    geometry = drawings.read(run, view)
+    geometry = read_geometry(run, view)
     if not exact_grid or geometry is None or name not in geometry.triangles:
         return
     counters = case.counters.to_arrays()
@@ -308,11 +313,11 @@ def _find_record(run: Run, name: str, scene_hash: str, view: View) -> Record | N
 def _write_polygon_arrays(
     writer: RunFolder, run: Run, record: Record, counters: Mapping[str, np.ndarray]
 ) -> None:
-    name = drawings.get_view_file_stem(record.id.view)
-    if not (writer.path / drawings.FOLDER / f"{name}.npz").exists():
-        arrays = read_arrays(run, name, drawings.FOLDER)
+    name = get_view_file_stem(record.id.view)
+    if not (writer.path / FRAMES / f"{name}.npz").exists():
+        arrays = read_arrays(run, name, FRAMES)
         if arrays is not None:
-            writer.write_arrays(name, arrays, drawings.FOLDER)
+            writer.write_arrays(name, arrays, FRAMES)
     stored = _find_record(run, record.name, record.id.scene_hash, record.id.view)
     columns = (stored and read_arrays(run, stored.key)) or {}
     predicted = {name: column for name, column in columns.items() if name.startswith(PREDICTED)}

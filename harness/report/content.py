@@ -36,10 +36,8 @@ from harness.report.matrix import (
     make_run_matrices,
     read_study_matrices,
 )
-from harness.results import drawings
-from harness.results.drawings import Geometry
 from harness.results.record import Record
-from harness.results.run_folder import Run
+from harness.results.run_folder import Geometry, Run, get_view_file_stem, read_geometry
 from harness.study.subjects import MEASURES
 from harness.style import choose_looks, encode_array, flatten
 from harness.summary import make_row
@@ -199,7 +197,7 @@ class _Polygons:
         columns = read_columns(self.run, record) if record.is_ok else None
         if columns is None:
             return None
-        view = drawings.get_view_file_stem(record.id.view)
+        view = get_view_file_stem(record.id.view)
         if view not in self._samples:
             self._add_view(view, record, len(columns[f"{PREDICTED}triangles"]))
         predicted = self.views[view]["predicted"]
@@ -220,7 +218,7 @@ class _Polygons:
             "predicted": {},
             "drawing": None,
         }
-        geometry = drawings.read(self.run, record.id.view)
+        geometry = read_geometry(self.run, record.id.view)
         if geometry is not None and len(geometry.grid) == polygons:
             share = len(sample) / max(1, polygons)
             triangles = sum(len(rows) for rows in geometry.triangles.values())
@@ -230,7 +228,7 @@ class _Polygons:
 
     def sample_counters(self, record: Record, columns: Columns) -> dict[str, list[int]]:
         """Return a case's counters of the polygons that are sampled in the case's view."""
-        sample = self._samples[drawings.get_view_file_stem(record.id.view)]
+        sample = self._samples[get_view_file_stem(record.id.view)]
         return {name: columns[name][sample].astype(int).tolist() for name in list_costs(columns)}
 
 
@@ -262,7 +260,7 @@ def _make_group(group: RecordGroup, decision: Decision | None, polygons: _Polygo
         "scene": group.id.scene,
         "rasteriser": group.id.rasteriser,
         "device": group.id.device_name,
-        "view": drawings.get_view_file_stem(group.id.view),
+        "view": get_view_file_stem(group.id.view),
         "condition": group.id.condition,
         "base": base_name,
         "measures": counted,

@@ -17,8 +17,7 @@ from harness.errors import InputError
 from harness.frame import View
 from harness.metrics.groups import IDENTIFYING_CRITERIA
 from harness.metrics.registry import find_metric, list_costs, list_predictions
-from harness.results import drawings
-from harness.results.run_folder import Run
+from harness.results.run_folder import Run, read_geometry
 from harness.study.correlations import (
     PAPER,
     TIME,
@@ -191,7 +190,7 @@ def write_spread(run: Run) -> Path | None:
     """
     for record in run.records:
         view = record.id.view
-        if record.is_ok and (geometry := drawings.read(run, view)) is not None:
+        if record.is_ok and (geometry := read_geometry(run, view)) is not None:
             with Worker("criteria evaluation worker") as worker:
                 rows = worker.call(evaluate_triangulations, geometry, view)
             if not rows:

@@ -21,9 +21,7 @@ from harness.profile.device_costs import (
     read_costs,
 )
 from harness.report.content import make_content
-from harness.results import drawings
-from harness.results.drawings import Geometry
-from harness.results.run_folder import STORED_PROFILE, Run
+from harness.results.run_folder import STORED_PROFILE, Geometry, Run, read_geometry
 from harness.style import load_template, pack_json, read_static
 
 PACKAGE = "harness.report"
@@ -114,7 +112,7 @@ def predict_run(run: Run, decided: Sequence[Decided], device: DeviceCosts) -> di
         view = group.id.view
         if views.get(view) is None and decision is not None and view.fit not in FIXED_VIEWS:
             seconds = {record.name: record.triangulate_s for record in group.measured}
-            if (geometry := drawings.read(run, view)) is not None:
+            if (geometry := read_geometry(run, view)) is not None:
                 base = decision.base.name
                 views[view] = _predict_view(geometry, view, base, seconds, device)
         views.setdefault(view, None)

@@ -24,8 +24,10 @@ from numpy.typing import NDArray
 
 from harness import atomic
 from harness.errors import InputError, StorageError
+from harness.frame import View
 from harness.results.parsing import FieldError, parse_json, parse_record, select_valid_facts
 from harness.results.record import CaseId, Record, RunFacts
+from triangulators.polygon_arrays import PolygonArray
 
 SCHEMA_VERSION = 1
 
@@ -36,6 +38,9 @@ STORED_PROFILE = "profile.json"  # of `run --profile`
 WRITTEN = "written"  # key of `run.json` in a complete run: size and digest of records, `ARRAYS`
 ARRAYS = "arrays"  # key in `WRITTEN` of the array files' digests
 POLYGONS = "polygons"  # folder of each case's per-polygon columns
+FRAMES = "frames"  # folder of each view's polygons and triangulations
+TRIANGLES = "triangles "  # before a triangulator's name: key of the triangles in a file of `FRAMES`
+FRAME_COLUMNS = ("points", "offsets", "source", "ring_ends")  # docs/reference/files.md
 
 UNREADABLE = (  # errors of numpy and zipfile for damaged files: empty, truncated, or changed
     *(OSError, EOFError, ValueError, KeyError, RuntimeError, TypeError, AttributeError),
@@ -63,6 +68,20 @@ class Run:
     def folder(self) -> Path:
         """The run's folder."""
         return self.path if self.path.is_dir() else self.path.parent
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """A frame's polygons and their triangulations, as stored for heatmaps and measuring pages."""
+
+    grid: PolygonArray  # int32 coordinates in 1/256 px, y up
+    source: NDArray[np.int64]  # (p,) numbers of the polygons in the scene
+    triangles: dict[str, NDArray[np.int32]]  # triangulator -> (m, 3) rows of `points`, by polygon
+
+    @property
+    def points(self) -> NDArray[np.int32]:
+        """Vertices of all polygons, (n, 2) int32."""
+        return self.grid.coords
 
 
 def read_run(path: Path) -> Run:
@@ -246,6 +265,40 @@ def read_arrays(run: Run, key: str, folder: str = POLYGONS) -> dict[str, NDArray
             return {name: arrays[name] for name in arrays.files}
     except UNREADABLE:
         return None
+
+
+def read_geometry(run: Run, view: View) -> Geometry | None:
+    """Return the polygons of a view and their triangulations.
+
+    Parameters
+    ----------
+    run : Run
+        A run read from a folder.
+    view : View
+        A view of the run's plan.
+
+    Returns
+    -------
+    Geometry or None
+        None if the geometry is not stored, or damaged.
+    """
+    arrays = read_arrays(run, get_view_file_stem(view), FRAMES)
+    if arrays is None or not {*FRAME_COLUMNS} <= set(arrays):
+        return None
+    triangles = {
+        name.removeprefix(TRIANGLES): rows
+        for name, rows in arrays.items()
+        if name.startswith(TRIANGLES)
+    }
+    points, offsets, source, ring_ends = (arrays[name] for name in FRAME_COLUMNS)
+    ring_offsets = np.append(0, ring_ends).astype(np.int64)
+    grid = PolygonArray(points, ring_offsets, np.searchsorted(ring_offsets, offsets))
+    return Geometry(grid, source, triangles)
+
+
+def get_view_file_stem(view: View) -> str:
+    """Return the file name of a view, without suffix: 1024px-30deg-box."""
+    return f"{view.resolution}px-{view.rotation:g}deg-{view.fit}"
 
 
 def make_file_stem(text: str) -> str:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from harness import atomic
 from harness.errors import InputError, StorageError, UsageError
+from harness.frame import Frame
 from harness.machine import system
 from harness.results.parsing import record_to_json
 from harness.results.record import Record
@@ -23,11 +24,17 @@ from harness.results.run_folder import (
     CASES,
     COUNTED,
     FACTS,
+    FRAME_COLUMNS,
+    FRAMES,
     POLYGONS,
     SCHEMA_VERSION,
+    TRIANGLES,
     WRITTEN,
+    Run,
+    get_view_file_stem,
     read_digests,
     read_facts,
+    read_geometry,
     translate_errors,
 )
 
@@ -144,6 +151,21 @@ class RunFolder:
             (self.path / folder).mkdir(exist_ok=True)
             atomic.write(self.path / name, content.getvalue())
         self._arrays[name] = hashlib.sha256(content.getvalue()).hexdigest()
+
+    def write_geometry(self, frame: Frame, triangles: Mapping[str, NDArray[np.int32]]) -> None:
+        """Store a frame and triangulations (m, 3) by name; others of the frame are retained."""
+        stored = read_geometry(Run(self.path, {}, []), frame.view)
+        if stored is not None and np.array_equal(stored.points, frame.points):
+            triangles = {**stored.triangles, **triangles}
+        arrays = (
+            frame.points,
+            frame.grid.vertex_offsets,
+            frame.source,
+            frame.grid.ring_offsets[1:],
+        )
+        columns: dict[str, NDArray[Any]] = dict(zip(FRAME_COLUMNS, arrays, strict=True))
+        named = {TRIANGLES + name: rows for name, rows in triangles.items()}
+        self.write_arrays(get_view_file_stem(frame.view), columns | named, FRAMES)
 
     def append(self, record: Record) -> None:
         """Add one record and force it to the disk."""

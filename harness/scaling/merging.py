@@ -11,10 +11,9 @@ from typing import Any, NamedTuple
 
 from harness.errors import IncompatibleRunsError, InputError, UsageError
 from harness.metrics.groups import find_mixed_processors, format_processors
-from harness.results import drawings
 from harness.results.parsing import record_to_json
 from harness.results.record import HOST_MARK, CaseGroup, Record, RunFacts
-from harness.results.run_folder import POLYGONS, Run, make_file_stem, read_arrays
+from harness.results.run_folder import FRAMES, POLYGONS, Run, make_file_stem, read_arrays
 from harness.results.run_writer import RunFolder
 
 STATUSES = ("ok", "skipped", "failed", "counted")  # by priority: a measured record replaces another
@@ -188,8 +187,8 @@ def _sort_key(record: Record, names: Sequence[str]) -> tuple[CaseGroup, int, str
 def _store_drawings(store: RunFolder, runs: Iterable[Run]) -> None:
     columns: dict[str, dict[str, Any]] = {}
     for run in sorted(runs, key=lambda run: str(run.path)):
-        for file in sorted((run.path / drawings.FOLDER).glob("*.npz")):
-            arrays = read_arrays(run, file.stem, drawings.FOLDER) or {}
+        for file in sorted((run.path / FRAMES).glob("*.npz")):
+            arrays = read_arrays(run, file.stem, FRAMES) or {}
             columns.setdefault(file.stem, {}).update(arrays)
     for name, arrays in columns.items():
-        store.write_arrays(name, dict(sorted(arrays.items())), drawings.FOLDER)
+        store.write_arrays(name, dict(sorted(arrays.items())), FRAMES)

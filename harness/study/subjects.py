@@ -22,7 +22,7 @@ from harness.frame import View
 from harness.grid import SUBPIXEL
 from harness.metrics.registry import list_predictions
 from harness.rasterisers.reference import Reference, count_per_triangle
-from harness.results import drawings
+from harness.results.run_folder import Geometry
 from harness.settings import StudySize
 from harness.triangulating.recipes import Recipe, parse_all
 from scenes import Scene
@@ -103,7 +103,7 @@ COUNTED = (  # in addition to random triangulations
 MEASURES = Reference.counters  # with which criteria can be correlated
 
 
-def evaluate_triangulations(geometry: drawings.Geometry, view: View) -> list[dict[str, Any]]:
+def evaluate_triangulations(geometry: Geometry, view: View) -> list[dict[str, Any]]:
     """Return a row of criteria and counters for each triangulation of some polygons."""
     sizes = geometry.grid.vertex_counts
     simple = geometry.grid.ring_counts == 1

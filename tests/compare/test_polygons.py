@@ -10,8 +10,7 @@ from harness.compare.model import Settings
 from harness.compare.outputs import to_html, to_markdown
 from harness.compare.polygons import _read_counters, find_largest_growth
 from harness.heatmaps import make_lane_maps
-from harness.results import drawings
-from harness.results.run_folder import Run, read_arrays, read_run
+from harness.results.run_folder import Geometry, Run, read_arrays, read_run
 from tests.measuring.test_run import make_plan, measure
 from tests.records import get_rows, make_record
 from triangulators import triangulate
@@ -97,10 +96,10 @@ def test_polygon_is_drawn_alone_near_the_origin(monkeypatch):
     points = np.vstack([corner, corner + [(5000, 700)]]).astype(np.int32)
     rows = np.array([(0, 1, 2), (3, 4, 5)], np.int32)
     array, source = PolygonArray.of_single_rings(points, 3), np.array([4, 8])
-    of_two = drawings.Geometry(array, source, {"fan": rows})
+    of_two = Geometry(array, source, {"fan": rows})
 
     def grown(index: int, geometry: object = of_two, name: str = "fan"):
-        monkeypatch.setattr(drawings, "read", lambda *_: geometry)
+        monkeypatch.setattr("harness.compare.polygons.read_geometry", lambda *_: geometry)
         record = make_record(name, resolution=64)
         match = Match("city", record, record)
         return polygons._read_polygon(None, None, match, "quads", index, 1, 2)

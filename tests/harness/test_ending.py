@@ -15,8 +15,7 @@ from shapely import box
 
 from harness.frame import View, make_frame
 from harness.measuring.plan import DEFAULT_TRIANGULATORS
-from harness.results import drawings
-from harness.results.run_folder import Run, read_run
+from harness.results.run_folder import Run, read_geometry, read_run
 from harness.results.run_writer import RunFolder
 from tests.conftest import assert_one_line, assert_refused, write_geojson
 from tests.harness.test_cli import MOCK
@@ -166,11 +165,11 @@ def test_damaged_drawings_are_treated_as_missing(harness, stored, damage):
     assert harness("report", "run")[0] == 0
     run = read_run(stored)
     view = View()
-    assert drawings.read(run, view) is None
+    assert read_geometry(run, view) is None
     with RunFolder.resume(stored) as store:
-        drawings.write(store, make_frame([box(0, 0, 8, 8)], view), {})
+        store.write_geometry(make_frame([box(0, 0, 8, 8)], view), {})
         store.write_facts(run.facts)
-    assert drawings.read(read_run(stored), view) is not None
+    assert read_geometry(read_run(stored), view) is not None
 
 
 def program(*arguments: str, hook: Path = ROOT, stdout: int = subprocess.PIPE) -> subprocess.Popen:

@@ -19,9 +19,8 @@ from harness.measuring.plan import Plan
 from harness.measuring.pool import MeasuringPool
 from harness.measuring.timing import TimingSettings
 from harness.progress import Reporter
-from harness.results import drawings
 from harness.results.record import BASE_MARK
-from harness.results.run_folder import read_run
+from harness.results.run_folder import read_geometry, read_run
 from harness.triangulating.recipes import Recipe
 from harness.workers.worker import TaskError
 from scenes import load
@@ -113,7 +112,7 @@ def test_each_run_has_its_own_records(measured):
     for run in (base, head):
         files = {file.stem for file in (run.path / "polygons").iterdir()}
         assert files == {r["key"] for r in get_rows(run) if r["status"] == "ok"}
-    drawn = [drawings.read(run, View()).triangles for run in (base, head)]
+    drawn = [read_geometry(run, View()).triangles for run in (base, head)]
     assert set(drawn[1]) - set(drawn[0]) == {"newer:cut", "delaunay"}
     assert not any(BASE_MARK in name for names in drawn for name in names)
     assert np.array_equal(drawn[0]["fan"], drawn[1]["fan"])

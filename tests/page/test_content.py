@@ -11,7 +11,7 @@ from harness.frame import View
 from harness.page.page_data import make_page_content
 from harness.page.result import COUNTERS
 from harness.rasterisers.reference import count_per_triangle
-from harness.results import drawings
+from harness.results.run_folder import read_geometry
 from tests.conftest import assert_refused, require_ok
 
 
@@ -25,7 +25,7 @@ def test_page_contains_frames_triangles_and_counts_of_the_run(small_run):
     assert [view["resolution"] for view in content["views"]] == [128, 64]
     for view in content["views"]:
         view_id = View(view["resolution"], view["rotation"], view["fit"])
-        drawing = drawings.read(small_run, view_id)
+        drawing = read_geometry(small_run, view_id)
         points = decode(view["points"], "<i4").reshape(-1, 2)
         assert np.array_equal(points, drawing.points)
         assert sum(view["sizes"]) == len(points)

@@ -14,8 +14,7 @@ from harness.metrics.groups import read_columns
 from harness.page.result import COUNTERS, count_per_polygon, import_result
 from harness.page.saved import make_device_name
 from harness.rasterisers.reference import SHADED
-from harness.results import drawings
-from harness.results.run_folder import read_run
+from harness.results.run_folder import Geometry, read_geometry, read_run
 from tests.conftest import assert_refused, require_ok
 from tests.page.conftest import ROUNDS, make_result, read_result, write_saved
 from tests.records import get_rows
@@ -282,7 +281,7 @@ def test_imprecise_time_is_marked(imported, share, reached):
 
 def test_last_polygon_without_triangles_has_zero_counters():
     corners = np.array([(0, 0), (1024, 0), (0, 1024)] * 2, np.int32)
-    geometry = drawings.Geometry(PolygonArray.of_single_rings(corners, 3), np.arange(2), {})
+    geometry = Geometry(PolygonArray.of_single_rings(corners, 3), np.arange(2), {})
     counts = count_per_polygon(geometry, np.array([(0, 1, 2)], np.int32))
     assert [len(values) for values in counts] == [2] * len(COUNTERS)
     assert not any(values[1] for values in counts)
@@ -475,7 +474,7 @@ def test_missing_fields_are_no_contradiction(imported, small_run, tmp_path):
 def test_imported_run_has_frames_and_predictions(imported, small_run):
     run = imported(lambda _: None, small_run)
     for view in {record.id.view for record in run.records}:
-        imported_drawing, drawing = (drawings.read(source, view) for source in (run, small_run))
+        imported_drawing, drawing = (read_geometry(source, view) for source in (run, small_run))
         assert imported_drawing.points.tolist() == drawing.points.tolist()
     before = {(record.name, record.id.view): record for record in small_run.records}
     for record in run.records:

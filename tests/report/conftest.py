@@ -11,7 +11,6 @@ from harness.frame import View, make_frame
 from harness.rasterisers.base import sum_per_polygon
 from harness.rasterisers.reference import count_per_triangle
 from harness.report.page import write_report
-from harness.results import drawings
 from harness.results.run_folder import read_run
 from harness.results.run_writer import RunFolder
 from harness.triangulating.recipes import parse
@@ -85,7 +84,7 @@ def write_many(path: Path, devices: int) -> Path:
         columns[name] = {f"predicted_{key}": column for key, column in predicted.items()} | {
             key: sum_per_polygon(frame, triangles[name], column) for key, column in counted.items()
         }
-    drawings.write(store, frame, triangles)
+    store.write_geometry(frame, triangles)
     values = random.Random(0)
     lines = []
     conditions = itertools.product(

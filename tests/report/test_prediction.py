@@ -15,8 +15,7 @@ from harness.frame import View, make_scene_frame
 from harness.metrics.decision import decide_run
 from harness.profile.device_costs import find_profile, minimise_slowest_stage, read_costs
 from harness.report.page import predict_run
-from harness.results import drawings
-from harness.results.run_folder import STORED_PROFILE, read_run
+from harness.results.run_folder import FRAMES, STORED_PROFILE, read_geometry, read_run
 from harness.settings import TimingSettings
 from harness.triangulating.recipes import parse_all
 from harness.triangulating.triangulate import triangulate_polygons
@@ -71,7 +70,7 @@ def test_device_of_one_stage_gets_a_remedy(folder):
 
 
 def test_missing_triangulations_are_reported(copy):
-    shutil.rmtree(copy / drawings.FOLDER)
+    shutil.rmtree(copy / FRAMES)
     content = predict(copy)
     assert content["views"] == []
     assert content["skipped"].startswith("Not predicted: 2 of 2 views, whose triangulations are")
@@ -113,7 +112,7 @@ def test_run_stores_the_profile_and_minimises_the_slowest_stage(tmp_path):
 
     chosen, expected = minimise_slowest_stage(device, frame, plan.triangulators[1], triangulate)
     assert chosen.calibration != plan.triangulators[1].calibration
-    geometry = drawings.read(stored, plan.views[0])
+    geometry = read_geometry(stored, plan.views[0])
     assert np.array_equal(geometry.triangles[name], frame.join_triangles(expected.parts))
     prediction = predict_run(stored, decide_run(stored), read_costs(stored.folder / STORED_PROFILE))
     assert [row["name"] for row in prediction["views"][0]["rows"]] == [name, base]
