@@ -28,8 +28,16 @@ from harness.triangulating.triangulate import (
     triangulate_polygons,
     warm_up,
 )
-from harness.workers.pool import WorkerPool, WorkerSpec, get_third_party_limits, wait_for_result
-from harness.workers.worker import Limits, OpenWorker, TaskError, TaskTimeoutError
+from harness.workers.worker import (
+    Limits,
+    OpenWorker,
+    TaskError,
+    TaskTimeoutError,
+    WorkerPool,
+    WorkerSpec,
+    get_third_party_limits,
+    wait_for_result,
+)
 from triangulators.compute.compiled_files import is_cached
 from triangulators.compute.kernels import count_usable_cores
 

@@ -295,8 +295,7 @@ def triangulate_many(
             arrays, triangulators.triangulate_many(polygons, name, **more), conforming
         )
     # Most commands need no worker process, so the modules are loaded here.
-    from harness.workers.pool import get_third_party_limits
-    from harness.workers.worker import get_shared_worker
+    from harness.workers.worker import get_shared_worker, get_third_party_limits
 
     worker = get_shared_worker(f"triangulator {name}", get_third_party_limits)
     worker.call(parse(name).load)

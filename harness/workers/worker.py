@@ -1,4 +1,4 @@
-"""A worker process for code that may crash, hang or require other environment variables.
+"""Worker processes for code that may crash, hang or require other environment variables.
 
 A `Worker` has one process at a time, and starts another after a crash. Tasks are module-level
 functions; state that outlives a task (an open device) is a module global of the worker process.
@@ -6,7 +6,7 @@ functions; state that outlives a task (an open device) is a module global of the
 A task may be third-party code and is not trusted: it may exit, fork, raise a `BaseException`,
 suspend its process, kill its parent (see `serving`), or print without end. Whether the process runs
 is known from the operating system, because a child that the task forked keeps the pipe open. The
-process group is killed with the process.
+process group is killed with the process. A `WorkerPool` has workers by name.
 """
 
 import atexit
@@ -16,11 +16,14 @@ import os
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import Any, ClassVar, NoReturn, TypeVar
 
 import psutil
 
@@ -30,7 +33,18 @@ from harness.workers import serving
 from harness.workers.serving import Limits, TaskError, TaskTimeoutError
 from triangulators.errors import summarize_error
 
-__all__ = ["Limits", "OpenWorker", "TaskError", "TaskTimeoutError", "Worker"]
+__all__ = [
+    "Limits",
+    "OpenWorker",
+    "TaskError",
+    "TaskTimeoutError",
+    "Worker",
+    "WorkerPool",
+    "WorkerSpec",
+    "get_shared_worker",
+    "get_third_party_limits",
+    "wait_for_result",
+]
 
 T = TypeVar("T")
 
@@ -44,6 +58,7 @@ SUSPENSION_CHECK_S = 4.0  # interval of checks; a process is killed if two find 
 POLL_S = 0.1  # interval at which a waiting caller's `tick` is called, or a signal handled
 START_TIMEOUT_S = 120.0  # limit for starting a process; imports take seconds
 END_TIMEOUT_S = 2.0  # limit for a process to end on request
+MEMORY_SHARE = 0.75  # of the free memory, for a third party's triangulator
 _STARTING = threading.Lock()  # held while this process's environment is changed to start another
 
 
@@ -242,3 +257,104 @@ def get_shared_worker(name: str, limits: Callable[[], Limits] | None = None) -> 
         workers[name] = Worker(name, limits=limits() if limits else None)
         atexit.register(workers[name].close, at_once=True)
     return workers[name]
+
+
+def get_third_party_limits() -> Limits:
+    """Return the limits of a process in which a third party's code triangulates."""
+    memory = system.query_psutil(psutil.virtual_memory)
+    return Limits(int(MEMORY_SHARE * memory.available) if memory else None)
+
+
+@dataclass(frozen=True)
+class WorkerSpec:
+    """Description of a worker process; `limits` are for third-party code."""
+
+    name: str
+    environment: Mapping[str, str] = field(default_factory=dict)
+    limits: Limits | None = None
+
+
+class WorkerPool:
+    """Worker processes by name, started on first use; each runs one task at a time."""
+
+    abandoned: ClassVar[tuple[str, ...]] = ()  # names of workers whose tasks `close` does not await
+
+    def __init__(self, open_worker: OpenWorker, timeout_s: float) -> None:
+        self._open_worker = open_worker
+        self.timeout_s = timeout_s
+        self.seconds: dict[str, float] = defaultdict(float)
+        self._workers: dict[str, Worker] = {}
+        self._threads = defaultdict[str, ThreadPoolExecutor](lambda: ThreadPoolExecutor(1))
+
+    def submit(
+        self,
+        spec: WorkerSpec,
+        function: Callable[..., T],
+        *arguments: Any,
+        timeout_s: float | None = None,
+        tick: Callable[[float], None] | None = None,
+    ) -> Future[T]:
+        """Start running a function in a worker, after previously submitted tasks.
+
+        `Worker.call` describes the options, and the errors that the future's `result()` raises.
+        """
+        limit_s = timeout_s or self.timeout_s
+        return self._threads[spec.name].submit(
+            self._call, spec, function, *arguments, timeout_s=limit_s, tick=tick
+        )
+
+    def run(
+        self, spec: WorkerSpec, function: Callable[..., T], *arguments: Any, **options: Any
+    ) -> T:
+        """Run a function in a worker as `submit` does, and wait for the result."""
+        return wait_for_result(self.submit(spec, function, *arguments, **options))
+
+    def is_used(self, spec: WorkerSpec) -> bool:
+        """Return whether a task was submitted to the worker."""
+        return spec.name in self._threads
+
+    def replace_worker(self, spec: WorkerSpec) -> None:
+        """End a worker; the next task starts a new process."""
+        if worker := self._workers.pop(spec.name, None):
+            worker.close()
+
+    def close(self, *, at_once: bool = False) -> None:
+        """End all workers after their tasks in progress; cancel tasks that wait.
+
+        With `at_once` all workers, otherwise only those in `abandoned`, are killed at once.
+        """
+        for name, thread in self._threads.items():
+            thread.shutdown(wait=not at_once and name not in self.abandoned, cancel_futures=True)
+        for name, worker in list(self._workers.items()):
+            worker.close(at_once=at_once or name in self.abandoned)
+        self._workers.clear()
+
+    @contextlib.contextmanager
+    def time_stage(self, stage: str) -> Iterator[None]:
+        """Add the duration of the block to `seconds[stage]`."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[stage] += time.perf_counter() - start
+
+    def _call(
+        self, spec: WorkerSpec, function: Callable[..., T], *arguments: Any, **options: Any
+    ) -> T:
+        if spec.name not in self._workers:
+            worker = self._open_worker(spec.name, spec.environment, spec.limits)
+            self._workers[spec.name] = worker
+        try:
+            return self._workers[spec.name].call(function, *arguments, **options)
+        except TaskError:
+            # A lost graphics context does not recover.
+            _LOG.info("%s: the next task gets a new process", spec.name)
+            self.replace_worker(spec)
+            raise
+
+
+def wait_for_result(future: Future[T]) -> T:
+    """Wait for a task and return its result; a signal handler may raise meanwhile."""
+    while not wait([future], POLL_S).done:
+        pass
+    return future.result()

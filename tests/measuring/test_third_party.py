@@ -37,7 +37,7 @@ VALID = ("delaunay", "tests.broken:triangulate_clockwise", "tests.broken:fork")
 
 
 def test_failures_of_third_party_code_are_failed_records(block, tmp_path, monkeypatch):
-    monkeypatch.setattr("harness.workers.pool.MEMORY_SHARE", 0.15)
+    monkeypatch.setattr("harness.workers.worker.MEMORY_SHARE", 0.15)
     names = [f"tests.broken:{name}" for name in REASONS]
     plan = make_plan(block, triangulators=(*names, *VALID), timeout_s=3.0)
     outcome = measure(plan, tmp_path / "out", open_worker=Worker)
