@@ -105,7 +105,7 @@ def _format_versions() -> str:
 def main() -> None:
     """Run the command line; report errors in one line, never with exit code 1 (a regression)."""
     if sys.argv[1:2] == ["run"] and not set(HELP) & set(sys.argv):
-        from harness.workers import serving
+        from harness import serving
 
         serving.start_server()  # imports packages while this process imports others
     for stream in (sys.stdout, sys.stderr):

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import settings
 from shapely.geometry import Polygon, box
 
-from harness import style
+from harness import serving, style
 from harness.cli import main
 from harness.errors import DEBUG_VARIABLE, LOG_VARIABLE
 from harness.machine import system
@@ -22,7 +22,6 @@ from harness.measuring.timing import TimingSettings
 from harness.metrics.run_quality import QUIET, RunState
 from harness.rasterisers.base import Sample
 from harness.rasterisers.reference import _FillDrawing
-from harness.workers import serving
 from tests.chromium import WEBGPU_FLAGS, Chromium
 from tests.inline import InlineWorker
 from triangulators.gpu import engine

@@ -2,7 +2,7 @@ from collections.abc import Callable
 from typing import Any
 
 from harness.errors import HarnessError
-from harness.workers.serving import make_failure
+from harness.serving import make_failure
 
 
 class InlineWorker:

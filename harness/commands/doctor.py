@@ -91,7 +91,7 @@ def examine_device(rasteriser: str, name: str) -> Finding:
     """Open and test a device; return its status, with a remedy if needed."""
     from harness import rasterisers
     from harness.rasterisers import devices
-    from harness.workers.worker import Worker
+    from harness.worker import Worker
 
     title = f"{rasteriser} on {name}"
     kind = rasterisers.get(rasteriser)

@@ -106,7 +106,7 @@ def _import_profile(
     from harness.commands.profile import add_advice, write_profile
     from harness.measuring.pool import MeasuringPool
     from harness.page.profile_result import import_profile
-    from harness.workers.worker import Worker
+    from harness.worker import Worker
 
     content, trouble, warnings = import_profile(file, result, device)
     with closing(MeasuringPool(Worker, timeout_s=TIMEOUT_S)) as pool:

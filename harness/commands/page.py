@@ -39,7 +39,7 @@ def page(
         write_page,
     )
     from harness.results.run_folder import read_latest
-    from harness.workers.worker import Worker
+    from harness.worker import Worker
 
     if profile == (run is not None):
         raise UsageError("give either RUN, the folder of a run, or --profile")

@@ -48,7 +48,7 @@ def profile(
     from harness.profile import profile as profiles
     from harness.profile.cost_terms import count_draw
     from harness.rasterisers.base import Options
-    from harness.workers.worker import Worker
+    from harness.worker import Worker
 
     reporter = Reporter(quiet=quiet, verbose=verbose)
     (name,) = options.choose_rasterisers((rasteriser,) if rasteriser else None)

@@ -25,13 +25,13 @@ from shapely import Polygon
 from harness.errors import UsageError
 from harness.machine.environment import hash_sources
 from harness.machine.git import check_out, find_commit, find_project_folder
+from harness.serving import TaskError
 from harness.triangulating.recipes import Recipe
 from harness.triangulating.triangulate import (
     FrameTriangulation,
     check_triangles,
     make_small_polygons,
 )
-from harness.workers.serving import TaskError
 from triangulators.errors import truncate
 
 SCRIPT = Path(__file__).with_name("other_version_script.py")

@@ -24,7 +24,7 @@ from harness.results.parsing import FieldError, validate_json
 from harness.settings import DEFAULT_TRIANGULATORS, TIMEOUT_S, TimingSettings
 from harness.triangulating.recipes import Recipe, parse_all
 from harness.triangulating.triangulate import describe_large_polygon
-from harness.workers.worker import Limits, OpenWorker, TaskError, Worker
+from harness.worker import Limits, OpenWorker, TaskError, Worker
 from scenes import Scene, SceneError, load, registry
 from scenes.spec import is_function
 

@@ -28,7 +28,7 @@ from harness.triangulating.triangulate import (
     triangulate_polygons,
     warm_up,
 )
-from harness.workers.worker import (
+from harness.worker import (
     Limits,
     OpenWorker,
     TaskError,

@@ -7,7 +7,7 @@ import warnings
 from contextlib import suppress
 
 from harness.machine import system
-from harness.workers.serving import MARK
+from harness.serving import MARK
 
 
 def preload() -> None:

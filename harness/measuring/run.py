@@ -45,7 +45,7 @@ from harness.results.run_folder import (
 from harness.results.run_writer import RunFolder
 from harness.supervisor import allow_cleanup
 from harness.triangulating.recipes import ORIGINAL, Recipe
-from harness.workers.worker import OpenWorker, Worker
+from harness.worker import OpenWorker, Worker
 from scenes import Scene
 from scenes.spec import format_label as scene_label
 

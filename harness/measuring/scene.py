@@ -25,7 +25,7 @@ from harness.triangulating.carrying import (
 )
 from harness.triangulating.recipes import ORIGINAL, Recipe
 from harness.triangulating.triangulate import FrameTriangulation
-from harness.workers.worker import TaskError, TaskTimeoutError
+from harness.worker import TaskError, TaskTimeoutError
 from scenes import Scene
 
 DONE_STATUSES = ("ok", "skipped")  # statuses of records that a resumed run does not measure again

@@ -29,7 +29,7 @@ from harness.study.correlations import (
     list_predictors,
 )
 from harness.study.subjects import MEASURES, evaluate_triangulations
-from harness.workers.worker import Worker
+from harness.worker import Worker
 
 FILE = "correlations.csv"
 TARGET = ("rasteriser", "device", "measure")

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from harness.errors import HarnessError, InconclusiveError, UsageError
 
 if TYPE_CHECKING:
-    from harness.workers.worker import Worker
+    from harness.worker import Worker
 
 MAX_ATTEMPTS = 3  # failures after which a task is not repeated
 TASK_TIMEOUT_S = 3600.0
@@ -214,7 +214,7 @@ def _run_pickled(task: bytes) -> bytes:
 
 
 def _get_process() -> Worker:
-    from harness.workers.worker import get_shared_worker  # not needed without Dask
+    from harness.worker import get_shared_worker  # not needed without Dask
 
     # Dask starts workers as daemons, which may not start processes. No public setting lets them
     # start processes that end with the worker.

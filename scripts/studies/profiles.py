@@ -64,7 +64,7 @@ from harness.settings import StudySize, TimingSettings
 from harness.study.regret import compute_regret_interval, estimate_regret
 from harness.study.subjects import choose_polygons
 from harness.triangulating.recipes import parse
-from harness.workers.worker import Worker
+from harness.worker import Worker
 from scripts.studies.laws import recreate_draws
 
 Draw = tuple[Frame, NDArray[np.int32]]

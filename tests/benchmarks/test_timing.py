@@ -14,7 +14,7 @@ from harness.metrics.statistics import Ratio, compute_paired_ratio
 from harness.rasterisers.base import Device, Options
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
-from harness.workers.worker import Worker
+from harness.worker import Worker
 from scenes import load
 
 COMPARISONS_SAME = 200

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from harness import serving
 from harness.measuring.run import run
-from harness.workers import serving
-from harness.workers.worker import Limits, Worker
+from harness.worker import Limits, Worker
 from scenes.tiles import FILE
 from tests.conftest import BLOCK, BRIEF_TIMING, run_command, write_geojson
 from tests.docs.blocks import COMMAND, Block

@@ -93,8 +93,8 @@ def test_the_log_has_workers_retries_and_the_exit_code(harness):
     stamp = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3} INFO \[\d+\] harness"
     for event in (
         r"\.cli: raster-harness \S+: --log events\.log triangulate squares\.wkt",
-        r"\.workers\.worker: triangulator tests\.broken:crash_at_large: started process \d+",
-        r"\.workers\.worker: triangulator tests\.broken:crash_at_large crashed: SIGSEGV",
+        r"\.worker: triangulator tests\.broken:crash_at_large: started process \d+",
+        r"\.worker: triangulator tests\.broken:crash_at_large crashed: SIGSEGV",
         r"\.triangulating\.triangulate: .* retry in halves: polygons 0 to 1",
         r"\.cli: exit code 5",
     ):

@@ -15,7 +15,7 @@ from harness.machine.git import COMMITS, describe_project, get_commit
 from harness.metrics import groups
 from harness.results.run_folder import Run, read_run
 from harness.scaling import merging
-from harness.workers.worker import get_third_party_limits
+from harness.worker import get_third_party_limits
 from tests.compare.runs import MACHINE, add_time, make_case, read_pair, write_run
 from tests.conftest import MEASURED_OTHERS_S, MEASURED_STOLEN_S, require_ok
 

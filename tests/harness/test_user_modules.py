@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.workers.worker import Worker
+from harness.worker import Worker
 from tests.conftest import assert_one_line
 from tests.paths import ROOT, run_python
 
@@ -102,7 +102,7 @@ def test_a_checkout_works_at_any_path(tmp_path):
 def test_workers_started_from_scratch_do_not_import_strangers_modules(folder, monkeypatch):
     """As on macOS and Windows, where Python starts them by `python -c`."""
     context = multiprocessing.get_context("spawn")
-    monkeypatch.setattr("harness.workers.serving.start_server", lambda: context)
+    monkeypatch.setattr("harness.serving.start_server", lambda: context)
     with Worker("worker") as worker:
         assert worker.call(abs, -3) == 3
     assert list(folder.glob("imported-*")) == []

@@ -22,7 +22,7 @@ from harness.progress import Reporter
 from harness.results.record import BASE_MARK
 from harness.results.run_folder import read_geometry, read_run
 from harness.triangulating.recipes import Recipe
-from harness.workers.worker import TaskError
+from harness.worker import TaskError
 from scenes import load
 from tests.conftest import assert_refused
 from tests.harness.test_environment import git

@@ -13,7 +13,7 @@ from harness.measuring.pool import COMPILE_TIMEOUT_S, SECOND_PROCESS
 from harness.measuring.run import run
 from harness.progress import Reporter
 from harness.triangulating.recipes import parse_all
-from harness.workers.worker import TaskTimeoutError
+from harness.worker import TaskTimeoutError
 from tests.inline import InlineWorker
 from tests.measuring.test_run import make_plan
 from tests.records import get_rows

@@ -13,7 +13,7 @@ from harness.measuring.pool import MeasuringPool, collect_bounds
 from harness.metrics.registry import MIN_QUADS, OUTLINE, find_metric
 from harness.rasterisers.reference import count_outline_quads
 from harness.results.record import LeastQuads
-from harness.workers.worker import TaskError, Worker
+from harness.worker import TaskError, Worker
 from scenes import load
 from tests.inline import InlineWorker
 from tests.measuring.test_run import inline

@@ -29,7 +29,7 @@ from harness.rasterisers.base import Counters, Options
 from harness.results.run_folder import read_arrays, read_run
 from harness.results.run_writer import RunFolder
 from harness.triangulating.recipes import Recipe, parse_all
-from harness.workers.worker import OpenWorker, Worker
+from harness.worker import OpenWorker, Worker
 from tests.conftest import write_geojson
 from tests.inline import InlineWorker
 from tests.mock import MockRasteriser

@@ -8,7 +8,7 @@ import pytest
 
 from harness.measuring.run import run
 from harness.results.run_folder import read_run
-from harness.workers.worker import Worker
+from harness.worker import Worker
 from tests.conftest import assert_refused, require_ok
 from tests.measuring.test_run import MOCK, make_plan, measure, quiet
 from tests.records import get_rows
@@ -37,7 +37,7 @@ VALID = ("delaunay", "tests.broken:triangulate_clockwise", "tests.broken:fork")
 
 
 def test_failures_of_third_party_code_are_failed_records(block, tmp_path, monkeypatch):
-    monkeypatch.setattr("harness.workers.worker.MEMORY_SHARE", 0.15)
+    monkeypatch.setattr("harness.worker.MEMORY_SHARE", 0.15)
     names = [f"tests.broken:{name}" for name in REASONS]
     plan = make_plan(block, triangulators=(*names, *VALID), timeout_s=3.0)
     outcome = measure(plan, tmp_path / "out", open_worker=Worker)

@@ -13,7 +13,7 @@ import psutil
 import pytest
 
 from harness.errors import NoRasteriserError
-from harness.workers.worker import Limits, TaskError, TaskTimeoutError, Worker
+from harness.worker import Limits, TaskError, TaskTimeoutError, Worker
 from tests.paths import run_python
 from triangulators.errors import MAX_TRACEBACK
 
@@ -133,7 +133,7 @@ def test_output_and_errors_are_truncated(task, arguments):
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 @pytest.mark.parametrize("who", ["itself", "its parent", "the server"])
 def test_a_plugin_that_signals_its_parents_fails_only_its_task(who, number, monkeypatch):
-    monkeypatch.setattr("harness.workers.worker.SUSPENSION_CHECK_S", 0.3)
+    monkeypatch.setattr("harness.worker.SUSPENSION_CHECK_S", 0.3)
     with Worker("a device") as other, Worker("a plugin", limits=Limits()) as killing:
         assert other.call(os.getpid) != killing.call(os.getpid)
         start = time.monotonic()
@@ -258,8 +258,8 @@ def test_workers_get_the_current_environment(monkeypatch):
 CTRL_C = """
 import os, signal
 signal.signal(signal.SIGINT, lambda *_: print("heard", flush=True))
-from harness.workers.serving import start_server
-from harness.workers.worker import Worker
+from harness.serving import start_server
+from harness.worker import Worker
 if __name__ == "__main__":
     start_server()
     os.killpg(0, signal.SIGINT)

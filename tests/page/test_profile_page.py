@@ -335,7 +335,7 @@ def test_page_needs_a_run_or_profile(harness, monkeypatch):
     for arguments in ((), ("somewhere", "--profile")):
         result = harness("page", *arguments)
         assert_refused(result, "give either RUN, the folder of a run, or --profile")
-    monkeypatch.setattr("harness.workers.worker.Worker", inline)
+    monkeypatch.setattr("harness.worker.Worker", inline)
     monkeypatch.setattr("harness.page.page_data.SCENES", {})
     out, _ = require_ok(harness("page", "--profile", "--out", "p.html"))
     assert "page: p.html; open it in a browser" in out

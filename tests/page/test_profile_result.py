@@ -40,7 +40,7 @@ def _short_measurements(monkeypatch):
     """Make and count draws once, use workers in this process and few polygons for the advice."""
     monkeypatch.setattr(design, "make_draws", DRAWS)
     monkeypatch.setattr("harness.page.profile_result.count_draw", count_once)
-    monkeypatch.setattr("harness.workers.worker.Worker", inline)
+    monkeypatch.setattr("harness.worker.Worker", inline)
     monkeypatch.setattr(advice, "SCENES", {"city:buildings=12": ""})
     monkeypatch.setattr(advice, "SCENE_POLYGONS", 8)
 

@@ -30,7 +30,7 @@ MODULE = "tests.profile.charging:"
 def _short_measurements(monkeypatch):
     """Use workers in this process, few processes, and few polygons for the advice."""
     monkeypatch.setattr(measured, "EPOCHS", 6)
-    monkeypatch.setattr("harness.workers.worker.Worker", inline)
+    monkeypatch.setattr("harness.worker.Worker", inline)
     monkeypatch.setattr(advice, "SCENES", {"city:buildings=12": ""})
     monkeypatch.setattr(advice, "SCENE_POLYGONS", 8)
 

@@ -14,7 +14,7 @@ from harness.measuring import tasks
 from harness.rasterisers import Device, Options, Rasteriser, find_device, get
 from harness.rasterisers.base import Counters, order_submission, sum_per_polygon
 from harness.rasterisers.reference import find_disagreements
-from harness.workers.worker import Worker
+from harness.worker import Worker
 
 Coordinates = list[list[int]]
 Call = Callable[..., Any]

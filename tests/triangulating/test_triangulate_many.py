@@ -9,7 +9,7 @@ from shapely import Polygon, box
 import triangulators
 from harness.errors import UsageError
 from harness.triangulating import triangulate
-from harness.workers.worker import TaskError, get_shared_worker
+from harness.worker import TaskError, get_shared_worker
 from tests.conftest import BLOCK, write_geojson
 from triangulators.polygon_arrays import PolygonArray
 
@@ -97,7 +97,7 @@ def test_triangulate_names_crashing_polygons_and_writes_the_others(harness, tmp_
 def test_invalid_triangulations_fail(in_worker, monkeypatch):
     if in_worker:
         monkeypatch.setattr(triangulate.multiprocessing, "parent_process", os.getppid)
-        monkeypatch.setattr("harness.workers.worker.get_shared_worker", None)  # not called
+        monkeypatch.setattr("harness.worker.get_shared_worker", None)  # not called
     shapes = [box(0, 0, 2, 1), BLOCK[0]]
     result = triangulate.triangulate_many(shapes, "tests.broken:return_two_triangles")
     assert list(result.failed) == [1]

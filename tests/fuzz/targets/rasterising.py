@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from harness.measuring import tasks
 from harness.rasterisers import Device, Options, find_device
 from harness.rasterisers.reference import SHADED, count_per_triangle
-from harness.workers.worker import Worker
+from harness.worker import Worker
 from tests.fuzz.target import target
 from tests.rasterisers.conftest import loose_triangles
 from tests.rasterisers.pictures import SIZE, require_exact_counts

@@ -27,10 +27,10 @@ from typing import Any, ClassVar, NoReturn, TypeVar
 
 import psutil
 
+from harness import serving
 from harness.machine import system
 from harness.machine.user_modules import hide_working_folder
-from harness.workers import serving
-from harness.workers.serving import Limits, TaskError, TaskTimeoutError
+from harness.serving import Limits, TaskError, TaskTimeoutError
 from triangulators.errors import summarize_error
 
 __all__ = [

@@ -30,7 +30,7 @@ from triangulators.errors import MAX_TRACEBACK, summarize_error, truncate
 MARK = "RASTER_HARNESS_SERVER"  # environment variable that only the server has, read by `PRELOADED`
 PRELOADED = "harness.measuring.preloading"  # module that the server imports before a fork
 
-SOURCES = str(Path(__file__).resolve().parents[2])
+SOURCES = str(Path(__file__).resolve().parents[1])
 
 
 def wake_server() -> None:

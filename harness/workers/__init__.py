@@ -1,1 +1,0 @@
-"""Worker processes for code that may crash, hang, or require a separate environment."""
