@@ -28,7 +28,7 @@ from harness.machine import system
 from triangulators.errors import MAX_TRACEBACK, summarize_error, truncate
 
 MARK = "RASTER_HARNESS_SERVER"  # environment variable that only the server has, read by `PRELOADED`
-PRELOADED = "harness.measuring.preloading"  # module that the server imports before a fork
+PRELOADED = "harness.measuring.tasks"  # module that the server imports before a fork
 
 SOURCES = str(Path(__file__).resolve().parents[1])
 

@@ -12,7 +12,6 @@ from shapely import box
 
 from harness.frame import View, make_frame
 from harness.machine import system
-from harness.measuring import preloading  # noqa: F401 - first: it prepares the server
 from harness.measuring.tasks import compute_min_quads
 from harness.rasterisers.reference import count_outline_quads
 from triangulators import triangulate_many

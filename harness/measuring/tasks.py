@@ -1,6 +1,13 @@
-"""Tasks of the workers: opening a device, counting, timing, and lower bounds of quads."""
+"""Tasks of the workers: opening a device, counting, timing, and lower bounds of quads.
+
+The fork server imports this module, which then loads compiled code once for all workers.
+"""
 
 import contextlib
+import gc
+import os
+import signal
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +19,7 @@ from numpy.typing import NDArray
 from harness import rasterisers
 from harness.frame import Frame, make_bare_frame
 from harness.grid import SUBPIXEL
+from harness.machine import system
 from harness.measuring.timing import (
     EMPTY,
     REFERENCE,
@@ -22,9 +30,11 @@ from harness.measuring.timing import (
 )
 from harness.rasterisers.base import Counters, Device, Drawing, Options, Rasteriser, Triangles
 from harness.rasterisers.reference import count_outline_quads, count_quads
-from harness.settings import TimingSettings
+from harness.serving import MARK
+from harness.settings import DEFAULT_TRIANGULATORS, TimingSettings
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons, warm_up
+from triangulators.compute.storing import NotCompiledError, forbid_compiling
 
 Candidate = tuple[Frame, Triangles, Options]  # frame, triangles (m, 3), and options of drawing
 
@@ -205,3 +215,28 @@ def compute_min_quads(frame: Frame, database: Path | None) -> NDArray[np.int64]:
         if part is not None and next(gaps) == 0.0:
             parts[index] = part
     return np.where([part is not None for part in parts], count_quads(frame, parts), unknown)
+
+
+def prepare_server() -> None:
+    """Detach the fork server, in which this runs, from the terminal; load compiled code."""
+    from triangulators import many  # noqa: F401 - for the workers
+
+    # In a separate process group the server does not get the terminal's signals; it ends with the
+    # command, which gets them.
+    system.start_process_group()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    # Processes that a task starts in a new session become the server's children when the worker
+    # ends.
+    system.become_subreaper()
+    warnings.filterwarnings("ignore", message="forkserver: waitpid returned unexpected pid")
+    # On a new machine nothing is compiled yet.
+    with contextlib.suppress(NotCompiledError), forbid_compiling():
+        for name in DEFAULT_TRIANGULATORS:
+            warm_up(parse(name))
+    # Exclude shared objects from the workers' garbage collection, which would copy their pages.
+    gc.freeze()
+
+
+if os.environ.pop(MARK, None):
+    prepare_server()
