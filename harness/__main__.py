@@ -30,7 +30,7 @@ def main() -> None:
 def _remove_working_folder() -> None:
     """Remove the current folder from `sys.path`: data may lie next to an unrelated `typer.py`.
 
-    It stays if it is this program's checkout. See `harness.machine.user_modules`.
+    It stays if it is this program's checkout. See `harness.machine.process`.
     """
     if sys.flags.safe_path or not sys.path:
         return

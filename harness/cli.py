@@ -6,6 +6,7 @@ import logging
 import os
 import platform
 import sys
+import traceback
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,20 +18,16 @@ from harness.commands.index import PROGRAM, CommandGroup
 from harness.errors import (
     BAD_INPUT,
     BROKEN_PIPE,
-    DEBUG_VARIABLE,
     DEFECT,
     INTERRUPTED,
-    LOG_VARIABLE,
     REGRESSION,
     HarnessError,
     UsageError,
     format_os_error,
-    is_debugging,
     is_memory_error,
-    print_traceback,
-    start_log,
 )
 from harness.machine import system
+from harness.machine.process import LOG_VARIABLE, start_log
 from harness.progress import detach_terminal
 from triangulators.errors import TriangulationError
 
@@ -40,6 +37,7 @@ ClickException: Any = next(  # typer bundles click, and does not export this cla
 
 HELP = ("-h", "--help")
 COMPLETION = {"--show-completion", "--install-completion"}
+DEBUG_VARIABLE = "RASTER_HARNESS_DEBUG"  # print the traceback of errors, unless empty or 0
 COMPLETION_VARIABLE = "_RASTER_HARNESS_COMPLETE"  # set by a shell that asks for completions
 
 _LOG = logging.getLogger(__name__)
@@ -123,11 +121,26 @@ def main() -> None:
                 raise KeyboardInterrupt
         except BaseException as error:
             _LOG.info("ended by %s", type(error).__name__, exc_info=error)
-            if is_debugging() and not isinstance(error, (SystemExit, BrokenPipeError)):
-                print_traceback(error)
+            if _is_debugging() and not isinstance(error, (SystemExit, BrokenPipeError)):
+                _print_traceback(error)
             code = _report_error(error)
     _LOG.info("exit code %s", code or 0)
     sys.exit(code)
+
+
+def _is_debugging() -> bool:
+    """Return whether errors are printed with a traceback."""
+    return os.environ.get(DEBUG_VARIABLE, "") not in ("", "0")
+
+
+def _print_traceback(error: BaseException) -> None:
+    """Print the traceback of an error and its causes, including causes in a worker process."""
+    traceback.print_exception(error)
+    cause: BaseException | None = error
+    while cause is not None:
+        if detail := getattr(cause, "detail", ""):
+            print(f"In the worker process:\n{detail}", file=sys.stderr)
+        cause = cause.__cause__ or cause.__context__
 
 
 def _report_error(error: BaseException) -> int | str | None:
@@ -158,8 +171,8 @@ def _report_error(error: BaseException) -> int | str | None:
         case _ if _is_input_error(error):
             return _print_and_return(f"error: {error}", BAD_INPUT)
         case _:
-            if not is_debugging():
-                print_traceback(error)
+            if not _is_debugging():
+                _print_traceback(error)
             summary = f"{type(error).__name__}: {error}".splitlines()[0]
             return _print_and_return(f"error: internal error, please report: {summary}", DEFECT)
 

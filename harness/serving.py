@@ -23,8 +23,9 @@ from multiprocessing.context import ForkServerContext, SpawnContext
 from pathlib import Path
 from typing import Any
 
-from harness.errors import HarnessError, start_log
+from harness.errors import HarnessError
 from harness.machine import system
+from harness.machine.process import start_log
 from triangulators.errors import MAX_TRACEBACK, summarize_error, truncate
 
 MARK = "RASTER_HARNESS_SERVER"  # environment variable that only the server has, read by `PRELOADED`

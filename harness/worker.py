@@ -29,7 +29,7 @@ import psutil
 
 from harness import serving
 from harness.machine import system
-from harness.machine.user_modules import hide_working_folder
+from harness.machine.process import hide_working_folder
 from harness.serving import Limits, TaskError, TaskTimeoutError
 from triangulators.errors import summarize_error
 

@@ -13,9 +13,9 @@ from hypothesis import settings
 from shapely.geometry import Polygon, box
 
 from harness import serving, style
-from harness.cli import main
-from harness.errors import DEBUG_VARIABLE, LOG_VARIABLE
+from harness.cli import DEBUG_VARIABLE, main
 from harness.machine import system
+from harness.machine.process import LOG_VARIABLE
 from harness.measuring import tasks
 from harness.measuring.run import run
 from harness.measuring.timing import TimingSettings

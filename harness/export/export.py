@@ -24,7 +24,7 @@ from harness.export.writers import (
     ObjWriter,
     make_mesh,
 )
-from harness.machine.user_modules import allow_user_module
+from harness.machine.process import allow_user_module
 from harness.triangulating.triangulate import describe_large_polygon, triangulate_many
 from scenes import load
 from scenes.files import Chunk, read, read_chunks

@@ -9,7 +9,7 @@ from typing import Any
 from harness import rasterisers
 from harness.errors import InputError, NoRasteriserError, UsageError
 from harness.frame import View, is_model_with_views
-from harness.machine.user_modules import allow_user_module
+from harness.machine.process import allow_user_module
 from harness.measuring.pool import (
     MIN_IMPORT_TIMEOUT_S,
     Backend,

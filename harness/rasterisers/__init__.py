@@ -5,7 +5,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pkgutil import resolve_name
 
 from harness.errors import NoRasteriserError, UsageError, make_unknown_name_error
-from harness.machine.user_modules import allow_user_module
+from harness.machine.process import allow_user_module
 from harness.rasterisers.base import Device, Options, Rasteriser, Triangles
 from harness.rasterisers.counters import register_counters
 

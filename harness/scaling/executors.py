@@ -118,7 +118,7 @@ class DaskExecutor(Executor):
         Signals are delayed: a cluster that is interrupted while it starts cannot be closed.
         """
         from harness.machine import system
-        from harness.machine.user_modules import hide_working_folder
+        from harness.machine.process import hide_working_folder
 
         if not 1 <= number <= 1024:
             raise UsageError(f"--dask {address}: give 1 to 1024 workers")

@@ -21,7 +21,7 @@ from shapely import Polygon
 
 import triangulators
 from harness.errors import UsageError
-from harness.machine.user_modules import FUNCTION, allow_user_module
+from harness.machine.process import FUNCTION, allow_user_module
 from harness.results.record import BASE_MARK, NUMBER_MARK, UPRIGHT_MARK, format_full_name
 from triangulators import criteria, registry
 from triangulators.errors import TriangulationError, suggest, summarize_error

@@ -1,9 +1,10 @@
-"""Import of the user's modules from the current folder, only if the user names such a module.
+"""Set-up of a process of this program: the log, and the import path with the user's modules.
 
 A folder of data may contain an unrelated `numpy.py`. So the current folder is searched only if the
 user gives a function in it as `module:function`, and then last.
 """
 
+import logging
 import os
 import re
 import sys
@@ -16,8 +17,29 @@ from harness.errors import UsageError
 from harness.machine import system
 from triangulators.compute.compiled_files import PACKAGES, SOURCES
 
+# File for worker starts and ends, time limits and cache hits; workers inherit this variable.
+LOG_VARIABLE = "RASTER_HARNESS_LOG"
+LINE_FORMAT = "%(asctime)s.%(msecs)03d %(levelname)s [%(process)d] %(name)s: %(message)s"
+
 FUNCTION = re.compile(r"[^\W\d][\w.]*:[^\W\d][\w.]*(?=:|$)")
 """Pattern of `module:function`, perhaps followed by parameters after another colon."""
+
+
+def start_log() -> None:
+    """Append the log records of this process to the file of `LOG_VARIABLE`, if set."""
+    loggers = [logging.getLogger(package) for package in PACKAGES]
+    for logger in loggers:
+        for handler in list(logger.handlers):
+            if isinstance(handler, logging.FileHandler):
+                logger.removeHandler(handler)
+                handler.close()
+    if not (name := os.environ.get(LOG_VARIABLE)):
+        return
+    log_file = logging.FileHandler(Path(name), encoding="utf-8")
+    log_file.setFormatter(logging.Formatter(LINE_FORMAT, "%Y-%m-%dT%H:%M:%S"))
+    for logger in loggers:
+        logger.addHandler(log_file)
+        logger.setLevel(logging.DEBUG)
 
 
 def hide_working_folder() -> AbstractContextManager[None]:
