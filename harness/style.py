@@ -1,16 +1,12 @@
-"""Style of plots, tables and pages: colours, symbols, number formats, files, templates."""
+"""Style of plots and tables: colours, symbols, number formats, files."""
 
 from __future__ import annotations
 
-import base64
-import gzip
-import json
 import re
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +15,6 @@ from harness.results.run_folder import make_file_stem
 if TYPE_CHECKING:
     import numpy as np
     import pandas as pd
-    from jinja2 import Template
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike, NDArray
@@ -260,34 +255,3 @@ def flatten(values: Mapping[str, Any]) -> dict[str, Any]:
         else:
             flattened[name] = value
     return flattened
-
-
-def read_static(package: str, name: str) -> str:
-    """Return the text of a file in a package's folder static/."""
-    return (resources.files(package) / "static" / name).read_text(encoding="utf-8")
-
-
-@cache
-def load_template(package: str, name: str) -> Template:
-    """Return a template of `package`; values are escaped, undefined names are errors."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined  # slow to import
-
-    environment = Environment(
-        loader=PackageLoader(package),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=StrictUndefined,
-    )
-    return environment.get_template(name)
-
-
-def pack_json(content: Mapping[str, Any]) -> str:
-    """Return the content as base64 of compressed JSON, which is safe inside HTML."""
-    text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    return base64.b64encode(gzip.compress(text.encode(), 6, mtime=0)).decode("ascii")
-
-
-def encode_array(values: NDArray[Any]) -> str:
-    """Return the bytes of an array, in C order, as base64."""
-    return base64.b64encode(values.tobytes()).decode("ascii")

@@ -27,7 +27,8 @@ from harness.compare.wording import (
     list_runs,
 )
 from harness.results.record import CaseGroup, make_printable
-from harness.style import format_count, load_template, make_plain_table
+from harness.style import format_count, make_plain_table
+from harness.webpages import load_template
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -28,7 +28,8 @@ from harness.report.page import PACKAGE as REPORT
 from harness.results.parsing import record_to_json
 from harness.results.record import Record
 from harness.results.run_folder import Geometry, Run, read_geometry
-from harness.style import choose_looks, encode_array, load_template, pack_json, read_static
+from harness.style import choose_looks
+from harness.webpages import encode_array, load_template, pack_json, read_static
 
 PACKAGE = "harness.page"
 SHARED = ("figures.js", "timing.js", "grid.js", "device.js", "run.js")

@@ -39,8 +39,9 @@ from harness.report.matrix import (
 from harness.results.record import Record
 from harness.results.run_folder import Geometry, Run, get_view_file_stem, read_geometry
 from harness.study.subjects import MEASURES
-from harness.style import choose_looks, encode_array, flatten
+from harness.style import choose_looks, flatten
 from harness.summary import make_row
+from harness.webpages import encode_array
 from triangulators.polygon_arrays import concatenate_ranges
 
 MAX_MARKS = 6_000  # maximum number of marks in a chart: polygons times triangulators

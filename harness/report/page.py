@@ -22,7 +22,7 @@ from harness.profile.device_costs import (
 )
 from harness.report.content import make_content
 from harness.results.run_folder import STORED_PROFILE, Geometry, Run, read_geometry
-from harness.style import load_template, pack_json, read_static
+from harness.webpages import load_template, pack_json, read_static
 
 PACKAGE = "harness.report"
 # Scripts of reports and of measuring pages, which share `CHARTS` and `STYLE`.
