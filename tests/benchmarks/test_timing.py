@@ -1,17 +1,14 @@
 """False and missed differences of the timing on llvmpipe: `make bench` on a quiet machine."""
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from harness import rasterisers
-from harness.frame import Frame, View, make_bare_frame, make_frame
+from harness.frame import View, make_bare_frame, make_frame
 from harness.measuring import tasks
 from harness.measuring.timing import TimingSettings
-from harness.metrics.statistics import Ratio, compute_paired_ratio
-from harness.rasterisers.base import Device, Options
+from harness.metrics.statistics import compute_paired_ratio
+from harness.rasterisers.base import Options
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
 from harness.worker import Worker
@@ -26,28 +23,20 @@ SHORT = TimingSettings(budget_s=0.25)
 
 
 @pytest.fixture(scope="module")
-def llvmpipe() -> Iterator[tuple[Device, Worker]]:
+def llvmpipe():
     device = rasterisers.find_device("opengl", "llvmpipe")
     with Worker("llvmpipe", device.environment) as worker:
         yield device, worker
 
 
 @pytest.fixture(scope="module")
-def city() -> tuple[Frame, NDArray[np.int32]]:
+def city():
     frame = make_frame(load("city:buildings=100").polygons, View(512))
     result = triangulate_polygons(parse("delaunay"), frame.polygons)
     return frame, frame.join_triangles(result.parts)
 
 
-def compare(
-    llvmpipe: tuple[Device, Worker],
-    frame: Frame,
-    first: NDArray[np.int32],
-    second: NDArray[np.int32],
-    options: Options,
-    seed: int,
-    settings: TimingSettings = DEFAULT,
-) -> Ratio:
+def compare(llvmpipe, frame, first, second, options, seed, settings=DEFAULT):
     device, worker = llvmpipe
     test = worker.call(tasks.open_device, "opengl", device).timer
     pair = {"first": (frame, first, options), "second": (frame, second, options)}

@@ -161,13 +161,6 @@ def test_lower_bound_is_the_outline_drawn_in_one_piece():
     assert compute_lower_bound(make_record(counters={"fragments": 30})) is None
 
 
-def test_counters_equal_for_all_triangulations_have_no_direction():
-    metrics = {**{name: find_metric(name) for name in ("fragments", "helper_lanes")}, **METRICS}
-    shared = {name for name, figure in metrics.items() if figure.is_shared}
-    assert "fragments" in shared
-    assert not shared & {"helper_lanes", "outline_quads"}
-
-
 def test_metric_description_is_its_docstring():
     figure = METRICS["above_limit"]
     assert figure.description.startswith("lanes shaded per covered pixel beyond those of the")
