@@ -45,7 +45,7 @@ TESTS = {
     " tests/compare/test_golden.py tests/compare/test_formats.py tests/compare/test_damage.py"
     " tests/compare/test_cli.py tests/compare/test_polygons.py",
     "harness/measuring/timing.py": "tests/measuring/test_timing.py",
-    "harness/scaling/merging.py": "tests/scaling/test_merging.py",
+    "harness/commands/merge.py": "tests/harness/test_merge.py",
     "harness/page/result.py": "tests/page/test_result.py tests/page/test_devices.py",
     "harness/study/correlations.py": "tests/study/test_correlations.py",
     "harness/study/regret.py": "tests/study/test_regret.py",

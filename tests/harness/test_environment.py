@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from harness.commands import merge
 from harness.compare.comparison import compare_runs
 from harness.compare.wording import list_runs
 from harness.errors import IncompatibleRunsError
@@ -14,7 +15,6 @@ from harness.machine import environment
 from harness.machine.git import COMMITS, describe_project, get_commit
 from harness.metrics import groups
 from harness.results.run_folder import Run, read_run
-from harness.scaling import merging
 from harness.worker import get_third_party_limits
 from tests.compare.runs import MACHINE, add_time, make_case, read_pair, write_run
 from tests.conftest import MEASURED_OTHERS_S, MEASURED_STOLEN_S, require_ok
@@ -161,7 +161,7 @@ def two_runs(tmp_path) -> list[Run]:
 
 def test_merge_refuses_two_processors_without_hosts(two_runs, tmp_path):
     with pytest.raises(IncompatibleRunsError, match="keep the runs apart with --hosts") as caught:
-        merging.merge_runs(two_runs, tmp_path / "merged")
+        merge.merge_runs(two_runs, tmp_path / "merged")
     assert all(label in str(caught.value) for label in (EPYC, XEON))
     assert not (tmp_path / "merged").exists()
 

@@ -9,11 +9,11 @@ import pytest
 import shapely
 from shapely import Polygon
 
+from harness.commands.merge import merge_runs, set_host
 from harness.errors import IncompatibleRunsError, InputError
 from harness.frame import View
 from harness.results.run_folder import read_arrays, read_facts, read_run
 from harness.results.run_writer import RunFolder
-from harness.scaling.merging import merge_runs, set_host
 from tests.conftest import assert_refused, require_ok, write_geojson
 from tests.measuring.test_run import make_plan, measure
 from tests.records import get_rows, make_record
