@@ -1,6 +1,6 @@
 """The optimum in compute shaders: llvmpipe's triangles equal the CPU's."""
 
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
@@ -170,15 +170,11 @@ def test_unsupported_polygons_equal_cpu(name, device_counts):
         assert verify(polygons[number], by_device[number]).conforming
 
 
-def test_empty_input():
-    assert_same([])
-    assert_same([shapely.Polygon()])
-
-
 def test_limits(device_counts):
+    assert_same([])
     assert_same([star(20), star(60)], limit=50)
     assert_same([star(20), star(MAX_VERTICES), star(MAX_VERTICES + 1)])
-    assert device_counts == [1, 2]
+    assert device_counts == [0, 1, 2]
 
 
 def test_other_criteria_do_not_open_device(device_counts):
@@ -220,18 +216,10 @@ def test_chunks_partition_polygons():
 def test_threads_share_device():
     polygons = [star(n) for n in (5, 20, 60)]
     expected = triangulate_many(polygons, device="cpu")
-    results = []
-
-    def call():
-        results.append(triangulate_many(polygons, device="llvmpipe"))
-
-    threads = [threading.Thread(target=call) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert len(results) == 4
-    assert all(np.array_equal(result.triangles, expected.triangles) for result in results)
+    with ThreadPoolExecutor(4) as pool:
+        running = [pool.submit(triangulate_many, polygons, device="llvmpipe") for _ in range(4)]
+    for task in running:
+        assert np.array_equal(task.result().triangles, expected.triangles)
 
 
 def test_unknown_devices():

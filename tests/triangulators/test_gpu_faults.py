@@ -1,7 +1,9 @@
 """Device failures: one warning, and the results of the CPU."""
 
 import multiprocessing
+from itertools import chain, repeat
 from pathlib import Path
+from unittest.mock import Mock, PropertyMock
 
 import numpy as np
 import pytest
@@ -103,27 +105,14 @@ def test_results_before_failure_are_retained(monkeypatch, expected, caplog):
     assert done == [True] * 2 + [False] * (len(POLYGONS) - 2)
 
 
-class OnError:
-    """A proxy of a context that reports an OpenGL error."""
-
-    def __init__(self, ctx, error, after):
-        self._ctx, self._error, self._after = ctx, error, after
-
-    def __getattr__(self, name):
-        return getattr(self._ctx, name)
-
-    @property
-    def error(self):
-        self._after -= 1
-        return self._error if self._after < 0 else "GL_NO_ERROR"
-
-
 @pytest.mark.parametrize("after", range(5))
 @pytest.mark.parametrize("error", ["GL_OUT_OF_MEMORY", "GL_CONTEXT_LOST"])
 def test_opengl_errors_are_detected(monkeypatch, expected, caplog, error, after):
     def opened(name):
         compute = open_context(name)
-        compute.ctx = OnError(compute.ctx, error, after)
+        compute.ctx = Mock(wraps=compute.ctx)
+        errors = chain(["GL_NO_ERROR"] * after, repeat(error))
+        type(compute.ctx).error = PropertyMock(side_effect=errors)
         return compute
 
     monkeypatch.setattr(engine, "open_context", opened)

@@ -52,17 +52,6 @@ def test_reports_t_junctions_and_repair_removes_them():
     assert len(repaired) == 6
 
 
-def test_expected_triangles_of_touching_rings():
-    outer = [(0, 0), (8, 0), (8, 8), (0, 8)]
-    at_a_side = shapely.Polygon(outer, [[(0, 2), (4, 6), (6, 4), (6, 2)]])
-    at_a_corner = shapely.Polygon(outer, [[(0, 0), (4, 6), (6, 4), (6, 2)]])
-    repeated = shapely.Polygon([(0, 0), (0, 0), (4, 0), (4, 4), (4, 4), (0, 4)])
-    assert [boundary(p).expected_triangles for p in (at_a_side, at_a_corner, repeated)] == [7, 6, 2]
-    for polygon in (at_a_side, at_a_corner, repeated):
-        triangles = shapely.constrained_delaunay_triangles(polygon)
-        assert len(triangles.geoms) == boundary(polygon).expected_triangles
-
-
 def damage(triangles: np.ndarray) -> list[np.ndarray]:
     turned, beyond, twice = triangles.copy(), triangles.copy(), triangles.copy()
     turned[-1] = turned[-1, ::-1]
