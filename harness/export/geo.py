@@ -19,23 +19,28 @@ from harness.export.writers import ExportMesh, ExportMetadata, to_json_value
 from scenes.projection import find_system
 from scenes.spec import format_install_command
 
+_DEGREES = ("EPSG:4326", "OGC:CRS84")  # the default of GeoJSON and GeoParquet, not written
+
 
 class GeoJsonWriter:
     """Writes one feature per line; a member `crs` names a system other than EPSG:4326.
 
-    `crs` is part of GeoJSON 2008, which GDAL and QGIS read; RFC 7946 allows degrees only.
+    `crs` is part of GeoJSON 2008, which GDAL and QGIS read; RFC 7946 allows degrees only. It is
+    null for a system without a code, and for coordinates without a system.
     """
 
     def __init__(self, output: Output, about: ExportMetadata, *, collection: bool = False) -> None:
         self._about, self._collection = about, collection
         self._stream = output.open_published(mode="w")
         self._stream.write('{"type":"FeatureCollection",')
-        # EPSG:4326 is GeoJSON's default, and not written.
-        if about.crs and about.crs.startswith("EPSG:") and about.crs != "EPSG:4326":
-            name = f"urn:ogc:def:crs:{about.crs.replace(':', '::')}"
-            self._stream.write(
-                f'"crs":{json.dumps({"type": "name", "properties": {"name": name}})},'
-            )
+        if about.crs not in _DEGREES:
+            system = find_system(about.crs)
+            code = None if system is None else system.to_json_dict().get("id")
+            crs = None
+            if code is not None:
+                name = f"urn:ogc:def:crs:{code['authority']}::{code['code']}"
+                crs = {"type": "name", "properties": {"name": name}}
+            self._stream.write(f'"crs":{json.dumps(crs)},')
         self._stream.write('"features":[')
         self._first = True
 
@@ -93,9 +98,12 @@ class GeoParquetWriter:
         import pyarrow as pa
 
         table = pa.Table.from_pandas(mesh.attributes, preserve_index=False)
-        if "geometry" in table.column_names:
-            renamed = [f"{n}_" if n == "geometry" else n for n in table.column_names]
-            table = table.rename_columns(renamed)
+        names = table.column_names
+        if "geometry" in names:
+            free = next(
+                n for k in range(1, len(names) + 1) if (n := "geometry" + k * "_") not in names
+            )
+            table = table.rename_columns([free if n == "geometry" else n for n in names])
         for number, kind in enumerate(table.schema.types):
             # All values of this batch are missing: text, the most general type, is assumed.
             if pa.types.is_null(kind):
@@ -139,7 +147,7 @@ class GeoParquetWriter:
     def _make_geo_metadata(self) -> str:
         kind = "GeometryCollection" if self._collection else "MultiPolygon"
         column: dict[str, Any] = {"encoding": "WKB", "geometry_types": [kind]}
-        if self._about.crs not in ("EPSG:4326", "OGC:CRS84"):  # the default, not written
+        if self._about.crs not in _DEGREES:
             system = find_system(self._about.crs)
             column["crs"] = None if system is None else system.to_json_dict()
         return json.dumps(

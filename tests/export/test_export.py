@@ -122,6 +122,20 @@ def test_maps_keep_position_and_attributes(tmp_path, houses, suffix):
 
 
 @pytest.mark.parametrize("suffix", [".geojson", ".parquet"])
+@pytest.mark.parametrize("crs", ["ESRI:54009", None])
+def test_maps_name_any_reference_system_or_none(tmp_path, suffix, crs):
+    """Also with attributes named like the column of geometries."""
+    source, out = tmp_path / "in.gpkg", tmp_path / f"out{suffix}"
+    columns = [np.array([number]) for number in range(2)], ["geometry", "geometry_"]
+    options = {"geometry_type": "Polygon", "crs": crs}
+    pyogrio.raw.write(source, shapely.to_wkb([shapely.box(0, 0, 9, 9)]), *columns, **options)
+    export_file(source, out)
+    assert read_map(out)[1].keys() >= {"geometry_"}
+    assert load(out).units == ("units" if crs is None else "m")
+    assert load(out).polygons[0].bounds == (0, 0, 9, 9)
+
+
+@pytest.mark.parametrize("suffix", [".geojson", ".parquet"])
 def test_collections_of_triangles_are_valid(harness, tmp_path, houses, suffix):
     out = tmp_path / f"triangles{suffix}"
     require_ok(harness("triangulate", str(houses), "-o", str(out), "--collection"))
