@@ -14,7 +14,6 @@ from harness.frame import UNBOUNDED
 from harness.rasterisers.spans import fill_picture
 from scenes import load
 from scenes.readers.gltf import GltfFile
-from tests.chromium import WEBGPU_FLAGS, Chromium
 from tests.paths import ROOT
 from tests.ports.languages import find_node
 from triangulators import triangulate, vertices
@@ -82,7 +81,7 @@ def draw_city(bounds):
     return image > 0
 
 
-def test_cesium_draws_the_city_as_we_do(glb, page):
+def test_cesium_draws_the_city_as_we_do(glb, page, gpu_browser):
     polygons = load(CITY).polygons
     assert shapely.get_num_interior_rings(polygons).sum() == 12
     origin = np.array(GltfFile(glb).json["asset"]["extras"]["origin"])
@@ -91,19 +90,15 @@ def test_cesium_draws_the_city_as_we_do(glb, page):
     edges, scale = shapely.union_all(shapely.boundary(polygons)), 580.0 / SIDE
     view = json.dumps((bounds - np.tile(origin, 2)).tolist())
     model = json.dumps(base64.b64encode(glb.read_bytes()).decode())
-    chromium = Chromium(WEBGPU_FLAGS)
-    try:
-        chromium.open(page)
-        for as_tile in (False, True):
-            script = f"draw({model}, {json.dumps(as_tile)}, {view}, [{SIDE}, {SIDE}])"
-            result = chromium.evaluate(script)
-            assert (result.get("failure"), result.get("loaded")) == (None, True)
-            covered = np.array([*result["covered"]]).reshape(SIDE, SIDE) == "1"
-            rows, columns = np.nonzero(covered != expected)
-            centres = np.column_stack((columns, rows)) + 0.5
-            points = shapely.points(bounds[:2] + centres * scale)
-            assert (shapely.distance(points, edges) <= ROUNDING * scale).all()
-            assert len(rows) < 0.01 * expected.sum()
-        assert {address.split(":")[0] for address in chromium.requests} <= {"file", "blob", "data"}
-    finally:
-        chromium.close()
+    gpu_browser.open(page)
+    for as_tile in (False, True):
+        script = f"draw({model}, {json.dumps(as_tile)}, {view}, [{SIDE}, {SIDE}])"
+        result = gpu_browser.evaluate(script)
+        assert (result.get("failure"), result.get("loaded")) == (None, True)
+        covered = np.array([*result["covered"]]).reshape(SIDE, SIDE) == "1"
+        rows, columns = np.nonzero(covered != expected)
+        centres = np.column_stack((columns, rows)) + 0.5
+        points = shapely.points(bounds[:2] + centres * scale)
+        assert (shapely.distance(points, edges) <= ROUNDING * scale).all()
+        assert len(rows) < 0.01 * expected.sum()
+    assert {address.split(":")[0] for address in gpu_browser.requests} <= {"file", "blob", "data"}
