@@ -165,7 +165,8 @@ def triangulate_supported(
         choice.entry.load()
     check_device_name(device)
     limit = parameters.get("limit", LIMIT)
-    weights = {name: parameters[name] for name in parameters if name not in ("limit", "seed")}
+    searched = ("limit", "seed") if choice.entry.name in ("optimal", "worst") else ()
+    weights = {name: parameters[name] for name in parameters if name not in searched}
     cost = None if repair else _find_batch_cost(choice, criterion, weights, device)
     steered = bool(parameters) or criterion is not None or repair
     flips = None if steered else _FLIPS.get(choice.full_name)

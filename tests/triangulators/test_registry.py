@@ -176,6 +176,8 @@ def test_criterion_or_weights_given_twice_raise():
             partial(criteria.find, mixture, alpha=3.0),
             partial(criteria.find, clockwise_square, alpha=3.0),
             partial(triangulate, star(8), "optimal:overdraw", alpha=3.0),
+            partial(many, "refined:overdraw", seed=3),
+            partial(many, "flips:half-perimeter", limit=3),
         ],
         "takes no criterion": [
             partial(full_name, "fan:overdraw"),
