@@ -44,12 +44,12 @@ def edit_file_values(file: Path, edits: list[dict[str, Any]]) -> None:
     documents = [json.loads(part) for part in (text.splitlines() if lines else [text])]
     for edit in edits:
         number = edit["line"] % len(documents)
-        documents[number] = _apply_value_edit(documents[number], edit)
+        documents[number] = apply_value_edit(documents[number], edit)
     file.write_text("".join(json.dumps(document) + "\n" for document in documents))
 
 
-def _apply_value_edit(document: Any, edit: dict[str, Any]) -> Any:
-    paths = list(_iter_paths(document))
+def apply_value_edit(document: Any, edit: dict[str, Any]) -> Any:
+    paths = list(iter_paths(document))
     if not paths:
         return edit["value"]
     *parents, last = paths[edit["position"] % len(paths)]
@@ -69,7 +69,7 @@ def _apply_value_edit(document: Any, edit: dict[str, Any]) -> Any:
     return changed
 
 
-def _iter_paths(document: Any, path: tuple[Any, ...] = ()) -> Any:
+def iter_paths(document: Any, path: tuple[Any, ...] = ()) -> Any:
     """Yield the path to every value in a document, including objects and arrays."""
     if path:
         yield path
@@ -79,7 +79,7 @@ def _iter_paths(document: Any, path: tuple[Any, ...] = ()) -> Any:
     elif isinstance(document, list):
         items = enumerate(document[:3])  # further elements are similar
     for key, value in items:
-        yield from _iter_paths(value, (*path, key))
+        yield from iter_paths(value, (*path, key))
 
 
 def apply_byte_edits(content: bytes, edits: list[dict[str, Any]]) -> bytes:

@@ -1,6 +1,5 @@
 """Import of the file of a measuring page as a run, and refusal of other files."""
 
-import json
 import random
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +15,7 @@ from harness.page.saved import make_device_name
 from harness.rasterisers.reference import SHADED
 from harness.results.run_folder import Geometry, read_geometry, read_run
 from tests.conftest import assert_refused, require_ok
+from tests.fuzz.damage import apply_value_edit, iter_paths
 from tests.page.conftest import ROUNDS, make_result, read_result, write_saved
 from tests.records import get_rows
 from triangulators.polygon_arrays import PolygonArray
@@ -102,30 +102,12 @@ def test_invalid_files_are_refused_in_one_line(harness, tmp_path, content, messa
 WRONG_VALUES = (None, "", "1", -1, -0.5, 1e300, True, [], {}, [None], {"": 0}, "\x00", "x" * 20_000)
 
 
-def list_paths(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    items: Any = ()
-    if isinstance(value, dict | list):
-        items = value.items() if isinstance(value, dict) else enumerate(value)
-    return [path, *(inner for key, item in items for inner in list_paths(item, (*path, key)))]
-
-
-def replace_value(result: dict[str, Any], path: tuple[Any, ...], value: Any) -> Any:
-    copy = json.loads(json.dumps(result))
-    if not path:
-        return value
-    part = copy
-    for key in path[:-1]:
-        part = part[key]
-    part[path[-1]] = value
-    return copy
-
-
 def test_changed_results_are_refused_or_consistent(tmp_path, small_run):
     """Half of the files have changed bytes, the others a wrong value and a valid digest."""
     rng = random.Random(0)
     result = make_result(small_run)
     content_before = write_saved(result, tmp_path / "whole.json").read_bytes()
-    paths = list_paths(result)
+    paths = list(iter_paths(result))
     messages = []
     for number in range(1000):
         file = tmp_path / "changed.json"
@@ -136,15 +118,16 @@ def test_changed_results_are_refused_or_consistent(tmp_path, small_run):
                 content[index] = (content[index] + rng.randrange(1, 256)) % 256
             file.write_bytes(content[: rng.choice([len(content), rng.randrange(len(content))])])
         else:
-            path, value = rng.choice(paths), rng.choice(WRONG_VALUES)
-            write_saved(replace_value(result, path, value), file)
+            position, value = rng.randrange(len(paths)), rng.choice(WRONG_VALUES)
+            edit = {"position": position, "action": "set", "value": value}
+            write_saved(apply_value_edit(result, edit), file)
         try:
             parsed = read_result(file)
         except HarnessError as error:
             messages.append(str(error))
             continue
         assert not number % 2, "damage not detected by the digest"
-        assert is_allowed(path, value), (path, value)
+        assert is_allowed(paths[position], value), (paths[position], value)
         import_result(parsed, tmp_path / f"run-{number}", make_device_name(parsed))
         assert read_run(tmp_path / f"run-{number}").problems == []
     assert 600 < len(messages) < 1000

@@ -1,11 +1,8 @@
-import copy
 import hashlib
 import json
 import shutil
-from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -15,6 +12,7 @@ from harness.report.page import write_report
 from harness.results.run_folder import read_run
 from tests.compare.runs import read_back
 from tests.conftest import require_ok
+from tests.fuzz.damage import apply_value_edit, iter_paths
 from tests.fuzz.targets.runs import make_sample_run
 from tests.records import get_rows
 
@@ -111,27 +109,15 @@ def test_sample_of_polygons_is_reproducible_and_sorted():
     assert (sample == choose_sample(1000, 50)).all()
 
 
-def list_fields(value: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    if isinstance(value, dict):
-        for name in value:
-            yield (*above, name)
-            yield from list_fields(value[name], (*above, name))
-
-
-@pytest.mark.parametrize("damage", ["missing", "null"])
-def test_each_field_may_be_damaged(damage):
+@pytest.mark.parametrize("action", ["remove", "set"])
+def test_each_field_may_be_missing_or_null(action):
     run = read_run(make_sample_run())
     record_of_run, *other_records = get_rows(run)
     assert "least" in record_of_run
     ignored = set()
-    for path in list_fields(record_of_run):
-        record = copy.deepcopy(record_of_run)
-        parent = record
-        for name in path[:-1]:
-            parent = parent[name]
-        parent[path[-1]] = None
-        if damage == "missing":
-            del parent[path[-1]]
+    for position, path in enumerate(iter_paths(record_of_run)):
+        edit = {"position": position, "action": action, "value": None}
+        record = apply_value_edit(record_of_run, edit)
         damaged_run = read_back(run.facts, [record, *other_records])
         json.dumps(make_content(damaged_run), allow_nan=False)
         if len(damaged_run.records) < len(run.records):
