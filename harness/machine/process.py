@@ -15,7 +15,6 @@ from pathlib import Path
 
 from harness.errors import UsageError
 from harness.machine import system
-from triangulators.compute.compiled_files import PACKAGES, SOURCES
 
 # File for worker starts and ends, time limits and cache hits; workers inherit this variable.
 LOG_VARIABLE = "RASTER_HARNESS_LOG"
@@ -27,6 +26,8 @@ FUNCTION = re.compile(r"[^\W\d][\w.]*:[^\W\d][\w.]*(?=:|$)")
 
 def start_log() -> None:
     """Append the log records of this process to the file of `LOG_VARIABLE`, if set."""
+    from triangulators.compute.compiled_files import PACKAGES
+
     loggers = [logging.getLogger(package) for package in PACKAGES]
     for logger in loggers:
         for handler in list(logger.handlers):
@@ -53,6 +54,8 @@ def allow_user_module(reference: str) -> None:
 
     Raises UsageError if this program's package or an installed module has the module's name.
     """
+    from triangulators.compute.compiled_files import PACKAGES, SOURCES
+
     if FUNCTION.match(reference) is None:
         return
     name = reference.partition(":")[0].partition(".")[0]

@@ -34,7 +34,6 @@ from harness.serving import MARK
 from harness.settings import DEFAULT_TRIANGULATORS, TimingSettings
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons, warm_up
-from triangulators.compute.storing import NotCompiledError, forbid_compiling
 
 Candidate = tuple[Frame, Triangles, Options]  # frame, triangles (m, 3), and options of drawing
 
@@ -219,7 +218,9 @@ def compute_min_quads(frame: Frame, database: Path | None) -> NDArray[np.int64]:
 
 def prepare_server() -> None:
     """Detach the fork server, in which this runs, from the terminal; load compiled code."""
+    # Only the server and its workers need these modules, which import numba.
     from triangulators import many  # noqa: F401 - for the workers
+    from triangulators.compute.storing import NotCompiledError, forbid_compiling
 
     # In a separate process group the server does not get the terminal's signals; it ends with the
     # command, which gets them.

@@ -21,7 +21,6 @@ from shapely import Polygon, box
 
 import triangulators
 from harness.machine.system import cpu_clock
-from harness.serving import TaskError
 from harness.triangulating.database import CacheLookup
 from harness.triangulating.recipes import Recipe, parse
 from triangulators.criteria import predict_many
@@ -295,7 +294,7 @@ def triangulate_many(
             arrays, triangulators.triangulate_many(polygons, name, **more), conforming
         )
     # Most commands need no worker process, so the modules are loaded here.
-    from harness.worker import get_shared_worker, get_third_party_limits
+    from harness.worker import TaskError, get_shared_worker, get_third_party_limits
 
     worker = get_shared_worker(f"triangulator {name}", get_third_party_limits)
     worker.call(parse(name).load)
