@@ -6,10 +6,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-from rich.text import Text
-
 from harness.errors import HarnessError, NoRasteriserError
-from harness.progress import Screen
 
 if TYPE_CHECKING:
     from harness.rasterisers.base import Device
@@ -57,7 +54,10 @@ class Finding(NamedTuple):
 
 def doctor() -> None:
     """Check devices, drivers, extensions and timers; print a remedy for each problem."""
+    from rich.text import Text  # the workers, which import this module, do not need it
+
     from harness import rasterisers
+    from harness.progress import Screen
     from harness.rasterisers import devices
 
     devices.clear_cache()
