@@ -180,9 +180,9 @@ def summarise(sizes: Sizes) -> str:
     covered = max(size.covered for size in sizes.sizes)
     if covered < MIN_PIXELS:
         return f"Inconclusive: at most {covered:,} pixels are covered; give a larger size."
-    mattering = [size for size in sizes.sizes if size.matters]
-    ends = (mattering or sizes.sizes)[:: max(1, len(mattering or sizes.sizes) - 1)]
-    across = " to ".join(str(size.resolution) for size in ends)
+    counted = [size for size in sizes.sizes if size.covered >= MIN_PIXELS]
+    mattering = [size for size in counted if size.matters]
+    across = _format_range([size.resolution for size in sizes.sizes], mattering or counted)
     if not mattering:
         return (
             f"The triangulator does not matter: at {across} px none saves "
@@ -201,6 +201,16 @@ def summarise(sizes: Sizes) -> str:
         draws = math.ceil(more / (base_cost["draw"] - cost["draw"]))
         text += f"; break-even after {format_count(draws, 'draw')}" if draws > 0 else ""
     return f"{text}."
+
+
+def _format_range(resolutions: Sequence[int], named: Sequence[Size]) -> str:
+    """Format sizes as "32 to 128", or one by one if some of `resolutions` between are missing."""
+    numbers = [size.resolution for size in named]
+    first = resolutions.index(numbers[0])
+    if list(resolutions[first : first + len(numbers)]) == numbers:
+        numbers = numbers[:: max(1, len(numbers) - 1)]
+        return " to ".join(map(str, numbers))
+    return ", ".join(map(str, numbers))
 
 
 def list_stages(sizes: Sizes) -> Iterator[str]:

@@ -129,6 +129,15 @@ def test_the_sentence_has_the_range_of_sizes_that_matter():
         "The triangulator matters at 32 to 64 px, most at 64 px (32 px per polygon): b saves 20.0% "
         "of a's shaded lanes."
     )
+    more = sizes.Sizes("s", None, (*result.sizes, size(256, 3800)))
+    assert sizes.summarise(more).startswith(
+        "The triangulator matters at 32, 64, 256 px, most at 64"
+    )
+    few = size(8, 2000)
+    for costs in few.costs.values():
+        costs["fragments"] = sizes.MIN_PIXELS - 1
+    same = sizes.Sizes("s", None, (few, size(16, 4000), size(32, 3980)))
+    assert "does not matter: at 16 to 32 px none saves 1%" in sizes.summarise(same)
     assert (result.recommended_triangulator, result.size_of_largest_saving.resolution) == ("b", 64)
     for entry in result.sizes:  # c saves nearly as much, and b takes longer
         entry.costs["b"]["triangulate_s"] = 1.0
