@@ -150,13 +150,14 @@ def _draw_picture(
     from harness import atomic
     from harness.frame import make_frame
     from harness.heatmaps import draw_heatmaps
+    from harness.results.run_folder import make_file_stem
     from harness.triangulating.triangulate import triangulate_polygons
 
     frame = make_frame([scene.polygons[polygon]], view)
     if not frame.polygons:
         raise InputError(f"polygon {polygon} of {scene.name}: {frame.dropped[0][1]}")
     frame = replace(frame, source=frame.source + polygon)  # the number in the scene, for the title
-    file = _prepare_file(out or Path(f"{Path(scene.name).stem}-{polygon}.png"), ".png")
+    file = _prepare_file(out or Path(f"{make_file_stem(scene.name)}-{polygon}.png"), ".png")
     drawn = {}
     for recipe in recipes:
         recipe.load()

@@ -139,9 +139,10 @@ def test_inspect_numbers_polygons_as_the_scene_does(harness, block, monkeypatch)
     code, out, _ = harness("inspect", str(block), "--polygon", "2")
     assert (code, names) == (0, [2])
     assert "counted from 0" not in out
-    Path("two.wkt").write_text("POINT (1 1)\nPOLYGON ((0 0, 2 0, 2 2, 0 1, 0 0))\n")
-    command = ("inspect", "two.wkt", "--polygon", "0")
+    Path("two.v1.wkt").write_text("POINT (1 1)\nPOLYGON ((0 0, 2 0, 2 2, 0 1, 0 0))\n")
+    command = ("inspect", "two.v1.wkt", "--polygon", "0")
     _, out, _ = harness(*command)
+    assert Path("two.v1-0.png").exists()
     line = "polygon 0: counted from 0, among the 1 valid polygons"
     assert line in out
     out, err = require_ok(harness(*command, "--sizes", "64", "--json"))
