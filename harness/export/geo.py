@@ -104,22 +104,22 @@ class GeoParquetWriter:
                 n for k in range(1, len(names) + 1) if (n := "geometry" + k * "_") not in names
             )
             table = table.rename_columns([free if n == "geometry" else n for n in names])
-        for number, kind in enumerate(table.schema.types):
-            # All values of this batch are missing: text, the most general type, is assumed.
-            if pa.types.is_null(kind):
-                text = table.column(number).cast(pa.string())
-                table = table.set_column(number, table.column_names[number], text)
         geometry = pa.array(_encode_wkb(mesh, self._about, self._collection), pa.binary())
         if table.num_columns == 0:
             table = pa.table({"geometry": geometry})
         else:
             table = table.append_column("geometry", geometry)
         if self._writer is None:
+            # If all values of the first batch are missing, text, the most general type, is assumed.
+            fields = [
+                field.with_type(pa.string()) if pa.types.is_null(field.type) else field
+                for field in table.schema
+            ]
             metadata = {
                 "geo": self._make_geo_metadata(),
                 "raster_harness": self._make_origin_metadata(),
             }
-            self._schema = table.schema.with_metadata(metadata)
+            self._schema = pa.schema(fields, metadata)
             # No dictionary encoding for geometries, which all differ.
             columns = [name for name in self._schema.names if name != "geometry"]
             self._writer = self._parquet.ParquetWriter(
@@ -127,7 +127,8 @@ class GeoParquetWriter:
             )
         # Types may differ between batches: all missing in one, text in the next.
         try:
-            fitted = table.select(self._schema.names).cast(self._schema)
+            columns = [_fit_column(table.column(f.name), f.type) for f in self._schema]
+            fitted = pa.table(columns, schema=self._schema)
         except (pa.ArrowException, KeyError, ValueError) as error:
             problem = f"attributes: types change within the source ({error}); make them equal"
             raise InputError(problem) from error
@@ -153,6 +154,19 @@ class GeoParquetWriter:
         return json.dumps(
             {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
         )
+
+
+def _fit_column(column: Any, kind: Any) -> Any:
+    """Return an Arrow column as a type; all values may be missing, and lists become JSON text."""
+    import pyarrow as pa
+
+    if pa.types.is_null(column.type):
+        return pa.nulls(len(column), kind)
+    if pa.types.is_string(kind) and pa.types.is_nested(column.type):
+        values = (to_json_value(value) for value in column.to_pylist())
+        return pa.array([None if value is None else json.dumps(value) for value in values], kind)
+    # As in a batch with missing values, in which pandas has floats, large integers are rounded.
+    return column.cast(kind, safe=not pa.types.is_floating(kind))
 
 
 _POLYGON, _MULTI_POLYGON, _COLLECTION = 3, 6, 7  # types in WKB

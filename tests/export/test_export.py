@@ -135,6 +135,20 @@ def test_maps_name_any_reference_system_or_none(tmp_path, suffix, crs):
     assert load(out).polygons[0].bounds == (0, 0, 9, 9)
 
 
+@pytest.mark.parametrize("missing", [0, 1])
+def test_batches_without_values_fit_lists_and_large_numbers(tmp_path, missing):
+    rows: list[dict] = [{"tags": ["a"], "key": 2**60}, {"tags": ["b"], "key": 2**60 + 1}]
+    rows[missing] = {"tags": None, "key": None}
+    document = json.loads(make_geojson([shapely.box(n, 0, n + 1, 1) for n in range(2)]))
+    for feature, row in zip(document["features"], rows, strict=True):
+        feature["properties"] = row
+    (tmp_path / "in.geojson").write_text(json.dumps(document))
+    out = tmp_path / "out.parquet"
+    assert export_file(tmp_path / "in.geojson", out, chunk=1).polygons == 2
+    (value,) = pd.read_parquet(out)["tags"].dropna()
+    assert value == '["b"]' if missing == 0 else list(value) == ["a"]
+
+
 @pytest.mark.parametrize("suffix", [".geojson", ".parquet"])
 def test_collections_of_triangles_are_valid(harness, tmp_path, houses, suffix):
     out = tmp_path / f"triangles{suffix}"
