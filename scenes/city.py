@@ -241,7 +241,12 @@ def _build_footprints(rng: Generator, lots: _Lots) -> NDArray[Any]:
     area = (bounds[:, 2] - bounds[:, 0]) * (bounds[:, 3] - bounds[:, 1])
     low, high = lots.boxes[:, :2] >= bounds[:, :2] - 1e-9, lots.boxes[:, 2:] <= bounds[:, 2:] + 1e-9
     is_inside = (shapely.area(lots.polygons) > area * (1 - 1e-9)) & (low & high).all(axis=1)
-    clipped = shapely.intersection(plans[~is_inside], lots.polygons[~is_inside])
+    beyond, lot_areas = plans[~is_inside], lots.polygons[~is_inside]
+    try:
+        clipped = shapely.intersection(beyond, lot_areas)
+    except shapely.GEOSException:  # rarely, GEOS cannot intersect an invalid plan: omit such plans
+        is_valid = shapely.is_valid(beyond)
+        clipped = shapely.intersection(beyond[is_valid], lot_areas[is_valid])
     return np.concatenate([plans[is_inside], _select_largest_parts(clipped)])
 
 

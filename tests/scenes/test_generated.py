@@ -36,6 +36,10 @@ def test_seed_changes_generated_scenes(name):
     assert load(name, seed=1).content_hash != load(name, seed=2).content_hash
 
 
+def test_city_with_a_plan_that_geos_cannot_intersect():
+    assert len(load("city:seed=816711,buildings=1").polygons) == 1
+
+
 def test_paper_polygon():
     (polygon,) = load("paper").polygons
     expected = {(3, 7), (0, 8), (1, 11), (7, 11), (7, 6), (6, 3), (3, 0), (1, 3), (3, 2)}
