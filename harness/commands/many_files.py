@@ -90,8 +90,8 @@ def format_notes(
     for kind, polygon, detail in notes:
         named[kind, remove_location(detail)].append(polygon)
     for (kind, reason), count in sorted(counts.items()):
-        more = f" and {count - MAX_POLYGONS_NAMED:,} more" if count > MAX_POLYGONS_NAMED else ""
         first = named[kind, reason][:MAX_POLYGONS_NAMED]
+        more = f" and {count - len(first):,} more" if count > len(first) else ""
         names = f" ({', '.join(first)}{more})" if first else ""
         yield f"{kind} {count:,}: {reason}{names}"
 

@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pyarrow import parquet
 
+from harness.commands.many_files import format_notes
 from harness.errors import InputError, StorageError, UsageError
 from harness.export import check_evidence
 from harness.export.export import FORMATS, export_file
@@ -370,3 +371,6 @@ def test_skipped_polygons_are_named(harness, tmp_path):
     _, err = require_ok(harness("triangulate", str(file), "-o", "out.npz"))
     named = "feature 1, feature 2, feature 3 and 2 more"
     assert f"dropped 5: is a Point, not a polygon ({named})" in " ".join(err.split())
+    # A note stands for all repetitions of a tile, and not all notes are stored.
+    lines = format_notes({("dropped", "is flat"): 9}, [("dropped", "tile 3/0/1", "is flat")])
+    assert list(lines) == ["dropped 9: is flat (tile 3/0/1 and 8 more)"]
