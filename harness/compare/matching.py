@@ -3,6 +3,7 @@
 A case's key is not used: it includes the scene's content, whose change is to be reported.
 """
 
+import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -105,8 +106,13 @@ def find_changed_hardware(base: Run, head: Run) -> dict[str, tuple[str, str]]:
     return {
         label: names
         for label, names in common.items()
-        if len({name.partition("(")[0].strip() for name in names}) > 1
+        if len({_remove_driver_version(name) for name in names}) > 1
     }
+
+
+def _remove_driver_version(renderer: str) -> str:
+    """Return a renderer's name up to the parenthesis of its driver; "Intel(R)" has none."""
+    return re.sub(r"\((R|TM|C)\)", "", renderer).partition(" (")[0].strip()
 
 
 def _map_renderers(run: Run) -> dict[str, str]:
@@ -213,6 +219,7 @@ class Pair:
     same_work: bool
     polygons: int = 0
     same_rounds: bool = False
+    round_group: str = ""
     same_drawing: bool = False
     parts: Parts = (None, None)
     quiet: NDArray[np.bool_] | None = None
@@ -246,7 +253,7 @@ def read_pair(
         return TimeChange("inconclusive", reason, **summarise_samples(first, second))
     pair = Pair(first, second, None, same_work, polygons=head.polygons)
     references = (select_positive(before.reference_s), select_positive(after.reference_s))
-    if not all(map(len, references)):
+    if min(map(len, references)) < MIN_ROUNDS:
         return pair
     # A missing sample would shift the following samples to other rounds.
     complete = len(first) == len(before.samples_s) and len(second) == len(after.samples_s)
@@ -258,6 +265,7 @@ def read_pair(
             pair,
             reference=references,
             same_rounds=True,
+            round_group=after.round_group,
             same_drawing=same_counts and before == after,
             parts=(after.epochs or None, after.processes or None),
             quiet=run_quality.select_rounds(before, after),

@@ -19,6 +19,7 @@ if the interval lies inside the threshold.
 
 import math
 import zlib
+from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -74,7 +75,7 @@ def compare_group(
     """Return the changes of a group's cases, with q-values to be corrected, and the group's drift.
 
     In common rounds, the drift is that of the cases with different triangles, and None if there are
-    fewer than two.
+    fewer than two. A resumed run has several groups of common rounds: the largest is used.
     """
     if all(pair.same_rounds for pair in pairs):
         changes = [
@@ -86,6 +87,8 @@ def compare_group(
             for pair in pairs
         ]
         timed = [pair for pair in pairs if not pair.same_drawing]
+        groups = Counter(pair.round_group for pair in timed).most_common(1)
+        timed = [pair for pair in timed if pair.round_group == groups[0][0]]
         if len(timed) < 2:
             return changes, None
         masks = [pair.quiet for pair in timed if pair.quiet is not None]

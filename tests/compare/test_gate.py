@@ -293,7 +293,7 @@ def test_case_outside_the_plan_is_not_a_regression(tmp_path, narrower):
 
 
 def test_driver_version_may_change_and_device_may_not():
-    names = ("NVIDIA H100 (535.1)", "NVIDIA H100 (550.2)", "NVIDIA H200 (550.2)")
+    names = ("Intel(R) UHD (535.1)", "Intel(R) UHD (550.2)", "Intel(R) Iris(R) (550.2)")
     details = ({"details": {"renderer": name}} for name in names)
     runs = [make_run([], devices={"opengl on gpu0": facts}) for facts in details]
     assert find_changed_hardware(runs[0], runs[1]) == {}

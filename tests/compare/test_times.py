@@ -224,9 +224,10 @@ def test_untimed_cases_have_no_outcome_and_eight_samples_suffice():
 
 
 @pytest.mark.parametrize("lacking", [0, 1])
-def test_pair_lacks_the_reference_draw_if_one_run_does(lacking):
+@pytest.mark.parametrize("reference_s", [[], [0.0] * 19 + [1e-3]])
+def test_pair_lacks_the_reference_draw_if_one_run_does(lacking, reference_s):
     times = [{**TIMED, "reference_s": [1e-3] * 20} for _ in range(2)]
-    del times[lacking]["reference_s"]
+    times[lacking]["reference_s"] = reference_s
     pair = read_pair(*(make_record(time=time) for time in times), same_work=True)
     assert pair.reference is None
     assert not pair.same_rounds
@@ -331,6 +332,18 @@ def test_case_of_other_polygons_has_no_peers():
     other_cases = [replace(case, polygons=229) for case in pairs(rng, [0] * 2)]
     changes, _ = compare([*pairs(rng, [0] * 2), *other_cases])
     assert {change.outcome for change in changes} == {"inconclusive"}
+
+
+def test_drift_is_that_of_the_largest_group_of_common_rounds():
+    rng = np.random.default_rng(21)
+    groups = ((pairs(rng, [0.1], rounds=40), "resumed"), (pairs(rng, [0] * 3), "first"))
+    cases = [
+        replace(pair, same_rounds=True, round_group=name)
+        for group, name in groups
+        for pair in group
+    ]
+    _, drift = compare(cases)
+    assert (drift.cases, drift.outcome) == (3, "unchanged")
 
 
 def test_equal_drawings_are_not_tested():
