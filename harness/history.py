@@ -166,7 +166,8 @@ def _build_time_series(cases: dict[CaseId, list[Record | None]]) -> list[Series]
         if len(timed) > 1:
             together = logs.median(axis=1)
             group_case = replace(names[0], triangulator=GROUP_NAME, number=None, upright=False)
-            contents = _list_contents(cases[timed[0]])
+            rows = zip(*(cases[name] for name in timed), strict=True)
+            contents = _list_contents([next(filter(None, row), None) for row in rows])
             series.append(Series(group_case, TIME, False, np.exp(together.to_numpy()), contents))
             logs = logs.sub(together, axis=0)
         series += [

@@ -74,6 +74,16 @@ def test_missing_runs_are_not_changes(tmp_path):
     assert fan.changes == ()
 
 
+def test_common_change_of_runs_without_the_first_case_is_found(tmp_path):
+    for number in range(1, 11):
+        leave_out = ("fan",) if number in (2, 4, 7, 9) else ()
+        speed = 1.0 if number <= 5 else 1.2
+        write_run(tmp_path / str(number), seed=number, speed=speed, leave_out=leave_out)
+    series = history.read_series(history.find_runs([tmp_path])[0])
+    together = next(entry for entry in series if entry.id.name == history.GROUP_NAME)
+    assert together.changes == (5,)
+
+
 def test_cached_triangulations_have_no_values(tmp_path):
     def read_back(entry):
         entry |= {"polygons_cached": 500, "triangulate_s": 0.5}
