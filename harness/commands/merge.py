@@ -190,6 +190,8 @@ def _refuse_one_run_twice(runs: Sequence[Run]) -> None:
 
 def _merge_facts(runs: Sequence[Run]) -> RunFacts:
     """Return the content of run.json, independent of the order of the runs."""
+    from harness.metrics.run_quality import STATES, get_run_state
+
     in_order = sorted((run.facts for run in runs), key=_format_value)
     in_order.sort(key=lambda facts: str(facts.get("created") or ""))
     plans = [facts.get("plan") or {} for facts in in_order]
@@ -205,6 +207,8 @@ def _merge_facts(runs: Sequence[Run]) -> RunFacts:
         | {"devices": sorted(facts.get("devices") or {})}
         for facts in in_order
     ]
+    states = [get_run_state(run) for run in runs]
+    draws = ((facts.get("state") or {}).get("draws") for facts in in_order)
     devices: dict[str, Any] = {}
     for facts in reversed(in_order):
         devices |= facts.get("devices") or {}
@@ -215,6 +219,11 @@ def _merge_facts(runs: Sequence[Run]) -> RunFacts:
         "frames": _list_distinct(facts.get("frames") for facts in in_order),
         "devices": dict(sorted(devices.items())),
         "interrupted": any(facts.get("interrupted") for facts in in_order),
+        "state": {
+            "state": max((state.state for state in states), key=STATES.index),
+            "why": sorted({reason for state in states for reason in state.why}),
+            "draws": _list_distinct(draws),
+        },
         "merged": hosts,
     }
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from harness.errors import make_unknown_name_error
 from harness.metrics.registry import PREDICTED, find_metric, list_costs
-from harness.metrics.run_quality import QUIET, STATES, State, get_run_state, select_rounds
+from harness.metrics.run_quality import QUIET, State, get_run_state, select_rounds
 from harness.metrics.statistics import (
     FASTER,
     MIN_VALUES,
@@ -87,8 +87,7 @@ def group_records(
 
 def group_run(run: Run) -> list[RecordGroup]:
     """Return the groups of a run's records, with the run's base and state."""
-    stored = (run.facts.get("state") or {}).get("state")
-    return group_records(run.records, run.base, stored if stored in STATES else QUIET)
+    return group_records(run.records, run.base, get_run_state(run).state)
 
 
 def drop_equal_triangulations(records: Sequence[Record]) -> list[Record]:
@@ -319,7 +318,7 @@ def pair_ratios(
     columns : by triangulator; without the criterion or the measure, the results are empty
     """
     name, base_columns = PREDICTED + criterion, columns[base]
-    complete = measure in base_columns and all(name in column for column in columns.values())
+    complete = all({name, measure} <= column.keys() for column in columns.values())
     compared = [
         column for triangulator, column in columns.items() if triangulator != base and complete
     ]

@@ -251,12 +251,15 @@ def test_facts_of_each_run_are_stored(runs, tmp_path):
     early, late = hosted(runs, "first", "second")
     early = replace(early, facts={**early.facts, "created": "2026-01-01", "about": "z"})
     given_facts = {"created": "2026-02-01", "about": "a", "warnings": ["hot"], "interrupted": True}
+    given_facts["state"] = {"state": "disturbed", "why": ["a neighbour"], "draws": []}
     late = replace(late, facts={**late.facts, **given_facts})
     merge_runs([late, early], tmp_path / "out")
     facts = read_run(tmp_path / "out").facts
     assert (facts["created"], facts["about"]) == ("2026-01-01", "z")
     assert "hot" in facts["warnings"]
     assert facts["interrupted"] is True
+    assert facts["state"]["state"] == "disturbed"
+    assert "a neighbour" in facts["state"]["why"]
     assert [host["created"] for host in facts["merged"]] == ["2026-01-01", "2026-02-01"]
     for host, name in zip(facts["merged"], ("first", "second"), strict=True):
         assert host["devices"] == [f"tests.mock:MockRasteriser on scripted@{name}"]

@@ -92,8 +92,8 @@ def test_missing_columns_are_not_compared():
     bare = {name: OTHER[name] for name in ("quads", "predicted_triangles")}
     no_quads = {name: column for name, column in BASE.items() if name != "quads"}
     no_cost = {name: BASE[name] for name in bare}
-    others = [{"other": OTHER, "bare": bare}, {"other": OTHER}, {"other": OTHER}, {}]
-    for base, drawn in zip((BASE, no_quads, no_cost, BASE), others, strict=True):
+    others = [{"other": OTHER, "bare": bare}, *[{"other": OTHER}] * 2, {}, {"other": no_quads}]
+    for base, drawn in zip((BASE, no_quads, no_cost, BASE, BASE), others, strict=True):
         pairs = pair_ratios({"base": base, **drawn}, "base", "half_perimeter", "quads")
         assert [len(column) for column in pairs] == [0, 0]
         assert compute_rank_correlation(*pairs) is None

@@ -10,6 +10,7 @@ import pytest
 
 from harness.measuring.records import get_default_path
 from harness.metrics.decision import decide_group, format_advice
+from harness.metrics.groups import group_run
 from harness.metrics.run_quality import (
     DISTURBED,
     MAX_REFERENCE_RATIO,
@@ -150,6 +151,13 @@ def test_stored_state_is_used():
     assert warning.startswith("the run's times are disturbed: a neighbour")
     for damaged in ({}, {"state": "x"}, {"state": {"state": 3}}, {"state": []}):
         assert get_run_state(make_run([], **damaged)).state == QUIET
+
+
+def test_state_that_is_not_stored_is_computed_from_the_samples():
+    record = simulate_run(np.random.default_rng(8), machines.quiet, (1.0,))[0]
+    samples = tuple(np.array(record.time.samples_s) * np.repeat((1.0, 1.5), ROUNDS // 2))
+    (group,) = group_run(make_run([with_time(record, samples_s=samples)]))
+    assert group.state == DISTURBED
 
 
 def test_counters_decide_in_a_disturbed_run():
