@@ -49,7 +49,7 @@ def report(
         return
     device = read_costs(find_profile(profile, PROFILES)) if profile else None
     file = write_report(run_with_base, out, device=device)
-    if out is None and "plan" in stored.facts and not (stored.path / "plots").exists():
+    if out is None and "plan" in stored.facts and not (stored.folder / "plots").exists():
         from harness.report.plots import plot_run
 
         plot_run(stored)

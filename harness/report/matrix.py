@@ -199,7 +199,7 @@ def write_spread(run: Run) -> Path | None:
             table = pd.DataFrame(rows).drop_duplicates(
                 ["polygon", *IDENTIFYING_CRITERIA, *MEASURES]
             )
-            file = run.path / SPREAD
+            file = run.folder / SPREAD
             atomic.write(file, table.to_csv(index=False, float_format="%.9g").encode())
             return file
     return None
@@ -207,7 +207,7 @@ def write_spread(run: Run) -> Path | None:
 
 def read_spread(run: Run, view: View) -> pd.DataFrame | None:
     """Return the table of `write_spread` for `view`, or None if missing or invalid."""
-    file = run.path / SPREAD
+    file = run.folder / SPREAD
     if not file.is_file():
         return None
     try:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.frame import View
 from harness.metrics.groups import (
     Columns,
     RecordGroup,
@@ -19,6 +20,7 @@ from harness.metrics.groups import (
 )
 from harness.metrics.registry import PREDICTED, find_metric, list_costs, list_predictions
 from harness.metrics.statistics import compute_rank_correlation, compute_rms_error
+from harness.rasterisers.base import Options
 from harness.rasterisers.counters import ESTIMATES
 from harness.results.run_folder import Run
 from harness.study.correlations import PAPER
@@ -46,14 +48,19 @@ def plot_run(run: Run) -> list[Path]:
     """Draw the plots of a run into its folder `plots`; return the files."""
     files = []
     groups = [group for group in group_run(run) if group.measured]
+    defaults = {"fit": View().fit, **vars(Options())}
     position = {id(record): number for number, record in enumerate(run.records)}
     groups.sort(key=lambda group: min(position[id(record)] for record in group.records))
     for number, group in enumerate(groups):
         case = group.id
         names = (case.rasteriser, case.device_name, case.view.resolution)
-        view = "-".join(map(str, (*names, f"{case.view.rotation:g}")))
+        conditions = {**vars(case.view), **vars(case.options)}
+        unusual = [
+            f"{n}-{conditions[n]}" for n, value in defaults.items() if conditions[n] != value
+        ]
+        view = "-".join(map(str, (*names, f"{case.view.rotation:g}", *unusual)))
         stem = f"{NAME}-{view}" if number else NAME
-        files += draw_figure(run.path / "plots", stem, draw_predictions, run, group)
+        files += draw_figure(run.folder / "plots", stem, draw_predictions, run, group)
     return files
 
 

@@ -39,9 +39,15 @@ def test_plots_have_the_width_of_a_paper_and_labels_with_units(copy, monkeypatch
 
 
 def test_each_view_has_separate_plots(copy):
-    names = {file.name for file in plot_run(read_run(copy))}
+    run = read_run(copy)
+    walked = [
+        record.with_id(options=replace(record.id.options, order="walk")) for record in run.records
+    ]
+    files = plot_run(replace(run, path=copy / "cases.jsonl", records=[*run.records, *walked]))
+    names = {file.name for file in files}
     assert "predicted-vs-measured-reference-cpu-128-30.svg" in names
-    assert len(names) == 4
+    assert "predicted-vs-measured-reference-cpu-128-30-order-walk.svg" in names
+    assert len(names) == len(files) == 8
 
 
 def test_colours_differ_in_lightness_or_hue_for_colour_blind_eyes():
