@@ -140,7 +140,7 @@ def _compare_times(times: Sequence[Time]) -> tuple[int, list[tuple[float, float]
     """Return the index of the minimum time, and (low, high) of each regret, in the same rounds."""
     rounds, first = min(len(time.samples_s) for time in times), times[0]
     samples = np.array([time.samples_s[:rounds] for time in times])
-    relative = samples / np.array(first.reference_s[:rounds])
+    relative = samples / np.array([time.reference_s[:rounds] for time in times])
     parts = split_rounds(first.processes, first.epochs, rounds)
     values = np.stack([np.median(relative[:, part], axis=1) for part in parts], 1)
     best = int(np.argmin(np.log(values).mean(axis=1)))

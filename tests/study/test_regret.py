@@ -200,6 +200,11 @@ def test_times_are_relative_to_the_reference_of_their_rounds():
     records = make_cases("a", seconds=costs * reference)
     for record in records:
         record["time"] |= {"reference_s": reference.tolist(), "epochs": [3] * 4}
+    records[1]["time"] = {  # timed after a resumption, when the machine was twice as slow
+        "samples_s": (2 * costs[1] * reference).tolist(),
+        "reference_s": (2 * reference).tolist(),
+        "epochs": [3] * 4,
+    }
     row = get_row(make_table(records), name="half-perimeter", measure="time_work_0")
     assert (row["regret_low"], row["regret"], row["regret_high"]) == pytest.approx((1, 1, 1))
 
