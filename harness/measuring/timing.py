@@ -25,7 +25,7 @@ import numpy as np
 
 from harness.machine import system
 from harness.metrics.run_quality import select_rounds
-from harness.metrics.statistics import compute_median_interval, compute_paired_ratio
+from harness.metrics.statistics import MIN_VALUES, compute_median_interval, compute_paired_ratio
 from harness.rasterisers.base import Drawing, Sample
 from harness.results.record import Time
 from harness.settings import TimingSettings
@@ -132,9 +132,12 @@ class Times:
         return compute_median_interval(self.undisturbed_s)
 
     def is_precise(self, precision: float) -> bool:
-        """Return whether the interval's half-width is at most `precision` times the median."""
+        """Return whether the interval's half-width is at most `precision` times the median.
+
+        Fewer than `MIN_VALUES` samples have no 95 % interval.
+        """
         low, high = self.ci95_s
-        return (high - low) / 2 <= precision * self.median_s
+        return len(self.samples_s) >= MIN_VALUES and (high - low) / 2 <= precision * self.median_s
 
 
 def select_timer(big_draw: Drawing, *, software: bool = False) -> TimerTest:

@@ -91,6 +91,11 @@ def test_precision_is_the_half_width_of_the_interval(share, reached):
     assert entry.precision_reached is reached
 
 
+@pytest.mark.parametrize(("rounds", "precise"), [(1, False), (5, False), (6, True)])
+def test_fewer_than_six_samples_are_not_precise(rounds, precise):
+    assert Times(1, [1e-3] * rounds).is_precise(0.01) is precise
+
+
 @pytest.mark.parametrize(("names", "reached"), [("ab", True), ("a", False)])
 def test_precise_ratios_suffice_on_a_drifting_machine(names, reached):
     """The speed drops by a tenth per second, so medians never become as narrow as ratios."""
