@@ -105,7 +105,7 @@ def write_profile(content: Mapping[str, Any], out: Path | None, trouble: str) ->
         typer.echo(line)
     Screen(highlight=False).print(report.make_table(content))
     picture = report.draw_chart(content, file)
-    typer.echo(f"profile: {file}, picture: {picture}")
+    typer.echo(f"profile: {file}" + (f", picture: {picture}" if picture else ""))
     if trouble:
         raise InconclusiveError(f"{trouble}: close other programs and repeat; saved as {file}")
     if content["refused"]:

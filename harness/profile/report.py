@@ -159,9 +159,9 @@ def _format_cost(term: Mapping[str, Any]) -> str:
     return f"{cost} ({low} to {high})"
 
 
-def draw_chart(profile: Mapping[str, Any], file: Path) -> Path:
-    """Draw the chart next to a profile's file, as PNG and SVG; return the PNG."""
-    return draw_figure(file.parent, file.stem, _make_figure, profile)[0]
+def draw_chart(profile: Mapping[str, Any], file: Path) -> Path | None:
+    """Draw the chart next to a profile's file, as PNG and SVG; return the PNG, if drawn."""
+    return next(iter(draw_figure(file.parent, file.stem, _make_figure, profile)), None)
 
 
 def _make_figure(profile: Mapping[str, Any]) -> Figure:
