@@ -17,11 +17,10 @@ import shapely
 from numpy.typing import NDArray
 
 from scenes.projection import Projection, find_system, is_geographic
-from scenes.readers.guard import check_path
+from scenes.readers.guard import check_path, check_quoted_names
 from scenes.readers.reader import GDAL, RawChunk, Source, choose_reader
 from scenes.repair import Cleaned, clean
 from scenes.scene import Note, Scene, SceneError
-from scenes.spec import format_suggestion
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -258,12 +257,7 @@ def find_matching_rows(table: pd.DataFrame | None, condition: str, path: str) ->
     """
     if table is None or not table.shape[1]:
         raise SceneError(f"{path} has no attributes: leave where={condition!r} out")
-    names = [str(column).lower() for column in table.columns]
-    for name in re.findall(r"'[^']*'|\"((?:[^\"]|\"\")*)\"", condition):
-        # SQLite takes a quoted name of no column as text, which may exceed all numbers.
-        if name and name.replace('""', '"').lower() not in names:
-            hint = format_suggestion(name, names, "it has")
-            raise SceneError(f"{path}: invalid condition {condition!r}: no column {name!r}; {hint}")
+    check_quoted_names(path, condition, map(str, table.columns))
     table, condition = _flatten_fields(table, condition)
     columns = ", ".join('"' + str(c).replace('"', '""') + '"' for c in table.columns)
     marks = ", ".join("?" * table.shape[1])

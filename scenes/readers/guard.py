@@ -10,12 +10,12 @@ import logging
 import re
 import struct
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from scenes.scene import Note, SceneError
-from scenes.spec import import_optional, path_exists
+from scenes.spec import format_suggestion, import_optional, path_exists
 
 _LOG = logging.getLogger(__name__)
 
@@ -190,6 +190,15 @@ def check_quotes(path: Path) -> None:
                 ) from error
         finally:
             csv.field_size_limit(limit)
+
+
+def check_quoted_names(path: str, condition: str, columns: Iterable[str]) -> None:
+    """Raise SceneError for a quoted name of no column, which SQLite would take as text."""
+    names = [column.lower() for column in columns]
+    for name in re.findall(r"'[^']*'|\"((?:[^\"]|\"\")*)\"", condition):
+        if name and name.replace('""', '"').lower() not in names:
+            hint = format_suggestion(name, names, "it has")
+            raise SceneError(f"{path}: invalid condition {condition!r}: no column {name!r}; {hint}")
 
 
 def check_last_line(path: Path, is_valid: Callable[[bytes], object]) -> None:

@@ -21,6 +21,7 @@ from scenes.readers.gdal import FailureLog, find_crs, find_skipped_lines, is_geo
 from scenes.readers.geoparquet import to_pandas
 from scenes.readers.guard import (
     check_last_line,
+    check_quoted_names,
     check_quotes,
     make_truncation_error,
     refuse_special,
@@ -70,6 +71,7 @@ def read(source: Source, size: int) -> Iterator[RawChunk]:
         # GDAL's warnings on single features are replaced by notes.
         warnings.simplefilter("ignore")
         layer, notes = choose_layer(source)
+        _check_condition(source, layer)
         # OSM files have no index, so that skipping is slow: they are read at once.
         is_osm = source.path.suffix.lower() in (".pbf", ".osm")
         options: dict[str, Any] = {
@@ -110,6 +112,14 @@ def read(source: Source, size: int) -> Iterator[RawChunk]:
             source.path, count, failures.count, is_complete=is_complete, size=size
         )
     _check_feature_count(source, layer, count)
+
+
+def _check_condition(source: Source, layer: str) -> None:
+    if source.where is not None and source.path.suffix.lower() in (".gpkg", ".sqlite"):
+        info = pyogrio.read_info(source.path, layer=layer)
+        others = (info["fid_column"], info["geometry_name"], "fid", "rowid")
+        names = filter(None, dict.fromkeys((*info["fields"], *others)))
+        check_quoted_names(str(source.path), source.where, names)
 
 
 def _check_feature_count(source: Source, layer: str, count: int) -> None:

@@ -114,6 +114,7 @@ def test_layers_and_conditions(tmp_path):
     assert parks.notes[0] == "layer parks (others: trees, houses)"
     assert len(load(f"{path}:layer=parks,where=height > 1").polygons) == 1
     require_error("did you mean parks", path, layer="park")
+    require_error("no column 'heigth'; did you mean height?", path, where='"heigth" > 1')
     require_error("no polygon for where=height > 99", path, where="height > 99")
 
 
