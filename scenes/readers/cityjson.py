@@ -1,6 +1,7 @@
 """Reader of CityJSON: roof and ground surfaces of city models, seen from above."""
 
 import json
+import re
 from collections.abc import Callable, Iterator
 from itertools import chain
 from typing import Any
@@ -106,8 +107,9 @@ def _parse_model(name: str, content: Callable[[], bytes]) -> dict[str, Any]:
 def _find_crs(model: dict[str, Any]) -> str | None:
     metadata = model.get("metadata")
     name = metadata.get("referenceSystem") if isinstance(metadata, dict) else None
-    code = str(name).replace("::", ":").replace("/", ":").rpartition(":")[2]
-    return f"EPSG:{code}" if code.isdigit() else None
+    # Of a compound system, the first code is that of the horizontal system.
+    code = re.search(r"([A-Z]+)(?:[:/][^:/]*)?[:/](\d+)", str(name))
+    return f"{code[1]}:{code[2]}" if code else None
 
 
 def _read_vertices(model: dict[str, Any], source: dict[str, Any]) -> NDArray[np.float64]:

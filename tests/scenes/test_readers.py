@@ -193,6 +193,19 @@ class TestCityJson:
         path = write_file(tmp_path / "town.city.json", json.dumps(model))
         assert [p.area for p in load(path, layer="RoofSurface").polygons] == [80]
 
+    @pytest.mark.parametrize(
+        "system",
+        [
+            "https://www.opengis.net/def/crs/EPSG/0/7415",
+            "urn:ogc:def:crs:EPSG::28992",
+            "urn:ogc:def:crs,crs:EPSG::28992,crs:EPSG::5709",
+        ],
+    )
+    def test_horizontal_reference_system(self, tmp_path, system):
+        text = cityjson(metadata={"referenceSystem": system})
+        scene = load(write_file(tmp_path / "town.city.json", text))
+        assert "coordinates in Amersfoort / RD New, m" in scene.notes
+
     def test_instances_of_templates_are_noted(self, tmp_path):
         model = json.loads(cityjson())
         instance = {"type": "GeometryInstance", "template": 0, "boundaries": [0]}
