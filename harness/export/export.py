@@ -63,7 +63,7 @@ MODEL_SUFFIXES = (*GLTF_SUFFIXES, ".obj")  # 3D models
 # Default order of a polygon's triangles, in which a GPU transforms few vertices twice.
 ORDER = "walk"
 
-DEFAULT_CRITERION = "half-perimeter"  # to certify if a triangulator has none
+DEFAULT_CRITERION = "half-perimeter"  # to certify if a triangulator has none, or a flip test
 
 
 @dataclass
@@ -85,7 +85,10 @@ class Certified:
     @classmethod
     def create(cls, name: str) -> "Certified":
         """Return empty sums for the triangulator `name`."""
-        return cls(parse(name).criterion or DEFAULT_CRITERION)
+        entry, criterion = parse(name)
+        if criterion is None or criterion in entry.tests:
+            criterion = DEFAULT_CRITERION
+        return cls(criterion)
 
     @classmethod
     def sum_parts(cls, parts: Sequence[Mapping[str, Any]]) -> "Certified":

@@ -364,6 +364,12 @@ def test_proofs_are_written_and_valid(houses, tmp_path):
     assert proofs in report.files
 
 
+def test_flips_by_a_test_are_certified_for_half_perimeter(tmp_path, houses):
+    certified = export_file(houses, tmp_path / "a.npz", "flips:l1", certify=True).certified
+    counts = (certified.criterion, certified.polygons, certified.refused)
+    assert counts == ("half-perimeter", 3, 0)
+
+
 def test_skipped_polygons_are_named(harness, tmp_path):
     points = [{"type": "Point", "coordinates": [number, 0]} for number in range(5)]
     file = tmp_path / "mixed.geojson"
