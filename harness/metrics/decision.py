@@ -127,16 +127,19 @@ def _make_standing(
     """Return the entry of a record in the ranking; compared : number of other complete records.
 
     The cost is the ratio of times if the run was quiet or counted nothing, otherwise the main
-    counter or, without a ratio of times, the draw time relative to the base's.
+    counter or, without a ratio of times, the draw time relative to the base's. It is infinite if
+    the records have no metric in common.
     """
     ratio = group.compute_ratio(record, base, compared)
     counters = list_costs(record.counters)
     if ratio is not None and (ratio.quiet or not counters):
         cost = ratio.value
     else:
-        names = [TIME, *counters] if ratio is None else counters
-        cost, base_cost = get_first_value(record, names) or 0.0, get_first_value(base, names)
-        cost = cost / base_cost if base_cost else cost
+        metrics = map(find_metric, [TIME, *counters] if ratio is None else counters)
+        values = ((metric(record), metric(base)) for metric in metrics)
+        pairs = ((v, b) for v, b in values if v is not None and b is not None)
+        value, base_value = next(pairs, (math.inf, 0.0))
+        cost = value / base_value if base_value else value
     complete = record.polygons == all_polygons
     return Standing(record, cost, complete, ratio, compute_break_even(record, base, ratio))
 

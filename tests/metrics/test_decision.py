@@ -249,7 +249,15 @@ def test_untimed_records_rank_by_counter_relative_to_the_base():
     assert costs == [("greedy", pytest.approx(0.9)), ("ear-clipping", 1.0)]
     for entry in records:
         entry["counters"] = {}
-    assert [entry.cost for entry in decide(records).standings] == [0.0, 0.0]
+    assert [entry.cost for entry in decide(records).standings] == [math.inf, math.inf]
+
+
+def test_record_without_time_ranks_by_a_metric_of_both():
+    untimed = make_fields("delaunay", "untimed", counts="more")
+    names = [s.name for s in decide([base(), untimed, make_fields("greedy", "faster")]).standings]
+    assert names == ["greedy", "ear-clipping", "delaunay"]
+    del untimed["counters"]
+    assert decide([base(), untimed]).standings[-1].cost == math.inf
 
 
 def test_first_of_equal_counts_is_chosen_over_a_higher_one():
