@@ -61,7 +61,9 @@ class Series:
     @cached_property
     def changes(self) -> tuple[int, ...]:
         """Index of the first run after each change of the metric while the content is the same."""
-        runs = np.flatnonzero(np.isfinite(self.values))
+        # The triangulation that a model has takes 0 s, whose logarithm is infinite.
+        usable = np.isfinite(self.values) & (self.exact | (self.values > 0))
+        runs = np.flatnonzero(usable)
         cuts = [
             n for n, (a, b) in enumerate(pairwise(runs), 1) if self.content[a] != self.content[b]
         ]

@@ -96,6 +96,12 @@ def test_cached_triangulations_have_no_values(tmp_path):
     assert not any(series.changes for series in all_series)
 
 
+def test_zero_times_are_not_changes(tmp_path):
+    edits = {"fan": lambda entry: entry.update(triangulate_s=0.0)}
+    all_series = write_runs(tmp_path, 6, edits, range(1, 7), metrics=["triangulate_ms"])
+    assert not any(series.changes for series in all_series)
+
+
 def test_the_command_draws_and_lists(harness, year):
     out, _ = require_ok(harness("history", str(year), "--out", "plots", "--all"))
     files = {path.name for path in Path("plots").iterdir()}
