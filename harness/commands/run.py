@@ -124,8 +124,11 @@ def run(
     from harness.rasterisers.base import Options
     from scenes.spec import join_name
 
-    timing = QUICK if quick else TimingSettings(precision=precision, budget_s=budget)
-    timing = replace(timing, processes=repeats)
+    timing = replace(QUICK if quick else TimingSettings(), processes=repeats)
+    if options.is_given(context, "precision"):
+        timing = replace(timing, precision=precision)
+    if options.is_given(context, "budget"):
+        timing = replace(timing, budget_s=budget)
     profile_file = runs.find_profile_file(profile, resume)
     if resume and not scene:
         plan = runs.read_plan(resume)

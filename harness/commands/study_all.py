@@ -30,6 +30,7 @@ REFUSALS = (IncompatibleRunsError, InputError, StorageError, UsageError)  # end 
 
 
 def study_all(
+    context: typer.Context,
     scenes: Annotated[list[str], typer.Argument(help="Scenes or files of polygons.")],
     out: Annotated[Path, typer.Option(help="Folder for the studies and findings.md.")],
     device: options.Devices = None,
@@ -61,7 +62,9 @@ def study_all(
         rasterisers=options.choose_rasterisers(rasterisers, "bounding-box"),
         devices=tuple(device or ()),
         resolution=resolution,
-        polygons=polygons,
+        polygons=study_validate.QUICK.polygons
+        if quick and not options.is_given(context, "polygons")
+        else polygons,
         seed=seed,
         quick=quick,
         verbose=verbose,
@@ -165,7 +168,8 @@ def _measure_validation(scene: str, folder: Path, settings: _Settings) -> None:
         seed=settings.seed,
         budget_s=study_validate.QUICK_S if settings.quick else study_validate.BUDGET_S,
     )
-    size = study_validate.QUICK if settings.quick else StudySize(polygons=settings.polygons)
+    size = study_validate.QUICK if settings.quick else StudySize()
+    size = replace(size, polygons=settings.polygons)
     reporter = Reporter(quiet=True, verbose=settings.verbose)
     validation = study_validate.measure_validation(
         plan, size, folder, reporter, resume=(folder / "run.json").is_file()

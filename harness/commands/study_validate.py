@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -29,6 +29,7 @@ QUICK_S = 0.02  # per triangulation, with --quick; also the maximum warm-up of a
 
 
 def study_validate(
+    context: typer.Context,
     scene: options.SceneName = "city",
     rasterisers: options.Rasterisers = None,
     device: options.Devices = None,
@@ -57,6 +58,8 @@ def study_validate(
     from harness.report import matrix
     from harness.study import correlations, regret
 
+    sizes = {"polygons": polygons, "random": random}
+    given = {name: size for name, size in sizes.items() if options.is_given(context, name)}
     validation = measure_validation(
         plan_validation(
             scene,
@@ -65,9 +68,9 @@ def study_validate(
             resolution=resolution,
             work=work,
             seed=seed,
-            budget_s=QUICK_S if quick else budget,
+            budget_s=QUICK_S if quick and not options.is_given(context, "budget") else budget,
         ),
-        QUICK if quick else StudySize(polygons=polygons, random=random),
+        replace(QUICK if quick else StudySize(), **given),
         choose_folder(scene, out, resume, before="validate-"),
         Reporter(quiet=quiet, verbose=verbose),
         resume=resume is not None,

@@ -14,6 +14,7 @@ from harness.commands.options import choose_rasterisers
 from harness.commands.runs import choose_folder
 from harness.commands.triangulate import COMPILING
 from harness.profile.law import COSTS
+from harness.results.run_folder import read_facts
 from harness.triangulating.database import ModelDatabase, TimedTriangles
 from harness.triangulating.triangulate import triangulate_many
 from tests.conftest import assert_one_line, assert_refused, require_ok
@@ -287,10 +288,12 @@ def test_lists_are_available_as_json(harness, kind):
 
 
 def test_json_of_a_run_has_its_cases(harness, no_plots):
-    run = ("run", "--scene", "city:buildings=2", "--quick", "--quiet", "--budget", "0.001")
+    run = ("run", "--scene", "city:buildings=2", "--quick", "--quiet", "--budget", "0.002")
     run += ("--rasterisers", "tests.mock:MockRasteriser", "--out", "out", "--json")
     out, _ = require_ok(harness(*run, "--triangulators", "delaunay,greedy"))
     document = json.loads(out)
+    timing = read_facts(Path("out"), [])["plan"]["timing"]
+    assert timing["budget_s"] == 0.002, "--budget overrides --quick"
     assert document["results"] == "out"
     assert not document["interrupted"]
     cases = {case["triangulator"]: case for case in document["cases"]}

@@ -89,6 +89,7 @@ def test_failed_case_is_reported_with_the_exit_code(harness, command, monkeypatc
 def study(tmp_path_factory):
     folder = tmp_path_factory.mktemp("study") / "out"
     arguments = ["study", "validate", "--scene", "city:buildings=80", "--quick", "--quiet"]
+    arguments += ["--random", "9"]
     arguments += ["--rasterisers", "reference", "--resolution", "512", "--out", str(folder)]
     with pytest.MonkeyPatch.context() as patch:
         shorten_runs(patch)  # this test evaluates counters, not times
@@ -120,6 +121,8 @@ def test_study_has_a_record_per_triangulation_and_plots(study):
     assert stored.problems == []
     assert {record["status"] for record in get_rows(stored)} <= {"ok", "skipped"}
     assert len({record["scene"] for record in get_rows(stored)}) == 6
+    seeds = {record.id.number for record in stored.records if record.id.triangulator == "random"}
+    assert seeds == {*range(9)}, "--random overrides --quick"
     plots = {path.name for path in (study / "plots").iterdir()}
     assert "predicted-vs-measured-reference-cpu.svg" in plots
     assert (study / "criteria.md").read_text().count("| half-perimeter |") == 4
