@@ -28,6 +28,8 @@ from scenes.readers.guard import check_path
 
 CRITERION = "edge-length"  # proportional to half-perimeter averaged over all rotations
 
+PIXEL_CRITERIA = ("expected-quads", "expected-blocks", "calibrated")
+
 Model = GltfModel | ObjModel
 
 FORMATS: dict[str, type[Model]] = {".glb": GltfModel, ".gltf": GltfModel, ".obj": ObjModel}
@@ -70,6 +72,11 @@ def retriangulate(
     if out is not None and out.suffix.lower() != source.suffix.lower():
         raise UsageError(f"-o {out}: the output must keep the input format ({source.suffix})")
     get_cost_function(criterion)
+    if criterion in PIXEL_CRITERIA:
+        raise UsageError(
+            f"criterion {criterion}: depends on a size in pixels, which a model does not have "
+            "(choose from edge-length, half-perimeter, overdraw)"
+        )
     changes = Changes()
     changes.unchanged += model.unchanged
     drawn: list[DrawnPart] = []

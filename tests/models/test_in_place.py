@@ -63,6 +63,7 @@ def test_triangulate_prints_the_changes_of_a_model(tmp_path, harness):
         (("-o", "out.obj"), "the output must keep the input format (.glb)"),
         (("-o", "out.glb", "--limit", "3"), "--limit is for polygons"),
         (("-o", "out.glb", "--criterion", "mixed=1/2/0"), "choose from edge-length"),
+        (("-o", "out.glb", "--criterion", "expected-quads"), "depends on a size in pixels"),
         (("-o", "out.glb", "--criterion", "lenght"), "unknown criterion 'lenght'"),
         ((), "-o FILE is missing"),
     ],
