@@ -8,7 +8,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
@@ -19,7 +18,6 @@ from typing import IO, Any
 import numpy as np
 import psutil
 
-from tests.endurance.forked import Program
 from tests.fuzz.damage import apply_byte_edits
 from tests.paths import ROOT
 
@@ -31,8 +29,6 @@ SILENT_S = 10.0
 
 TIMEOUT_S = 60.0
 """Wall-clock time without output after which the program is killed."""
-
-ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200"}
 
 
 @dataclass(frozen=True)
@@ -47,10 +43,11 @@ class Outcome:
 def run(arguments: list[str], folder: Path, command: tuple[str, ...] = ()) -> Outcome:
     """Run the program in a new process, reading its output continuously."""
     command = command or (sys.executable, "-m", "harness")
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200"}
     process = subprocess.Popen(
         [*command, *arguments],
         cwd=folder,
-        env={**ENVIRONMENT, "RASTER_HARNESS_CACHE": str(folder / "cache" / "models.db")},
+        env={**environment, "RASTER_HARNESS_CACHE": str(folder / "cache" / "models.db")},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         stdin=subprocess.DEVNULL,
@@ -59,19 +56,6 @@ def run(arguments: list[str], folder: Path, command: tuple[str, ...] = ()) -> Ou
     assert process.stdout is not None
     output_and_silence = read_output(process.stdout, process.pid)
     return Outcome(process.wait(60), *output_and_silence)
-
-
-_thread = threading.local()
-
-
-def run_forked(arguments: list[str], folder: Path) -> Outcome:
-    """Run the program like `run`, forked from a program that each thread loads once."""
-    if not hasattr(_thread, "program"):
-        _thread.program = Program()
-    environment = {"COLUMNS": "200", "RASTER_HARNESS_CACHE": str(folder / "cache" / "models.db")}
-    pid, output = _thread.program.start(arguments, folder, environment)
-    output_and_silence = read_output(output, pid)
-    return Outcome(_thread.program.wait(), *output_and_silence)
 
 
 def read_output(output: IO[bytes], pid: int) -> tuple[str, float]:

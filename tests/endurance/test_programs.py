@@ -1,7 +1,6 @@
 """The program with damaged files and faulty plugins: it ends in time with a clear error.
 
-Each input has a separate process: a fork of a loaded `raster-harness` for tiles, models and
-polygons, a new process for plugins, and Node.js for the JavaScript port.
+Each input has a separate process, of Node.js for the JavaScript port.
 """
 
 import contextlib
@@ -30,7 +29,6 @@ from tests.endurance.programs import (
     find_problem,
     run,
     run_each,
-    run_forked,
 )
 from tests.models.build import join_glb, split_glb
 from tests.models.various import MODELS
@@ -59,7 +57,7 @@ def test_tiles(scale_count, report_counts, tmp_path):
             ["census", name, "-o", "census", "--triangulators", "ear-clipping,delaunay"],
             ["inspect", name, "--polygon", "0", "--out", "one.png"],
         )
-        outcome = run_forked(commands[number // 3 % 3], folder)
+        outcome = run(commands[number // 3 % 3], folder)
         table = folder / "census" / "census.csv"
         return outcome, find_problem(outcome) or find_lost_tiles(file, outcome, table)
 
@@ -109,7 +107,7 @@ def test_models(scale_count, report_counts, tmp_path):
             ["inspect", f"{file.name}:views=4", "--polygon", "0", "--out", "one.png"],
         )
         command = commands[number // 12 % 3]
-        outcome = run_forked(command, folder)
+        outcome = run(command, folder)
         lost = find_lost_triangles(file, outcome) if command[0] == "triangulate" else ""
         return outcome, find_problem(outcome) or lost
 
@@ -188,7 +186,7 @@ def test_polygons(scale_count, report_counts, tmp_path):
         else:
             file.write_bytes(damage_bytes(json.dumps(collection).encode(), rng))
         out = folder / ("out.glb" if number % 2 else "out.geojson")
-        outcome = run_forked(["triangulate", file.name, "-o", out.name], folder)
+        outcome = run(["triangulate", file.name, "-o", out.name], folder)
         lost = find_lost_features(file, outcome, out) if out.suffix == ".geojson" else ""
         return outcome, find_problem(outcome) or lost
 
@@ -288,7 +286,7 @@ def test_two_writers_of_the_same_output(scale_count, report_counts, tmp_path):
         (folder / "l.wkt").write_text(L_SHAPE * 9)
         with ThreadPoolExecutor(2) as pool:
             commands = [WRITERS[output]] * (1 if number < 3 else 2)
-            outcomes = list(pool.map(run_forked, commands, [folder] * 2))
+            outcomes = list(pool.map(run, commands, [folder] * 2))
         outcomes.sort(key=lambda outcome: outcome.code)
         codes = [outcome.code for outcome in outcomes]
         content = read_content(folder / output)
