@@ -60,6 +60,7 @@ def test_triangulate_refuses_unsupported_arguments(harness, arguments, parts):
     [
         ([], "optimal:half-perimeter"),
         (["--triangulator", "optimal"], "optimal:overdraw"),
+        (["--triangulator", "earcut"], "ear-clipping"),
         (["--criterion", "edge-length"], "optimal:edge-length"),
         (["--triangulator", "worst", "--criterion", "shape"], "worst:shape"),
         (["--triangulator", "optimal:mixed=1.0/.5/0"], "optimal:mixed=1/0.5/0"),
@@ -98,20 +99,18 @@ def test_failed_polygons_are_skipped_with_exit_code_5(block, harness, many):
     assert not many or harness(*arguments)[0] == 2  # the folder belongs to another triangulator
 
 
-def test_inspect_draws_a_picture(harness, block):
-    require_ok(harness("inspect", str(block), "--out", "picture.png"))
-    assert Path("picture.png").read_bytes().startswith(b"\x89PNG")
-    assert_refused(harness("inspect", str(block), "--polygon", "9"), "polygons 0 to 2")
-
-
-def test_a_picture_of_inspect_survives_a_full_disk(harness, block, monkeypatch):
+def test_inspect_draws_a_picture_that_survives_a_full_disk(harness, block, monkeypatch):
     def fill_disk(*_, **__):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    Path("picture.png").write_bytes(b"complete")
+    inspect = ("inspect", str(block), "--out", "picture.png", "--polygon")
+    require_ok(harness(*inspect, "1"))
+    picture = Path("picture.png").read_bytes()
+    assert picture.startswith(b"\x89PNG")
+    assert_refused(harness(*inspect, "9"), "polygons 0 to 2")
     monkeypatch.setattr("harness.atomic.move", fill_disk)
-    assert harness("inspect", str(block), "--out", "picture.png")[0] != 0
-    assert Path("picture.png").read_bytes() == b"complete"
+    assert harness(*inspect, "0")[0] != 0
+    assert Path("picture.png").read_bytes() == picture
 
 
 def test_webgpu_in_place_of_opengl_is_reported(monkeypatch, capsys):
@@ -287,10 +286,9 @@ def test_lists_are_available_as_json(harness, kind):
         assert all(next(iter(row.values())) in table for row in rows)
 
 
-def test_json_of_a_run_has_its_cases(harness, no_plots):
-    run = ("run", "--scene", "city:buildings=2", "--quick", "--quiet", "--budget", "0.002")
-    run += ("--rasterisers", "tests.mock:MockRasteriser", "--out", "out", "--json")
-    out, _ = require_ok(harness(*run, "--triangulators", "delaunay,greedy"))
+def test_json_of_a_run_has_its_cases(harness, block):
+    run = ("run", "--scene", str(block), "--triangulators", "delaunay,greedy", *MOCK)
+    out, _ = require_ok(harness(*run, "--budget", "0.002", "--out", "out", "--json"))
     document = json.loads(out)
     timing = read_facts(Path("out"), [])["plan"]["timing"]
     assert timing["budget_s"] == 0.002, "--budget overrides --quick"

@@ -162,20 +162,6 @@ def test_run_with_two_hosts_is_refused(first, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_plan_is_the_union(runs, tmp_path):
-    merge_runs(hosted(runs, "first", "second"), tmp_path / "out")
-    facts = read_run(tmp_path / "out").facts
-    plans = [read_run(runs[name]).facts["plan"] for name in ("first", "second")]
-    names = {name for plan in plans for name in plan["triangulators"]}
-    assert facts["plan"]["triangulators"] == sorted(names)
-    assert facts["plan"]["rasterisers"] == plans[0]["rasterisers"]
-    resolutions = [view["resolution"] for view in facts["plan"]["views"]]
-    assert sorted(resolutions) == [64, 128]
-    assert facts["plan"]["options"] == plans[0]["options"]
-    assert facts["plan"]["seed"] == plans[0]["seed"]
-    assert facts["interrupted"] is False
-
-
 def test_interrupted_merge_leaves_no_folder_and_can_be_repeated(
     harness, runs, monkeypatch, no_plots
 ):
@@ -246,8 +232,8 @@ def test_counters_of_different_devices_may_differ(runs, tmp_path):
     assert devices == {"scripted@first", "other@third"}
 
 
-def test_facts_of_each_run_are_stored(runs, tmp_path):
-    """The facts of the earliest run are used."""
+def test_facts_of_each_run_and_the_union_of_the_plans_are_stored(runs, tmp_path):
+    """The other facts are those of the earliest run."""
     early, late = hosted(runs, "first", "second")
     early = replace(early, facts={**early.facts, "created": "2026-01-01", "about": "z"})
     given_facts = {"created": "2026-02-01", "about": "a", "warnings": ["hot"], "interrupted": True}
@@ -260,6 +246,12 @@ def test_facts_of_each_run_are_stored(runs, tmp_path):
     assert facts["interrupted"] is True
     assert facts["state"]["state"] == "disturbed"
     assert "a neighbour" in facts["state"]["why"]
+    plans = [run.facts["plan"] for run in (early, late)]
+    names = {name for plan in plans for name in plan["triangulators"]}
+    assert facts["plan"]["triangulators"] == sorted(names)
+    assert sorted(view["resolution"] for view in facts["plan"]["views"]) == [64, 128]
+    for name in ("rasterisers", "options", "seed"):
+        assert facts["plan"][name] == plans[0][name]
     assert [host["created"] for host in facts["merged"]] == ["2026-01-01", "2026-02-01"]
     for host, name in zip(facts["merged"], ("first", "second"), strict=True):
         assert host["devices"] == [f"tests.mock:MockRasteriser on scripted@{name}"]

@@ -95,18 +95,14 @@ def read_geometry_column(file: str) -> dict:
     return json.loads(parquet.read_schema(file).metadata[b"geo"])["columns"]["geometry"]
 
 
-def test_geoparquet_without_reference_system(harness, tmp_path):
-    (tmp_path / "a.wkt").write_text(shapely.box(0, 0, 10, 10).wkt)
-    assert harness("triangulate", "a.wkt", "-o", "out.parquet")[0] == 0
-    assert read_geometry_column("out.parquet")["crs"] is None
-
-
 def test_skipped_features_are_named_ten_on_screen_all_in_the_run(harness):
-    shapes = [shapely.box(0, 0, 1, 1), *[shapely.Point(0, 0)] * 6, *[None] * 6]
+    bow_tie = shapely.Polygon([(3, 0), (4, 1), (4, 0), (3, 1)])
+    shapes = [shapely.box(0, 0, 1, 1), *[shapely.Point(0, 0)] * 6, *[None] * 6, bow_tie]
     Path("own.geojson").write_text(make_geojson(shapes))
     arguments = ("--scene", "own.geojson", "--triangulators", "fan", "--out", "out", *LOUD)
     _, err = require_ok(harness("run", *arguments))
     dropped = dict(scene_of("out")["dropped"])
+    assert [name for name, _ in scene_of("out")["repaired"]] == ["feature 13"]
     points = {f"feature {number}": "is a Point, not a polygon" for number in range(1, 7)}
     assert dropped == points | {f"feature {number}": "empty geometry" for number in range(7, 13)}
     named = [line for line in err.splitlines() if ": dropped feature " in line]

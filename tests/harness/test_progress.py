@@ -2,13 +2,11 @@ import io
 import time
 from itertools import pairwise
 
-import pytest
 from rich.console import Console
 
 from harness.progress import MAX_INTERVAL_S, MIN_INTERVAL_S, Reporter, Screen
 from harness.style import make_plain_table
 from tests.conftest import assert_refused
-from tests.harness.test_cli import MOCK
 
 
 class ScriptedReporter:
@@ -109,16 +107,6 @@ def test_quiet_prints_only_warnings():
         reporter.now += 100.0
         stage.advance()
     assert reporter.lines == ["warning: b"]
-
-
-@pytest.mark.parametrize("verbose", [False, True])
-def test_verbose_shows_cases_and_tracebacks_of_plugins(harness, block, no_plots, verbose):
-    names = ("--triangulators", "ear-clipping,tests.broken:raise_base_exception")
-    run = ("run", "--scene", str(block), "--out", "out", *MOCK, *names)
-    code, _, err = harness(*run, *(["--verbose"] if verbose else []))
-    assert code == 5
-    assert ("in raise_base_exception" in err) == verbose
-    assert ("ear-clipping, tests.mock:MockRasteriser on scripted: ok, " in err) == verbose
 
 
 def test_the_rate_excludes_work_before_the_first_step():

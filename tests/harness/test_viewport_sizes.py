@@ -57,8 +57,10 @@ def test_the_sentence_reports_that_the_choice_does_not_matter(harness):
     assert Path("chart.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_laws_convert_counters_to_seconds(city_of_12):
-    frame, triangles = city_of_12
+def test_laws_convert_counters_to_seconds():
+    frame = make_scene_frame(load("city:buildings=12"), View(128))
+    result = sizes.triangulate_polygons(parse_all(["ear-clipping"])[0], frame.polygons)
+    triangles = frame.join_triangles(result.parts)
     counts = count_cost_terms(frame, triangles)
     counters = [counts | {f"{name}_walk": counts[name] // 2 for name in VERTICES}]
 
@@ -102,13 +104,6 @@ def test_stages_say_what_shortens_a_draw():
     ]
     of_a_sum = sizes.Sizes("s", DeviceCosts("CPU", np.zeros(0)), counted)
     assert list(sizes.list_stages(of_a_sum)) == []
-
-
-@pytest.fixture(scope="module")
-def city_of_12():
-    frame = make_scene_frame(load("city:buildings=12"), View(128))
-    result = sizes.triangulate_polygons(parse_all(["ear-clipping"])[0], frame.polygons)
-    return frame, frame.join_triangles(result.parts)
 
 
 def test_the_sentence_has_the_range_of_sizes_that_matter():
