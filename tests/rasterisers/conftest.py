@@ -22,7 +22,7 @@ Call = Callable[..., Any]
 
 DEVICES = [
     *(("opengl", "llvmpipe"), ("opengl", "zink"), ("osmesa", "osmesa")),
-    *(("bounding-box", "llvmpipe"), ("scanline", "llvmpipe")),
+    *(("bounding-box", "llvmpipe"), ("bounding-box", "zink"), ("scanline", "llvmpipe")),
     *(("webgpu", "llvmpipe"), ("webgpu", "lavapipe")),
 ]
 

@@ -46,7 +46,6 @@ def _of_reference(drawing: Any, _: Frame) -> Image:
 
 def _of_webgpu(drawing: Any, frame: Frame) -> Image:
     gpu, size = drawing.gpu, (frame.width, frame.height, 1)
-    pixels = np.zeros((frame.height, frame.width, 4), np.uint8)
     layout = {"bytes_per_row": 4 * frame.width, "rows_per_image": frame.height}
     encoder = gpu.create_command_encoder()
     cleared = {"view": drawing.target, "load_op": "clear", "store_op": "store"}
@@ -54,8 +53,7 @@ def _of_webgpu(drawing: Any, frame: Frame) -> Image:
     gpu.queue.submit([encoder.finish()])
     drawing.sample(1)
     data = gpu.queue.read_texture({"texture": drawing.target.texture}, layout, size)
-    pixels[:] = np.frombuffer(data, np.uint8).reshape(pixels.shape)[::-1]
-    return pixels
+    return np.frombuffer(data, np.uint8).reshape(frame.height, frame.width, 4)[::-1].copy()
 
 
 def _of_pyrender(drawing: Any, _: Frame) -> Image:

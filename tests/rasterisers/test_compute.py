@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.errors import UsageError
 from harness.rasterisers import Options, Rasteriser
 from harness.rasterisers.compute import JOB_PIXELS, LANES, split_into_jobs
 from tests.rasterisers.conftest import loose_triangles, random_triangles
-from tests.rasterisers.test_opengl import WITH_FIXTURES, any_corners
 
 
 @pytest.fixture(params=["bounding-box", "scanline"])
@@ -29,14 +28,6 @@ def test_dispatch_splits_more_triangles_than_one_dimension_allows(opened):
     frame, triangles = loose_triangles(corner * 70_000, 8)
     counted = opened("bounding-box").draw_and_count(frame, triangles, Options())
     assert counted["bbox_tests"].tolist() == [4] * 70_000
-
-
-@settings(WITH_FIXTURES, max_examples=50)
-@given(any_corners)
-def test_hits_of_any_triangle_equal_the_reference(walker, reference, corners):
-    case = (*loose_triangles(corners, 32), Options())
-    exact = reference.draw_and_count(*case)["fragments"]
-    assert walker.draw_and_count(*case)["hits"].tolist() == exact.tolist()
 
 
 def test_scanline_counts_the_rows_of_the_box(opened):

@@ -1,17 +1,14 @@
 """Coverage: equal for every conforming triangulation, wrong in places with a T-junction."""
 
-import json
-
 import numpy as np
 import pytest
-from shapely import Polygon, make_valid
+from shapely import Polygon
 
 from harness.frame import View, make_frame
 from harness.rasterisers import Options
 from harness.triangulating.recipes import parse
 from harness.triangulating.triangulate import triangulate_polygons
 from scenes import load
-from tests.paths import find_shared_data
 from tests.rasterisers.conftest import find_errors
 
 # A long roof with vertex 1 in the middle of its side 0-2.
@@ -47,17 +44,10 @@ def test_t_junction_causes_a_coverage_error_under_rotation(llvmpipe, reference):
 TRIANGULATORS = ("fan", "ear-clipping", "delaunay", "optimal:overdraw", "optimal:half-perimeter")
 
 
-def helsinki() -> list[Polygon]:
-    entries = json.loads(find_shared_data("helsinki.json").read_text())
-    polygons = [Polygon(entry["rings"][0], entry["rings"][1:]) for entry in entries]
-    repaired = [polygon if polygon.is_valid else make_valid(polygon) for polygon in polygons]
-    return [polygon for polygon in repaired if isinstance(polygon, Polygon)]
-
-
-@pytest.mark.parametrize("polygons", [lambda: load("city").polygons, helsinki])
+@pytest.mark.parametrize("scene", ["city", "helsinki"])
 @pytest.mark.parametrize("resolution", [256, 1024])
-def test_real_polygons_cover_the_same_pixels(llvmpipe, reference, polygons, resolution):
-    frame = make_frame(polygons(), View(resolution))
+def test_real_polygons_cover_the_same_pixels(llvmpipe, reference, scene, resolution):
+    frame = make_frame(load(scene).polygons, View(resolution))
     expected = None
     for name in TRIANGULATORS:
         result = triangulate_polygons(parse(name), frame.polygons)

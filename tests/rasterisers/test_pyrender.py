@@ -61,12 +61,16 @@ def test_missing_pyrender_has_no_devices_and_an_install_command(monkeypatch):
         find_device("pyrender")
 
 
-def test_walls_stand_under_the_rings(frame):
+def test_walls_stand_under_the_rings_and_close_them(frame):
     triangles = joined(frame, "delaunay")
-    solid = extrude_polygons(frame, triangles)
+    # Pickled, as for the worker that builds the walls.
+    solid = extrude_polygons(pickle.loads(pickle.dumps(frame)), triangles)
     number = len(frame.points)
     assert len(solid.faces) == len(triangles) + 2 * number
     assert np.array_equal(solid.faces[: len(triangles)], triangles)
+    following = solid.faces[len(triangles) :][:number, 1] - 2 * number
+    assert sorted(following) == list(range(number))
+    assert following[:8].tolist() == [1, 2, 3, 0, 5, 6, 7, 4]
     heights = solid.positions[:number, 2]
     for start, stop in pairwise(frame.grid.vertex_offsets):
         assert heights[start] > 0
@@ -77,15 +81,6 @@ def test_walls_stand_under_the_rings(frame):
     plan = corners[..., :2].astype(float)
     first, second = plan[:, 1] - plan[:, 0], plan[:, 2] - plan[:, 0]
     assert abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]).max() < 1e-3
-
-
-def test_rings_close_on_themselves(frame):
-    # Pickled, as for the worker that builds the walls.
-    solid = extrude_polygons(pickle.loads(pickle.dumps(frame)), np.empty((0, 3), np.int32))
-    number = len(frame.points)
-    following = solid.faces[:number, 1] - 2 * number
-    assert sorted(following) == list(range(number))
-    assert following[:8].tolist() == [1, 2, 3, 0, 5, 6, 7, 4]
 
 
 def test_unsupported_options_are_refused(frame):

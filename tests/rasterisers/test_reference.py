@@ -47,16 +47,6 @@ def test_expected_quads_are_the_mean_over_all_positions_in_a_quad(corners):
     assert counts["quads"].mean() == pytest.approx(expected, abs=0.01)
 
 
-def test_counts_are_per_polygon_and_do_not_depend_on_order(reference):
-    frame, triangles = random_triangles(seed=3, size=64, number=50, grid=1)
-    exact = reference.draw_and_count(frame, triangles, Options())
-    assert exact["fragments"].shape == (50,)
-    for order in ("walk", "morton", "shuffled"):
-        other = reference.draw_and_count(frame, triangles, Options(order=order, seed=5))
-        for name, values in exact.items():
-            assert np.array_equal(values, other[name]), name
-
-
 def test_image_has_one_pixel_a_fragment_and_the_polygons_colour(reference):
     frame, triangles = loose_triangles([[256, 256], [2560, 512], [768, 2048]], SIZE)
     picture = pictures.read_image(reference, frame, triangles, Options())
@@ -65,14 +55,6 @@ def test_image_has_one_pixel_a_fragment_and_the_polygons_colour(reference):
     colour = choose_polygon_colours(np.zeros(1, np.int32)).view(np.uint8)
     assert (picture[mask] == colour).all()
     assert not picture[~mask].any()
-
-
-def test_no_triangles_have_zero_counters(reference):
-    frame, _ = loose_triangles([[256, 256], [2560, 512], [768, 2048]], SIZE)
-    case = (frame, np.empty((0, 3), np.int32), Options())
-    counters = reference.draw_and_count(*case)
-    assert all(values.tolist() == [0] for values in counters.values())
-    assert not pictures.read_image(reference, *case).any()
 
 
 def test_every_repeat_is_drawn(reference, monkeypatch):

@@ -34,6 +34,7 @@ def on_device(request: pytest.FixtureRequest) -> Iterator[Call]:
 
 def test_options_change_no_count_and_no_picture(on_device, reference):
     case = random_triangles(seed=250, size=250, number=150, grid=1)
+    assert on_device(tasks.open_device).details["subpixel_bits"] == 8
     for options in (Options(), Options(work=50), Options(order="shuffled", seed=3)):
         drawn = on_device(tasks.draw_and_count, *case, options)
         assert set(drawn) == set(SHADED)
@@ -88,31 +89,6 @@ def test_every_repeat_is_drawn(on_device, software, drawn):
     actual, seconds = on_device(record_instances, software)
     assert actual == drawn
     assert min(seconds) > 0
-
-
-def count_on_coarse_grid(name: str, device: Device, *case: Any) -> tuple[int, Any, Any]:
-    """Count and draw in the worker on a device that snaps to 1/16 px."""
-    opened = tasks._get_rasteriser(name, device)
-    tally = opened._count_batch
-
-    def coarse(frame: Any, part: Any) -> Any:
-        return tally(frame.with_points(round_points(frame.points, 16)), part)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(opened, "_count_batch", coarse)
-        step = opened._find_step()
-        patch.setattr(opened, "_step", step)
-        return step, opened.draw_and_count(*case), pictures.read_image(opened, *case)
-
-
-def test_coarse_grid_is_detected_and_used(on_device, reference):
-    frame, triangles = random_triangles(seed=4, size=128, number=50, grid=1)
-    step, counted, picture = on_device(count_on_coarse_grid, frame, triangles, Options())
-    assert step == 16
-    coarse = frame.with_points(round_points(frame.points, 16))
-    assert find_errors(reference, counted, coarse, triangles) == []
-    assert np.array_equal(picture, pictures.read_image(reference, coarse, triangles, Options()))
-    assert on_device(tasks.open_device).details["subpixel_bits"] == 8
 
 
 def test_swiftshader_counters_equal_the_reference_on_its_grid(reference):
