@@ -45,16 +45,20 @@ def typeset(markdown: str) -> str:
     return re.sub(r"^( *)```math\n(.*?)^ *```$", picture, markdown, flags=re.MULTILINE | re.DOTALL)
 
 
+_PLACEHOLDER = "#010203"  # matplotlib has no colour of the text around
+
+
 def _draw_formula(formula: str) -> str:
     """Return a formula as inline SVG in the colour of the text around it."""
     stream = io.StringIO()
     with rc_context({"mathtext.fontset": "stix"}):
         figure = Figure()
-        figure.text(0, 0, f"${formula}$", fontsize=13, color="#010203")
+        figure.text(0, 0, f"${formula}$", fontsize=13, color=_PLACEHOLDER)
         figure.savefig(stream, format="svg", transparent=True, bbox_inches="tight", pad_inches=0.05)
     svg = stream.getvalue()
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg[svg.index("<svg") :], flags=re.DOTALL)
-    svg = re.sub(r'<g id="[^"]*"', "<g", svg).replace("#010203", "currentColor")
+    # Formulas of one page would have equal identifiers.
+    svg = re.sub(r'<g id="[^"]*"', "<g", svg).replace(_PLACEHOLDER, "currentColor")
     label = html.escape(formula, quote=True)
     attributes = f'class="formula" role="img" aria-label="{label}"'
     return " ".join(svg.replace("<svg", f"<svg {attributes}", 1).split()) + "\n"

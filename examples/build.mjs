@@ -8,7 +8,7 @@ import {fileURLToPath} from "node:url";
 const folder = process.argv[2];
 const sources = dirname(fileURLToPath(import.meta.url));
 const inside = (...parts) => join(sources, ...parts);
-const counter = readFileSync(inside("..", "harness", "report", "static", "spans.js"), "utf8");
+const countingScript = readFileSync(inside("..", "harness", "report", "static", "spans.js"), "utf8");
 
 /** Replace imports of "earcut" by earcut with flips, except in the file that adds the flips. */
 const flipped = {
@@ -29,6 +29,7 @@ async function bundle(entry, plugins = []) {
     return file.text;
 }
 
+/* Write a page; the last of the scripts is a module. */
 function writePage(name, values, scripts) {
     const inline = scripts.map((text) => text.replaceAll("</script", "<\\/script").replaceAll("<!--", "<\\!--"));
     values.scripts = `<script>${inline.slice(0, -1).join("\n")}</script>\n<script type="module">${inline.at(-1)}</script>`;
@@ -53,7 +54,7 @@ writePage("three", {
     text: "Outlines of U.S. states as one ShapeGeometry. Between the pictures, one call of flip changed geometry.index.",
     window: "640 400 240",
     credit: "Outlines: U.S. Census Bureau, TIGER/Line Shapefiles.",
-}, [counter, `const OUTLINES = ${readFileSync(join(folder, "states.json"), "utf8")};`, await bundle("three.js")]);
+}, [countingScript, `const OUTLINES = ${readFileSync(join(folder, "states.json"), "utf8")};`, await bundle("three.js")]);
 
 const worker = "node_modules/maplibre-gl/src/source/worker.ts";
 const workers = {earcut: await bundle(worker), flipped: await bundle(worker, [flipped])};
@@ -62,4 +63,4 @@ writePage("maplibre", {
     text: "Four vector tiles of zoom 15. Between the pictures, the package earcut in MapLibre's workers was replaced by earcut with flips.",
     window: "300 300 240",
     credit: "Map: © OpenStreetMap contributors, ODbL 1.0.",
-}, [counter, `const WORKERS = ${JSON.stringify(workers)}, TILES = ${JSON.stringify(readTiles())};`, await bundle("maplibre.js")]);
+}, [countingScript, `const WORKERS = ${JSON.stringify(workers)}, TILES = ${JSON.stringify(readTiles())};`, await bundle("maplibre.js")]);

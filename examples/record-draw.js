@@ -65,7 +65,8 @@ function* readPositions(gl, location) {
     const size = getParameter(gl.VERTEX_ATTRIB_ARRAY_SIZE);
     const stride = getParameter(gl.VERTEX_ATTRIB_ARRAY_STRIDE) || size * Kind.BYTES_PER_ELEMENT;
     const firstOffset = gl.getVertexAttribOffset(location, gl.VERTEX_ATTRIB_ARRAY_POINTER);
-    for (let offset = firstOffset; offset + stride <= buffer.byteLength; offset += stride) yield new Kind(buffer, offset, 2);
+    const end = buffer.byteLength - size * Kind.BYTES_PER_ELEMENT; // of interleaved attributes, the last has no stride after it
+    for (let offset = firstOffset; offset <= end; offset += stride) yield new Kind(buffer, offset, 2);
 }
 
 function read(gl, buffer) {

@@ -204,7 +204,7 @@ def _project_chunk(raw: RawChunk, is_off: NDArray[np.bool_], projection: Project
 def _choose_projection(
     path: str, raw: RawChunk, globe: NDArray[Any] | None, project: bool | None
 ) -> tuple[str, str | None, Projection | None, list[str]]:
-    """Return units, reference system, projection and notes of a file, given its first chunk.
+    """Return units, reference system, projection and notes of a file, by its first coordinates.
 
     globe : the geometries with all vertices in the range of longitude and latitude; None if so few
         are in that range that coordinates cannot be degrees
@@ -238,11 +238,11 @@ def _choose_projection(
         name = raw.crs if len(raw.crs) <= 40 else f"{raw.crs[:40]}..."
         note = f"the reference system {name} is unknown; coordinates used unchanged"
         return unit, file_crs, None, [note]
-    usually_states_system = Path(path).suffix.lower() in (".shp", ".gpkg", ".fgb", ".zip")
+    is_format_with_system = Path(path).suffix.lower() in (".shp", ".gpkg", ".fgb", ".zip")
     note = "no reference system; coordinates used unchanged"
-    if globe is not None and len(globe):
+    if globe is not None:
         note += "; if they are longitude and latitude, add project=true"
-    return unit, file_crs, None, [note] * usually_states_system
+    return unit, file_crs, None, [note] * is_format_with_system
 
 
 def find_matching_rows(table: pd.DataFrame | None, condition: str, path: str) -> NDArray[np.int64]:

@@ -135,7 +135,7 @@ _MOVE, _LINE, _QUADRATIC, _CUBIC = 1, 2, 3, 4  # matplotlib's path codes
 
 
 def glyphs(*, seed: int = 0, font: str = "", text: str = "", steps: int = 4) -> Scene:  # noqa: ARG001
-    """Return the glyphs of `text` in one line, or of 340 letters and signs in a table.
+    """Return the glyphs of `text` in one line, or of 309 characters in a table.
 
     `font` is a path to a TrueType or OpenType file (default: matplotlib's DejaVu Sans); `steps` is
     the number of chords of a curve. Coordinates are font units.

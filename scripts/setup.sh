@@ -2,7 +2,7 @@
 # Create .venv and check that OpenGL works without a display: setup.sh [run | data | docs | test]
 #   run   requirements of measuring (default);  data  also of real scenes;  docs  MkDocs;
 #   test  all, with the drivers and the browser for tests
-# Each step writes a stamp file, so a second call does nothing. Exit code 3: no OpenGL driver.
+# Most steps write a stamp file, so that a second call is short. Exit code 3: no OpenGL driver.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 unset PYTHONDONTWRITEBYTECODE  # otherwise each process would compile all imports again
@@ -123,7 +123,7 @@ find_vulkan() {
         is_root && say "installing Vulkan on the CPU: ${vulkan_packages[*]}" \
             && apt_install "${vulkan_packages[@]}" || say "without ${vulkan_packages[*]}: no lavapipe, no zink"
     fi
-    touch .venv/vulkan-works
+    touch .venv/vulkan-tried
 }
 
 find_osmesa() {
@@ -131,7 +131,7 @@ find_osmesa() {
         is_root && say "installing OSMesa: ${osmesa_packages[*]}" && apt_install "${osmesa_packages[@]}" 2>/dev/null \
             || say "without ${osmesa_packages[*]}: no osmesa device"
     fi
-    touch .venv/osmesa-works
+    touch .venv/osmesa-tried
 }
 
 find_browser() {
@@ -161,8 +161,8 @@ find_npm_packages() {
 cat "${locks[@]}" | cmp -s - ".venv/installed-$what.lock" || make_venv
 [ -e .venv/gl-works ] || find_gl
 if [ "$what" = test ]; then
-    [ -e .venv/vulkan-works ] || find_vulkan
-    [ -e .venv/osmesa-works ] || find_osmesa
+    [ -e .venv/vulkan-tried ] || find_vulkan
+    [ -e .venv/osmesa-tried ] || find_osmesa
     [ -e .venv/browser-works ] || find_browser
     find_npm_packages
 fi

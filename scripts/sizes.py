@@ -2,12 +2,14 @@
 
     .venv/bin/python scripts/sizes.py [results/reference/install-sizes.csv]
 
-Packages come from the index that uv is configured for, pinned by requirements-test.lock. Bytecode,
-which Python adds on the first import, and the interpreter are not counted.
+Packages come from the index that uv is configured for, in the versions of requirements-test.lock if
+it has them (not the data of the extras counties and helsinki). Bytecode, which Python adds on the
+first import, and the interpreter are not counted.
 """
 
 import csv
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -16,7 +18,7 @@ from importlib.metadata import distributions
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-UV = Path(sys.executable).with_name("uv")
+UV = shutil.which("uv") or Path(sys.executable).with_name("uv")
 OUT = ROOT / "results" / "reference" / "install-sizes.csv"
 NOT_MEASURED = {"docs", "test"}
 MIN_MEGABYTES = 5

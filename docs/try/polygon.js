@@ -61,7 +61,7 @@ function readJson(text) {
     throw new Error("This is not valid JSON: it may be truncated.");
   }
   if (!Array.isArray(value)) return readGeoJson(value);
-  return [Array.isArray(value[0]?.[0]) ? value : [value]];
+  return [Array.isArray(value[0]?.[0]) ? value : [typeof value[0] === "number" ? pairUp(value) : value]];
 }
 
 const labelPolygons = (polygons) => ({ polygons: polygons.map((rings, i) => ({ rings, label: `polygon ${i + 1}` })), skipped: [] });

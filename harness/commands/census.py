@@ -141,8 +141,8 @@ def _count_dataset(
             raise UsageError(f"{pattern} has no layer {missing[0]!r}; {hint}")
         off_grid = (TOO_LARGE, TOO_THIN)
         if not any(kind == "failed" or reason in off_grid for kind, reason in summary.counts):
-            condition = getattr(census, "where", None)
-            filtered = f" for where={condition}: widen the filter" if condition else ""
+            condition = None if isinstance(census, TileCensus) else census.where
+            filtered = f" for --where {condition}: widen the filter" if condition else ""
             raise InputError(f"{pattern} holds no usable polygon{filtered}")
         raise NothingMeasuredError(
             f"{os.path.relpath(out)}: no {census.noun[:-1]} was completed by all triangulators"

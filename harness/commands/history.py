@@ -52,9 +52,10 @@ def history(
     """Show changes over runs, in the order of their creation.
 
     A counter changed if its value differs from the previous run's. Times are relative to the other
-    cases of the same run; a time changed if its level shifts for three runs or more. At most a
-    dozen series are shown, those with the largest changes: select by --scene, --triangulator,
-    --rasteriser, --metric, or --all. Studies are skipped, as they measure each case once.
+    cases of the same run, if it has any; a time changed if its level shifts for three runs or more.
+    At most a dozen series are shown, those with the largest changes: select by --scene,
+    --triangulator, --rasteriser, --metric, or --all. Studies are skipped, as they measure each case
+    once.
     """
     from harness import atomic
     from harness.history import filter_series, find_runs, plot_history, read_series, select_series

@@ -36,8 +36,9 @@ function flipPrimitive(primitive, by) {
     const indices = primitive.getIndices(), position = primitive.getAttribute("POSITION");
     if (primitive.getMode() !== 4 || !indices || !position) return 0; // 4: TRIANGLES
     const points = Array.from({length: position.getCount()}, (_, i) => position.getElement(i, []));
-    const extent = Math.max(...[0, 1, 2].map((k) => points.reduce((m, p) => Math.max(m, p[k]), -Infinity) -
-        points.reduce((m, p) => Math.min(m, p[k]), Infinity)));
+    const finite = points.filter((p) => p.every(Number.isFinite));
+    const extent = Math.max(...[0, 1, 2].map((k) => finite.reduce((m, p) => Math.max(m, p[k]), -Infinity) -
+        finite.reduce((m, p) => Math.min(m, p[k]), Infinity)));
     const attributes = [primitive, ...primitive.listTargets()].flatMap((owner) => owner.listAttributes()).filter((a) => a !== position);
     const triangles = Array.from(indices.getArray());
     let flips = 0;
@@ -81,7 +82,7 @@ function findFaces(triangles, points, tolerance) {
             for (let k = 0; k < 3; ++k) {
                 const t = triangleOf.get(reversed(face[at], k));
                 if (t == null || assigned[t] || !(planes[t].area > 0) || dot(planes[t].normal, normal) <= 0) continue;
-                if ([0, 1, 2].some((j) => Math.abs(dot(minus(points[triangles[3 * t + j]], a), normal)) > tolerance)) continue;
+                if (![0, 1, 2].every((j) => Math.abs(dot(minus(points[triangles[3 * t + j]], a), normal)) <= tolerance)) continue;
                 assigned[t] = 1;
                 face.push(t);
             }

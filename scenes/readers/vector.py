@@ -56,8 +56,6 @@ def read(source: Source, size: int) -> Iterator[RawChunk]:
     Features that GDAL reads without geometry become notes. Raises SceneError if GDAL reports more
     failures than such features, because polygons would then be missing.
     """
-    if re.search(r"[\n\r\t]", str(source.path)):  # GDAL would remove these characters
-        raise SceneError(f"{source.path} has a tab or line end in the name: rename it")
     for file in _list_files(source.path):
         refuse_special(file)
     is_sequence = is_geojson_sequence(source.path)
@@ -186,6 +184,8 @@ def _open_options(path: Path) -> dict[str, str]:
 
 def find_gdal_path(path: Path) -> Path | str:
     """Return the path to give to GDAL: the file, or the only data set in a folder of an archive."""
+    if re.search(r"[\n\r\t]", str(path)):  # GDAL would remove these characters
+        raise SceneError(f"{path} has a tab or line end in its path: rename the file or folder")
     if path.suffix.lower() != ".zip" or not zipfile.is_zipfile(path):
         return path
     with zipfile.ZipFile(path) as archive:

@@ -176,7 +176,7 @@ def test_skipped_footprints_are_listed_with_reasons(harness, tmp_path, no_plots)
         (make_geojson([POINT, POINT]), "a.geojson holds no usable polygon"),
         (make_geojson([POINT])[:60], "a.geojson cannot be read as a file of geometries"),
         (make_geojson([]), "a.geojson holds no usable polygon"),
-        (make_geojson([{"type": "Polygon", "coordinates": [SQUARE]}]), "for where=id > 7: widen"),
+        (make_geojson([{"type": "Polygon", "coordinates": [SQUARE]}]), "for --where id > 7: widen"),
     ],
     ids=["points", "cut", "empty", "filtered"],
 )

@@ -14,6 +14,7 @@ import shapely
 from scenes import SceneError, load
 from scenes.files import read_chunks
 from scenes.readers import gdal
+from scenes.slices import cut_file
 from tests.scenes.conftest import SQUARE, feature, require_error, write_file
 from tests.scenes.samples import BOXES, KINDS, NAMED, make_files, outcome
 from tests.scenes.test_files import write as write_vector
@@ -158,6 +159,9 @@ class TestText:
         assert len(load(write_file(tmp_path / "a\nb.wkt", BOXES[0].wkt)).polygons) == 1
         path = geojson(feature([SQUARE]), name="a\nb.geojson")
         require_error(r"a\\nb.geojson has a tab or line end", path)
+        Path(write_vector(tmp_path / "c.gpkg")).rename(tmp_path / "c\td.gpkg")
+        with pytest.raises(SceneError, match="has a tab or line end"):
+            cut_file(str(tmp_path / "c\td.gpkg"))
 
 
 class TestNesting:

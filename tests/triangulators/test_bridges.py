@@ -21,8 +21,8 @@ from triangulators.verify import verify
 CRITERIA = ("expected-quads", "exact-quads", "half-perimeter", "shape")
 
 
-def list_candidates(polygon, name, sign=1.0):
-    """Return the cost and the arguments of the program."""
+def make_bridge_arguments(polygon, name, sign=1.0):
+    """Return the cost, and the arguments of `solve_by_bridges`."""
     outline, cost = pose(polygon, name, sign)
     candidates = find_candidates(outline, find_any_triangulation(outline), 10**6)
     weights = weigh_candidates(outline.points, candidates.triangles, cost)
@@ -42,8 +42,8 @@ def check_against_brute_force(polygon: shapely.Polygon, name: str) -> None:
 
         expected = sign * float(small.optimum(cost)[0])
         if outline.holes and outline.has_plain_rings:
-            record, program = list_candidates(polygon, name, sign)
-            triangles = program[0].triangles[solve_by_bridges(*program)]
+            record, arguments = make_bridge_arguments(polygon, name, sign)
+            triangles = arguments[0].triangles[solve_by_bridges(*arguments)]
             found = sign * compute_total_cost(outline.points, triangles, record)
             assert verify(polygon, triangles).conforming, polygon.wkt
             assert found == pytest.approx(expected, rel=1e-9, abs=1e-9), polygon.wkt
@@ -77,14 +77,14 @@ def test_exclusion_leaves_few_ways_to_cut(monkeypatch):
         assert len(triangles) == outline.expected_triangles
 
 
-def test_too_many_ways_to_cut_leave_the_program(monkeypatch):
+def test_too_many_ways_to_cut_give_no_solution(monkeypatch):
     polygon = with_holes(np.random.default_rng(2), 9, 2)
-    _, program = list_candidates(polygon, "expected-quads")
-    assert len(solve_by_bridges(*program)) == boundary(polygon).expected_triangles
+    _, arguments = make_bridge_arguments(polygon, "expected-quads")
+    assert len(solve_by_bridges(*arguments)) == boundary(polygon).expected_triangles
     monkeypatch.setattr(bridges, "MAX_CUTS", 0)
-    assert len(solve_by_bridges.py_func(*program)) == 0
-    program[2][:] = False
-    assert len(solve_by_bridges(*program)) == 0
+    assert len(solve_by_bridges.py_func(*arguments)) == 0
+    arguments[2][:] = False
+    assert len(solve_by_bridges(*arguments)) == 0
 
 
 @pytest.mark.parametrize("name", ["expected-quads", "expected-blocks", "shape", "exact-quads"])

@@ -83,7 +83,7 @@ def test_program_bound_equals_solution(basic):
     c, weights, start = make_program(with_holes(np.random.default_rng(3), 16, 2), "half-perimeter")
     program = LinearProgram(c, weights, np.ones(len(weights), np.bool_), start)
     potentials, share = program.solve(60.0, basic=basic)
-    around = (program.signs * potentials[c.sides]).sum(axis=1)
+    around = (program.signs * potentials[c.triangle_edges]).sum(axis=1)
     assert (around <= weights + 1e-9 * weights.max()).all()
     assert share @ weights == pytest.approx(c.side @ potentials, rel=1e-9)
     if basic:

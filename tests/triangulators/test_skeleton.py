@@ -76,9 +76,9 @@ def test_no_triangulation_gives_none(monkeypatch, sign):
     for (candidates, alive, cost, units), result in calls:
         assert result is not None
         last = np.flatnonzero(candidates.side)[-1]
-        bare = candidates.sides[(candidates.sides == last).any(axis=1)]
+        bare = candidates.triangle_edges[(candidates.triangle_edges == last).any(axis=1)]
         # Without triangles of the diagonals that make one at a side of the boundary.
-        gone = np.isin(candidates.sides, bare[candidates.side[bare] == 0]).any(axis=1)
+        gone = np.isin(candidates.triangle_edges, bare[candidates.side[bare] == 0]).any(axis=1)
         signed = replace_fields(cost, weights=sign * cost["weights"])
         assert solve_skeleton(candidates, alive & ~gone, signed, units) is None
 
@@ -117,10 +117,10 @@ def test_extension_preserves_lift():
     rng = np.random.default_rng(0)
     for size in (0, 1, 10**6, 10**12):
         potentials = rng.integers(-size, size + 1, len(c.edges))
-        slack = weights - (ahead * potentials[c.sides]).sum(axis=1)
+        slack = weights - (ahead * potentials[c.triangle_edges]).sum(axis=1)
         lift = min(int(slack[alive].min()), 0)
         extended = extend_potentials(c, weights, order, potentials)
-        slack = weights - (ahead * extended[c.sides]).sum(axis=1)
+        slack = weights - (ahead * extended[c.triangle_edges]).sum(axis=1)
         assert int(slack.min()) >= lift
         assert (np.delete(extended, order) == np.delete(potentials, order)).all()
 

@@ -68,7 +68,7 @@ def solve_by_bridges(
     usable = np.zeros((holes, size), dtype=np.bool_)  # at each depth, edges that cross no cut
     for t in range(len(alive)):
         if alive[t]:
-            for e in c.sides[t]:
+            for e in c.triangle_edges[t]:
                 usable[0, e] = True
     cut = np.zeros(size, dtype=np.bool_)
     merged = np.zeros(holes + 1, dtype=np.bool_)
@@ -173,7 +173,7 @@ def _find_pockets_and_steps(
     for t in range(len(alive)):
         bridges, inside, pocket, base = 0, 0, 0, 0
         for s in range(3):
-            e = c.sides[t, s]
+            e = c.triangle_edges[t, s]
             if kind[e] == UNUSED or not alive[t]:
                 bridges = 3
             elif kind[e] == BRIDGE:
@@ -189,11 +189,11 @@ def _find_pockets_and_steps(
         elif bridges == 2 and inside == 0:
             # Along the third edge, counter-clockwise around the triangle, the outer ring ascends
             # and the hole descends.
-            before, after = c.sides[t, (base + 2) % 3], c.sides[t, (base + 1) % 3]
+            before, after = c.triangle_edges[t, (base + 2) % 3], c.triangle_edges[t, (base + 1) % 3]
             if on_hole[c.triangles[t, base]]:
                 before, after = after, before
             steps[count, 0], steps[count, 1] = before, after
-            steps[count, 2], steps[count, 3] = t, c.sides[t, base]
+            steps[count, 2], steps[count, 3] = t, c.triangle_edges[t, base]
             count += 1
     return pocket_of, steps[:count]
 
@@ -211,7 +211,7 @@ def _minimise_pockets(
 
     The weight is 0 for sides and cuts, and `none` for bridges, unused edges and impossible pockets.
     """
-    sides, count = candidates.sides, len(kind)
+    sides, count = candidates.triangle_edges, len(kind)
     pocket = np.full(count, none, dtype=weights.dtype)
     apex = np.full(count, -1, dtype=np.int64)
     start, items = group_by_key(pocket_of, count + 1)
@@ -376,7 +376,7 @@ def _list_walk_triangles(
             t = apex[e]
             triangles[size] = t
             size += 1
-            for other in candidates.sides[t]:
+            for other in candidates.triangle_edges[t]:
                 if other != e:
                     stack[height] = other
                     height += 1

@@ -30,7 +30,7 @@ class Candidates(NamedTuple):
     edges: np.ndarray  # (e, 2): pairs of sites a < b, in ascending order
     side: np.ndarray  # (e,): 1 if a-b is a boundary edge (interior on the left), -1 if b-a, else 0
     triangles: np.ndarray  # (t, 3): sites, counter-clockwise
-    sides: np.ndarray  # (t, 3): index of the edge from vertex k to vertex k + 1
+    triangle_edges: np.ndarray  # (t, 3): index of the edge from vertex k to vertex k + 1
     start: np.ndarray  # (2 e + 1,)
     items: np.ndarray  # (3 t,)
 

@@ -167,7 +167,7 @@ def _requeue_sides(
     height: int,
 ) -> int:
     """Push the sides of an excluded triangle t that may now be excluded; return the new height."""
-    for edge in candidates.sides[t]:
+    for edge in candidates.triangle_edges[t]:
         # If no pair of triangles remains to be examined, the edge has been excluded.
         is_open = at_left[edge] < candidates.start[2 * edge + 1]
         if candidates.side[edge] == 0 and is_open and not waiting[edge]:
@@ -201,7 +201,7 @@ def _set_excluded_potentials(
 
     Invariant: the module's inequality, up to the lift, for triangles of edges in `is_set` (e,).
     """
-    triangles, sides, start = candidates.triangles, candidates.sides, candidates.start
+    triangles, sides, start = candidates.triangles, candidates.triangle_edges, candidates.start
     for e in last_first:
         low, high = -_MAX_POTENTIAL, _MAX_POTENTIAL
         # Left triangles come first and run along a-b; right triangles run against a-b, so that

@@ -92,7 +92,7 @@ class LinearProgram:
         # Edges with a potential to optimise: all except a spanning tree, whose potentials are 0.
         # The tree has edges of the boundary first, then edges of the initial solution.
         self.free = np.ones(len(candidates.edges), dtype=np.bool_)
-        inner = np.unique(candidates.sides[start])
+        inner = np.unique(candidates.triangle_edges[start])
         order = np.concatenate((np.flatnonzero(candidates.side != 0), inner))
         _fix_spanning_tree(len(candidates.points), candidates.edges, order, self.free)
 
@@ -119,7 +119,7 @@ class LinearProgram:
             self.weights[constraints],
             3 * len(constraints),
             np.arange(0, 3 * len(constraints), 3, dtype=np.int32),
-            self.candidates.sides[constraints].astype(np.int32).ravel(),
+            self.candidates.triangle_edges[constraints].astype(np.int32).ravel(),
             self.signs[constraints].ravel(),
         )
         model.run()
@@ -235,7 +235,9 @@ class _Search:
         signs = np.where(is_forward, 1, -1).ravel()
         # In a triangulation each boundary edge is a side of one triangle, and each diagonal of as
         # many triangles on the left as on the right.
-        if np.array_equal(np.bincount(c.sides[selection].ravel(), signs, len(c.edges)), c.side):
+        if np.array_equal(
+            np.bincount(c.triangle_edges[selection].ravel(), signs, len(c.edges)), c.side
+        ):
             self.update_incumbent(selection)
         return self._round_potentials(potentials)
 
@@ -246,7 +248,9 @@ class _Search:
         scaled *= min(1.0, _MAX_POTENTIAL / max(float(np.abs(scaled).max()), 1.0))
         potentials = np.rint(scaled).astype(np.int64)
         is_forward = c.triangles < np.roll(c.triangles, -1, axis=1)
-        sums = np.where(is_forward, potentials[c.sides], -potentials[c.sides]).sum(axis=1)
+        sums = np.where(
+            is_forward, potentials[c.triangle_edges], -potentials[c.triangle_edges]
+        ).sum(axis=1)
         slack = (self.weights - sums)[self.alive]
         return potentials, min(int(slack.min()), 0) if len(slack) else 0
 

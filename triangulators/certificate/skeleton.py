@@ -34,7 +34,7 @@ def solve_skeleton(
     """
     c = candidates
     remaining = c.side != 0
-    remaining[c.sides[alive]] = True
+    remaining[c.triangle_edges[alive]] = True
     cut = np.zeros(len(c.edges), dtype=np.bool_)
     if _connect_rings(c.points, c.edges, c.side, remaining, cut) > 1:
         return None

@@ -82,7 +82,7 @@ def require_finite_total(criterion: Criterion, points: np.ndarray, triangles: np
 
 @lru_cache(maxsize=256)
 def find_plain_cost(criterion: Criterion, sign: float = 1.0) -> Cost | None:
-    """Return a criterion's `Cost` if it is the same for all polygons, otherwise None; cached."""
+    """Return the `Cost`, cached, of a built-in criterion without normalisation, otherwise None."""
     if criterion.normalise is not None or criterion.function is not None:
         return None
     return make_cost(criterion, 1.0, 1, sign)
@@ -100,7 +100,7 @@ def make_cost(criterion: Criterion, polygon_area: float, triangles: int, sign: f
 
 
 def replace_fields(cost: Cost, **fields: Any) -> Cost:
-    """Return a cost with some fields replaced."""
+    """Return a cost with some fields replaced; `box` and `is_box` do not follow `weights`."""
     return _make_record(**{name: cost[name] for name in _FIELDS.names or ()} | fields)
 
 

@@ -80,9 +80,9 @@ def refine(
     the constrained Delaunay triangulation (flips by the in-circle test); the cheaper result is
     returned.
 
-    Other costs: windows (trees of up to 28 triangles) are optimised, then diagonals flipped. If
-    there may be several windows, flips by L1 lengths come first: they shorten long edges that cross
-    several windows. Flips alone, from both initial solutions, take as long and leave the expected
+    Other costs: windows (see `local_search`) are optimised, then diagonals flipped. Above
+    `MAX_RING_TRIANGLES`, flips by L1 lengths come first: they shorten long edges that cross several
+    windows. Flips alone, from both initial solutions, take as long and leave the expected
     quads of letters 3.5 % above the optimum, not 0.1 %.
     """
     rows = corner.reshape(-1, 3)

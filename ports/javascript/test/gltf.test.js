@@ -57,6 +57,7 @@ for (const [name, attributes, position] of [
     ["a texture that is not linear", {TEXCOORD_0: ["VEC2", ([x, y]) => [x * x, y]]}],
     ["normals of a round surface", {NORMAL: ["VEC3", ([x, y]) => [x / 20, y / 20, 1]], COLOR_0: ["VEC3", ([x, y]) => [x * y, 0, 0]]}],
     ["a surface that is not flat", {}, ([x, y]) => [x, y, 0.01 * x * x + 0.007 * y * y * y]],
+    ["a surface with a NaN", {}, ([x, y]) => [x, y, y === 0 ? NaN : 0.01 * x * x + 0.007 * y * y * y]],
 ]) {
     it(`does not change ${name}`, async () => {
         const {document, primitive} = makeModel(attributes, position), before = cornersOf(primitive);
