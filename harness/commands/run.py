@@ -21,6 +21,12 @@ from harness.settings import (
     TimingSettings,
 )
 
+PLAN_OPTIONS = (  # parameters that only a run with --scene uses
+    *("layer", "condition", "limit", "triangulators", "rasterisers", "device", "resolution"),
+    *("rotation", "fit", "samples", "work", "texture", "order", "seed", "precision", "repeats"),
+    *("budget", "timeout"),
+)
+
 QUICK = TimingSettings(precision=0.03, budget_s=0.3, warm_up_s=0.1)  # for --quick
 
 
@@ -159,6 +165,13 @@ def run(
         )
     folder = runs.choose_folder(plan.scene, out, resume)
     reporter = Reporter(quiet=quiet, verbose=verbose)
+    given = [name for name in PLAN_OPTIONS if options.is_given(context, name)]
+    if given and not scene:
+        names = ", ".join("--where" if name == "condition" else f"--{name}" for name in given)
+        reporter.warn(
+            f"{names}: ignored, as --resume continues the stored plan; to change the plan, give "
+            "--scene, all options of the run, and --force"
+        )
     with runs.open_baseline(baseline_reference, plan, resume, twice=draw_twice) as baseline:
         run_options = RunOptions(
             resume=resume is not None,
