@@ -94,8 +94,8 @@ def find_runs(folders: Sequence[Path], *, studies: bool = False) -> tuple[list[R
         if not files and not folder.is_file():
             raise InputError(f"{folder} has no run; give a run, or a folder of runs")
         for path in files or [folder]:
-            paths[path.resolve()] = path
-    named = {folder.resolve() for folder in folders}
+            paths[_resolve_folder(path)] = path
+    named = set(map(_resolve_folder, folders))
     runs, skipped = [], 0
     for resolved, path in paths.items():
         facts = read_facts(path, [])
@@ -107,6 +107,11 @@ def find_runs(folders: Sequence[Path], *, studies: bool = False) -> tuple[list[R
         runs.append(select_latest(read_run(path)))
     runs.sort(key=lambda run: (str(run.facts.get("created") or ""), str(run.path)))
     return runs, skipped
+
+
+def _resolve_folder(path: Path) -> Path:
+    """Return the folder of a run, given the folder or its cases.jsonl."""
+    return (path.parent if path.is_file() else path).resolve()
 
 
 def read_series(runs: Sequence[Run], metrics: Sequence[str] = HISTORY_METRICS) -> list[Series]:

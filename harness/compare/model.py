@@ -304,6 +304,8 @@ def read_project_settings(folder: Path) -> Settings:
         return Settings()
     try:
         table = tomllib.loads(file.read_text(encoding="utf-8")).get("tool", {}).get(TABLE, {})
+        if not isinstance(table, dict):
+            raise UsageError(f"not a table; settings are {', '.join(KEYS)}")
         return Settings(**dict(_parse_setting(key, value) for key, value in table.items()))
     except (OSError, ValueError, UsageError) as error:
         raise UsageError(f"{file}, [tool.{TABLE}]: {error}") from error

@@ -117,10 +117,12 @@ def test_options_override_the_settings_of_the_project(runs, harness):
         ("gate = 3", ["gate", "3"]),
         ('threshold = { quads = "much" }', ["quads=much"]),
         ("gate = ", ["pyproject.toml"]),
+        ("[tool]\nraster-harness = 1", ["not a table"]),
     ],
 )
 def test_bad_settings_name_the_file(runs, table, parts):
-    Path("pyproject.toml").write_text(f"[tool.raster-harness]\n{table}\n")
+    header = "" if table.startswith("[") else "[tool.raster-harness]\n"
+    Path("pyproject.toml").write_text(f"{header}{table}\n")
     assert_refused(runs(), "pyproject.toml", *parts)
 
 

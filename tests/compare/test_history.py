@@ -41,7 +41,8 @@ def year(tmp_path) -> Path:
 
 
 def test_changes_have_positions_in_the_order_of_creation(year):
-    runs = history.find_runs([year, year / "run-98"])[0]  # the first run, twice
+    twice = [year / "run-98", year / "run-98" / "cases.jsonl"]  # the first run
+    runs = history.find_runs([year, *twice])[0]
     assert [run.path.name for run in runs] == [f"run-{99 - number}" for number in range(1, 17)]
     series = history.read_series(runs)
     changes = {(s.metric, s.id.name): s.changes for s in series if s.changes}
