@@ -88,13 +88,13 @@ def find_runs(folders: Sequence[Path], *, studies: bool = False) -> tuple[list[R
 
     Below `folders`, baselines of `--beside` and, without `studies`, studies are skipped.
     """
-    paths = {}
+    paths: dict[Path, Path] = {}
     for folder in folders:
         files = sorted(file.parent for file in folder.rglob("run.json")) if folder.is_dir() else []
         if not files and not folder.is_file():
             raise InputError(f"{folder} has no run; give a run, or a folder of runs")
         for path in files or [folder]:
-            paths[_resolve_folder(path)] = path
+            paths.setdefault(_resolve_folder(path), path)
     named = set(map(_resolve_folder, folders))
     runs, skipped = [], 0
     for resolved, path in paths.items():
