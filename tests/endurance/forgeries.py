@@ -19,6 +19,7 @@ from scipy.optimize import linprog
 
 from harness.export import check_evidence
 from tests.endurance.brute_force import SmallPolygon, list_sides
+from tests.endurance.programs import choose_value
 from triangulators import TriangulationError, certify, criteria, triangulate
 from triangulators.certificate.certify import make_certificate
 from triangulators.checking.evidence import Evidence, make_claim
@@ -296,26 +297,14 @@ def _replace(rng: np.random.Generator, value: Any) -> Any:
 
 
 def _change_value(rng: np.random.Generator, claim: Claim) -> None:
-    parent: Any = claim
-    while True:
-        keys = list(parent) if isinstance(parent, dict) else range(len(parent))
-        key = keys[int(rng.integers(len(keys)))]
-        if not isinstance(parent[key], dict | list) or not parent[key] or rng.random() < 0.15:
-            parent[key] = _replace(rng, parent[key])
-            return
-        parent = parent[key]
+    parent, key = choose_value(claim, rng)
+    parent[key] = _replace(rng, parent[key])
 
 
 def _change_fields(rng: np.random.Generator, claim: Claim) -> None:
-    parent: Any = claim
-    while rng.random() < 0.7:
-        keys = list(parent) if isinstance(parent, dict) else range(len(parent))
-        inner = [key for key in keys if isinstance(parent[key], dict | list) and parent[key]]
-        if not inner:
-            break
-        parent = parent[inner[int(rng.integers(len(inner)))]]
+    parent, first = choose_value(claim, rng)
     keys = list(parent) if isinstance(parent, dict) else range(len(parent))
-    first, second = (keys[int(k)] for k in rng.integers(len(keys), size=2))
+    second = keys[int(rng.integers(len(keys)))]
     kind = int(rng.integers(4))
     if kind == 0:
         del parent[first]

@@ -147,13 +147,16 @@ def damage_bytes(data: bytes, rng: np.random.Generator) -> bytes:
 def damage_json(document: Any, rng: np.random.Generator) -> Any:
     changed = copy.deepcopy(document)
     for _ in range(rng.integers(1, 4)):
-        parent = changed
-        while True:
-            keys = list(parent) if isinstance(parent, dict) else range(len(parent))
-            key = keys[int(rng.integers(0, len(keys)))]
-            if isinstance(parent[key], (dict, list)) and parent[key] and rng.random() < 0.9:
-                parent = parent[key]
-                continue
-            parent[key] = HOSTILE_VALUES[int(rng.integers(0, len(HOSTILE_VALUES)))]
-            break
+        parent, key = choose_value(changed, rng)
+        parent[key] = HOSTILE_VALUES[int(rng.integers(0, len(HOSTILE_VALUES)))]
     return changed
+
+
+def choose_value(document: Any, rng: np.random.Generator) -> tuple[Any, Any]:
+    """Return the container and the key of a random value, which is mostly a scalar."""
+    while True:
+        keys = list(document) if isinstance(document, dict) else range(len(document))
+        key = keys[int(rng.integers(len(keys)))]
+        if not isinstance(document[key], dict | list) or not document[key] or rng.random() < 0.1:
+            return document, key
+        document = document[key]

@@ -86,8 +86,13 @@ def test_large_rings_equal_the_full_table(n, make):
         assert abs(total(vertices(polygon), triangles) - optimum) <= TOLERANCE * abs(optimum)
 
 
-def load_scene_rings(name: str) -> list[Rings]:
-    """Return the polygons of a scene: original, snapped to 1/256 px, and as integers of a tile."""
+def load_rings(name: str) -> list[Rings]:
+    """Return valid and invalid polygons of third-party data, or the polygons of a scene.
+
+    Those are original, snapped to 1/256 px, and as integers of a tile.
+    """
+    if name.endswith(".json"):
+        return [flatten_rings(rings) for _, rings in read_rings(name)]
     polygons = load(name).polygons
     pixels = [earcut_rings(polygon) for polygon in make_frame(polygons, View(1024)).polygons]
     tile = [
@@ -95,11 +100,6 @@ def load_scene_rings(name: str) -> list[Rings]:
         for xy, ends in pixels
     ]
     return [*map(earcut_rings, polygons), *pixels, *tile]
-
-
-def load_file_rings(name: str) -> list[Rings]:
-    """Return valid and invalid polygons from third-party data."""
-    return [flatten_rings(rings) for _, rings in read_rings(name)]
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_flips_are_equal_in_three_languages(source, scale_count, report_counts, 
     if isinstance(source, int):
         polygons = list(random_polygons(source, scale_count(10_000)))
     else:
-        polygons = (load_file_rings if source.endswith(".json") else load_scene_rings)(source)
+        polygons = load_rings(source)
     cases = Cases.of(polygons)
     cases.write(tmp_path)
     languages.flip_in_cpp(tmp_path, languages.compile_flips(tmp_path, compilers[0], "-O2"))
@@ -136,7 +136,7 @@ def test_refine_equals_earcut_hpp(scale_count, report_counts, tmp_path):
         )
     polygons = list(random_polygons(0, scale_count(10_000)))
     for source in (*SCENES, "earcut_fixtures.json", "poly2tri_testbed.json"):
-        polygons += (load_file_rings if source.endswith(".json") else load_scene_rings)(source)
+        polygons += load_rings(source)
     cases = Cases.of(polygons)
     cases.write(tmp_path)
     flags = ("-O2", "-isystem", header)

@@ -11,6 +11,7 @@ import re
 import resource
 import sqlite3
 import sys
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -118,29 +119,27 @@ def test_models(scale_count, report_counts, tmp_path):
 def nudge_json(document: Any, rng: np.random.Generator) -> Any:
     """Return a copy with a scalar replaced by a similar one, or an element of a list repeated."""
     changed = copy.deepcopy(document)
-    leaves: list[tuple[Any, Any]] = []
-    lists: list[list[Any]] = []
-
-    def collect(parent: Any) -> None:
-        for key in parent if isinstance(parent, dict) else range(len(parent)):
-            leaves.append((parent, key))
-            if isinstance(parent[key], dict | list):
-                lists.extend([parent[key]] if isinstance(parent[key], list) else [])
-                collect(parent[key])
-
-    collect(changed)
-    if rng.random() < 0.2 and any(lists):
-        filled = [items for items in lists if items]
-        selected = filled[int(rng.integers(len(filled)))]
+    values = list(list_values(changed))
+    lists = [parent[key] for parent, key in values if isinstance(parent[key], list) and parent[key]]
+    if rng.random() < 0.2 and lists:
+        selected = lists[int(rng.integers(len(lists)))]
         selected.append(copy.deepcopy(selected[int(rng.integers(len(selected)))]))
         return changed
-    scalars = [(leaf, key) for leaf, key in leaves if isinstance(leaf[key], int | float | str)]
+    scalars = [pair for pair in values if isinstance(pair[0][pair[1]], int | float | str)]
     parent, key = scalars[int(rng.integers(len(scalars)))]
     candidates = [other[k] for other, k in scalars if type(other[k]) is type(parent[key])]
     parent[key] = candidates[int(rng.integers(len(candidates)))]
     if not isinstance(parent[key], str) and rng.random() < 0.5:
         parent[key] += int(rng.choice([-1, 1]))
     return changed
+
+
+def list_values(parent: Any) -> Iterator[tuple[Any, Any]]:
+    """Yield the container and the key of each value, at all levels."""
+    for key in parent if isinstance(parent, dict) else range(len(parent)):
+        yield parent, key
+        if isinstance(parent[key], dict | list):
+            yield from list_values(parent[key])
 
 
 def change_byte(data: bytes, rng: np.random.Generator) -> bytes:

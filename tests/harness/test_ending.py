@@ -13,10 +13,8 @@ from pathlib import Path
 import pytest
 from shapely import box
 
-from harness.frame import View, make_frame
 from harness.measuring.plan import DEFAULT_TRIANGULATORS
-from harness.results.run_folder import Run, read_geometry, read_run
-from harness.results.run_writer import RunFolder
+from harness.results.run_folder import Run
 from tests.conftest import assert_one_line, assert_refused, write_geojson
 from tests.harness.test_cli import MOCK
 from tests.measuring.test_run import make_plan, measure
@@ -152,24 +150,6 @@ def test_unwritable_folders_are_one_line(harness, stored, command, path):
     Path("file").write_text("")
     shutil.copytree("run", "again")
     assert_refused(harness(*command.split(), "--out", f"{path}/new"), path)
-
-
-@pytest.mark.parametrize("damage", ["empty", "cut off", "changed"])
-def test_damaged_drawings_are_treated_as_missing(harness, stored, damage):
-    for file in stored.rglob("*.npz"):
-        content = file.read_bytes()
-        middle = len(content) // 2
-        changed = content[: middle - 9] + bytes(18) + content[middle + 9 :]
-        damaged = {"empty": b"", "cut off": content[:middle], "changed": changed}
-        file.write_bytes(damaged[damage])
-    assert harness("report", "run")[0] == 0
-    run = read_run(stored)
-    view = View()
-    assert read_geometry(run, view) is None
-    with RunFolder.resume(stored) as store:
-        store.write_geometry(make_frame([box(0, 0, 8, 8)], view), {})
-        store.write_facts(run.facts)
-    assert read_geometry(read_run(stored), view) is not None
 
 
 def program(*arguments: str, hook: Path = ROOT, stdout: int = subprocess.PIPE) -> subprocess.Popen:

@@ -8,7 +8,7 @@ import pytest
 import shapely
 import trimesh
 
-from harness.errors import IncompatibleRunsError, InputError, NothingMeasuredError, UsageError
+from harness.errors import InputError, NothingMeasuredError, UsageError
 from harness.frame import (
     FIXED_VIEW_MESSAGE,
     View,
@@ -196,13 +196,6 @@ def test_runs_with_views_can_be_resumed_but_not_exported(model, tmp_path, view, 
     assert [r["key"] for r in get_rows(resumed)] == [r["key"] for r in get_rows(first)]
     with pytest.raises(InputError, match=f"pages do not support {noun}"):
         make_page_content(read_run(out))
-
-
-def test_rotated_models_are_different_scenes(model, tmp_path):
-    measure(plan(model), tmp_path / "out")
-    make_solid(0.3).export(model)
-    with pytest.raises(IncompatibleRunsError, match="the scene's content"):
-        measure(plan(model), tmp_path / "out", resume=True)
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,6 @@ from harness.errors import UsageError
 from harness.frame import UNBOUNDED
 from harness.rasterisers import Options, find_device, get, spans
 from harness.rasterisers.reference import (
-    TILE_SIDES_PX,
     choose_polygon_colours,
     count_per_triangle,
     count_tiles,
@@ -125,15 +124,6 @@ def test_mean_number_of_squares_follows_half_perimeter_and_area(side):
         mean = 1 + half_perimeter / side + area / side**2
         error = squares.std() / np.sqrt(len(squares))
         assert abs(squares.mean() - mean) < 3.5 * error + 1e-9
-
-
-def test_counts_are_per_polygon_and_larger_tiles_are_fewer():
-    frame, triangles = random_triangles(seed=2, size=512, number=40, grid=1)
-    counters = get("binning")(find_device("binning")).draw_and_count(frame, triangles, Options())
-    for side in TILE_SIDES_PX:
-        assert counters[f"tiles_{side}"].shape == (40,)
-        assert (counters[f"tiles_{side}_exact"] <= counters[f"tiles_{side}"]).all()
-    assert counters["tiles_64"].sum() < counters["tiles_32"].sum() < counters["tiles_16"].sum()
 
 
 def test_binning_cannot_be_timed():
