@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import get_args
 
 import pytest
+from shapely import box
 
 from harness.commands.index import COMMANDS, load_command
 from harness.frame import FIXED_VIEWS
 from harness.results.run_folder import read_run
 from harness.settings import CHOSEN_FITS, Fit
-from tests.conftest import assert_one_line, assert_refused, require_ok
+from tests.conftest import assert_one_line, assert_refused, require_ok, write_geojson
 from tests.paths import ROOT, run_python
 
 MOCK = ["--rasterisers", "tests.mock:MockRasteriser", "--quick", "--quiet"]
@@ -53,16 +54,12 @@ def test_bad_usage_is_one_line_with_exit_code_2(harness, arguments, parts):
     assert_refused(harness("run", *arguments.split()), *parts)
 
 
-L_SHAPE = ((0, 0), (90, 0), (90, 40), (40, 40), (40, 90), (0, 90), (0, 0))
-
-
 @pytest.mark.usefixtures("no_plots", "in_process")
 def test_a_run_without_covered_pixels_measures_nothing(harness):
     """Two houses, a thousand kilometres apart; all counters are 0."""
-    places = (13_000, 1_013_000)
-    houses = [", ".join(f"{x + dx} {x + dy}" for dx, dy in L_SHAPE) for x in places]
-    Path("far.wkt").write_text("\n".join(f"POLYGON (({house}))" for house in houses))
-    code, out, err = harness("run", "--scene", "far.wkt", "--rasterisers", "reference", "--quick")
+    houses = [box(x, x, x + 90, x + 40) for x in (13_000, 1_013_000)]
+    scene = str(write_geojson(Path("far.geojson"), houses))
+    code, out, err = harness("run", "--scene", scene, "--rasterisers", "reference", "--quick")
     assert code == 4
     assert_one_line(err, "none of the measured cases covers", "exclude it by --where or --limit")
     assert "the polygons cover 0 pixels in all (at least 64 are needed)" in out

@@ -42,15 +42,8 @@ def test_a_part_of_a_file(harness, town):
     (record,) = read_run(Path("out")).records
     assert record.polygons == 1
     assert record.id.scene == f"town.gpkg:layer=houses,where={condition},limit=1"
-
-
-def test_inspect_takes_a_part_of_a_file(harness, town):
-    part = ("--layer", "houses", "--where", "height > 4")
-    answer = harness("inspect", town, *part, "--polygon", "9")
+    answer = harness("inspect", town, *part[:2], "--where", "height > 4", "--polygon", "9")
     assert_refused(answer, "has polygons 0 to 1, not 9")
-
-
-def test_triangulate_takes_a_product_in_the_condition_of_a_file(harness, town):
     source = f"{town}:layer=houses,where=2 * height > 8"
     assert "2 polygons" in require_ok(harness("triangulate", source, "-o", "out.glb"))[0]
 
@@ -79,10 +72,10 @@ def test_triangulate_accepts_text_other_than_utf8(harness, tmp_path):
     assert any("\ufffd" in name for name in names)
 
 
-@pytest.mark.parametrize("crs", ["EPSG:3067", "EPSG:7844", "EPSG:4326"])
+@pytest.mark.parametrize("crs", ["EPSG:7844", "EPSG:4326"])
 def test_geoparquet_names_the_reference_system_except_wgs84(harness, tmp_path, crs):
     degrees = [shapely.box(25, 60, 25.001, 60.001)]
-    source = write(tmp_path / "in.gpkg", HOUSES if crs == "EPSG:3067" else degrees, crs=crs)
+    source = write(tmp_path / "in.gpkg", degrees, crs=crs)
     assert harness("triangulate", source, "-o", "out.parquet")[0] == 0
     column = read_geometry_column("out.parquet")
     assert ("crs" in column) is (crs != "EPSG:4326")

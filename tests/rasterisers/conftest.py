@@ -32,7 +32,8 @@ def open_on(rasteriser: str, name: str) -> Iterator[Call]:
     """Run tasks on a device in a process; if it is missing, check the error and skip the test."""
     device = get(rasteriser).find(name)
     if device is None:
-        with pytest.raises(NoRasteriserError, match="apt-get install -y") as error:
+        command = r"run: (apt-get|python -m pip) install"
+        with pytest.raises(NoRasteriserError, match=command) as error:
             find_device(rasteriser, name)
         pytest.skip(str(error.value))
     with Worker(name, device.environment) as worker:

@@ -6,14 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.errors import UsageError
-from harness.rasterisers import Options, Rasteriser
+from harness.rasterisers import Options
 from harness.rasterisers.compute import JOB_PIXELS, LANES, split_into_jobs
 from tests.rasterisers.conftest import loose_triangles, random_triangles
-
-
-@pytest.fixture(params=["bounding-box", "scanline"])
-def walker(request, opened) -> Rasteriser:
-    return opened(request.param)
 
 
 def test_bounding_box_of_4096_px_is_tested_completely(opened):
@@ -35,12 +30,13 @@ def test_scanline_counts_the_rows_of_the_box(opened):
     assert opened("scanline").draw_and_count(frame, triangles, Options())["rows"].tolist() == [19]
 
 
-def test_multisampling_and_work_are_refused(walker):
+@pytest.mark.parametrize("name", ["bounding-box", "scanline"])
+def test_multisampling_and_work_are_refused(opened, name):
     frame, triangles = random_triangles(seed=1, size=64, number=2, grid=1)
     problem = "neither multisampling nor fragment work nor textures"
     for options in (Options(samples=4), Options(work=3), Options(texture=1)):
         with pytest.raises(UsageError, match=problem):
-            walker.draw_and_count(frame, triangles, options)
+            opened(name).draw_and_count(frame, triangles, options)
 
 
 corner = st.tuples(*[st.integers(0, 16384 * 256)] * 2)
