@@ -5,7 +5,6 @@ import copy
 import os
 import selectors
 import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -13,7 +12,7 @@ from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 import psutil
@@ -53,23 +52,21 @@ def run(arguments: list[str], folder: Path, command: tuple[str, ...] = ()) -> Ou
         stdin=subprocess.DEVNULL,
         bufsize=0,
     )
-    assert process.stdout is not None
-    output_and_silence = read_output(process.stdout, process.pid)
-    return Outcome(process.wait(60), *output_and_silence)
+    return read_outcome(process)
 
 
-def read_output(output: IO[bytes], pid: int) -> tuple[str, float]:
-    """Return the output of a process and its longest silence; kill the process if it hangs."""
+def read_outcome(process: subprocess.Popen[bytes]) -> Outcome:
+    """Read the output of a process until it ends; kill the process if it hangs."""
     text, silent = b"", 0.0
     last_output, last_wait = time.monotonic(), 0.0
-    with output, selectors.DefaultSelector() as selector:
+    with process.stdout as output, selectors.DefaultSelector() as selector:
         selector.register(output, selectors.EVENT_READ)
         while True:
             ready = selector.select(0.2)
-            now, wait = time.monotonic(), _measure_wait_s(pid)
+            now, wait = time.monotonic(), _measure_wait_s(process.pid)
             silent = max(silent, now - last_output - max(0.0, wait - last_wait))
             if now - last_output > TIMEOUT_S:
-                os.kill(pid, signal.SIGKILL)
+                process.kill()
                 break
             if ready:
                 part = output.read(1 << 16)
@@ -77,7 +74,7 @@ def read_output(output: IO[bytes], pid: int) -> tuple[str, float]:
                     break
                 text = (text + part)[-100_000:]
                 last_output, last_wait = now, wait
-    return text.decode(errors="replace"), silent
+    return Outcome(process.wait(60), text.decode(errors="replace"), silent)
 
 
 def _measure_wait_s(pid: int) -> float:

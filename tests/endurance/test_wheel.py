@@ -25,7 +25,7 @@ def run(folder: Path, *command: str | Path) -> str:
     return process.stdout
 
 
-def test_wheel_works_without_the_repository(tmp_path, report_counts):
+def test_wheel_works_without_the_repository(tmp_path):
     if not UV.exists():
         pytest.skip("needs uv, which make setup-test installs")
     source, environment = tmp_path / "source", tmp_path / "fresh"
@@ -42,7 +42,6 @@ def test_wheel_works_without_the_repository(tmp_path, report_counts):
     run(tmp_path, UV, "venv", "-q", "--python", sys.executable, environment)
     install = (UV, "pip", "install", "-q", "--python", environment / "bin" / "python")
     run(tmp_path, *install, wheel)
-    base = measure_megabytes(environment)
     work = tmp_path / "work"
     work.mkdir()
     shutil.rmtree(source)
@@ -61,8 +60,3 @@ def test_wheel_works_without_the_repository(tmp_path, report_counts):
     assert (work / "city" / "report.html").exists()
     run(work, harness, "compare", "city", "city", "--gate", "counters")
     run(work, harness, "triangulate", polygons, "-o", "own.glb")
-    report_counts({"MB of the base": base, "MB installed": measure_megabytes(environment)})
-
-
-def measure_megabytes(folder: Path) -> int:
-    return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file()) // 10**6

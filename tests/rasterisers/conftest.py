@@ -16,7 +16,6 @@ from harness.rasterisers.base import Counters, order_submission, sum_per_polygon
 from harness.rasterisers.reference import find_disagreements
 from harness.worker import Worker
 
-Coordinates = list[list[int]]
 Call = Callable[..., Any]
 
 

@@ -80,13 +80,10 @@ def test_bins_overlap_the_window(tiles):
     counted = binning.draw_and_count(cut, triangles, NATIVE)
     assert counted["tiles_64"].tolist() == [4]
     triangle = shapely.Polygon(big)
-    bins = [shapely.box(x, y, x + 4096, y + 4096) for x in _bins(16) for y in _bins(16)]
+    starts = range(64 * 256, 192 * 256, 4096)
+    bins = [shapely.box(x, y, x + 4096, y + 4096) for x in starts for y in starts]
     exact = sum(shapely.intersection(bin_, triangle).area > 0 for bin_ in bins)
     assert counted["tiles_16_exact"].tolist() == [exact]
-
-
-def _bins(side: int) -> range:
-    return range(64 * 256, 192 * 256, side * 256)
 
 
 def test_each_tile_is_a_call_and_keeps_its_triangles_in_any_order(tiles):

@@ -23,10 +23,8 @@ from tests.rasterisers.conftest import (
     random_triangles,
 )
 
-DEVICES = ("llvmpipe", "lavapipe")
 
-
-@pytest.fixture(scope="module", params=DEVICES)
+@pytest.fixture(scope="module", params=["llvmpipe", "lavapipe"])
 def on_device(request: pytest.FixtureRequest) -> Iterator[Call]:
     with open_on("webgpu", request.param) as call:
         yield call
