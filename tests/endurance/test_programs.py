@@ -1,7 +1,4 @@
-"""The program with damaged files and faulty plugins: it ends in time with a clear error.
-
-Each input has a separate process, of Node.js for the JavaScript port.
-"""
+"""The program with damaged files and faulty plugins: it ends in time with a clear error."""
 
 import contextlib
 import copy
