@@ -198,7 +198,7 @@ def test_resume_repeats_failed_but_not_skipped_cases(tmp_path, monkeypatch):
     assert json.loads(after[len(before) :])["triangulator"] == "ear-clipping"  # a single line
 
 
-def test_an_interrupt_preserves_finished_cases(block, tmp_path, monkeypatch):
+def interrupt_after_one(monkeypatch):
     append = RunFolder.append
 
     def append_and_interrupt(self: RunFolder, record: dict[str, object]) -> None:
@@ -207,6 +207,10 @@ def test_an_interrupt_preserves_finished_cases(block, tmp_path, monkeypatch):
             os.kill(os.getpid(), signal.SIGINT)
 
     monkeypatch.setattr(RunFolder, "append", append_and_interrupt)
+
+
+def test_an_interrupt_preserves_finished_cases(block, tmp_path, monkeypatch):
+    interrupt_after_one(monkeypatch)
     plan = make_plan(block, views=(View(64), View(128)))
     outcome = measure(plan, tmp_path / "out")
     assert outcome.interrupted
