@@ -1,14 +1,17 @@
 """A second run reads the triangulations of the first, reports that, and verifies them."""
 
 import importlib.metadata
+import io
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from harness.frame import View, make_frame
 from harness.measuring.run import RunOptions, run
+from harness.progress import Reporter
 from harness.results.run_folder import read_run
 from harness.triangulating import database as database_module
 from harness.triangulating import triangulate
@@ -206,12 +209,14 @@ def test_a_run_reports_the_number_of_cached_polygons(block, database, tmp_path, 
     monkeypatch.setattr(Recipe, "triangulate_batch", skip_batch)
     plan = make_plan(block)
     options = RunOptions(database=database)
+    warnings = io.StringIO()
+    reporter = Reporter(quiet=True, console=Console(file=warnings))
     runs = [
-        get_rows(run(plan, tmp_path / str(n), quiet(), options, open_worker=inline))
+        get_rows(run(plan, tmp_path / str(n), reporter, options, open_worker=inline))
         for n in range(2)
     ]
-    assert [record["polygons_cached"] for record in runs[0]] == [0] * len(runs[0])
-    assert [record["polygons_cached"] for record in runs[1]] == [3] * len(runs[1])
+    cached = [[record["polygons_cached"] for record in rows] for rows in runs]
+    assert cached == [[0] * len(runs[0]), [3] * len(runs[1])], warnings.getvalue()
     for first, second in zip(*runs, strict=True):
         for record in (first, second):
             rounds = record.get("triangulate_samples_s") or [first["triangulate_s"]]
