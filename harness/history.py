@@ -29,7 +29,7 @@ from harness.metrics.groups import mark_processors
 from harness.metrics.registry import find_metric, find_metrics, list_metrics
 from harness.metrics.run_quality import get_run_state
 from harness.results.record import CaseGroup, CaseId, Record
-from harness.results.run_folder import Run, read_facts, read_run, select_latest
+from harness.results.run_folder import Run, find_folder, read_facts, read_run, select_latest
 from harness.settings import HISTORY_METRICS
 from harness.style import COLOURS, MARKERS, add_legend_below, draw_figure, make_figure
 from scenes.spec import format_install_command
@@ -94,8 +94,8 @@ def find_runs(folders: Sequence[Path], *, studies: bool = False) -> tuple[list[R
         if not files and not folder.is_file():
             raise InputError(f"{folder} has no run; give a run, or a folder of runs")
         for path in files or [folder]:
-            paths.setdefault(_resolve_folder(path), path)
-    named = set(map(_resolve_folder, folders))
+            paths.setdefault(find_folder(path).resolve(), path)
+    named = {find_folder(path).resolve() for path in folders}
     runs, skipped = [], 0
     for resolved, path in paths.items():
         facts = read_facts(path, [])
@@ -107,11 +107,6 @@ def find_runs(folders: Sequence[Path], *, studies: bool = False) -> tuple[list[R
         runs.append(select_latest(read_run(path)))
     runs.sort(key=lambda run: (str(run.facts.get("created") or ""), str(run.path)))
     return runs, skipped
-
-
-def _resolve_folder(path: Path) -> Path:
-    """Return the folder of a run, given the folder or its cases.jsonl."""
-    return (path.parent if path.is_file() else path).resolve()
 
 
 def read_series(runs: Sequence[Run], metrics: Sequence[str] = HISTORY_METRICS) -> list[Series]:

@@ -208,8 +208,7 @@ def _format_range(resolutions: Sequence[int], named: Sequence[Size]) -> str:
     numbers = [size.resolution for size in named]
     first = resolutions.index(numbers[0])
     if list(resolutions[first : first + len(numbers)]) == numbers:
-        numbers = numbers[:: max(1, len(numbers) - 1)]
-        return " to ".join(map(str, numbers))
+        return f"{numbers[0]} to {numbers[-1]}" if len(numbers) > 1 else str(numbers[0])
     return ", ".join(map(str, numbers))
 
 

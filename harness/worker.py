@@ -33,18 +33,7 @@ from harness.machine.process import hide_working_folder
 from harness.serving import Limits, TaskError, TaskTimeoutError
 from triangulators.errors import summarize_error
 
-__all__ = [
-    "Limits",
-    "OpenWorker",
-    "TaskError",
-    "TaskTimeoutError",
-    "Worker",
-    "WorkerPool",
-    "WorkerSpec",
-    "get_shared_worker",
-    "get_third_party_limits",
-    "wait_for_result",
-]
+__all__ = ["Limits", "OpenWorker", "TaskError", "TaskTimeoutError", "Worker"]
 
 T = TypeVar("T")
 

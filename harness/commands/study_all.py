@@ -58,13 +58,12 @@ def study_all(
     names = [make_file_stem(Path(format_label(scene)).stem) for scene in scenes]
     if len(set(names)) < len(names):
         raise UsageError(f"two data sets would share a folder: {', '.join(names)}; rename one")
+    size = study_validate.QUICK if quick else StudySize()
     settings = _Settings(
         rasterisers=options.choose_rasterisers(rasterisers, "bounding-box"),
         devices=tuple(device or ()),
         resolution=resolution,
-        polygons=study_validate.QUICK.polygons
-        if quick and not options.is_given(context, "polygons")
-        else polygons,
+        size=replace(size, polygons=polygons) if options.is_given(context, "polygons") else size,
         seed=seed,
         quick=quick,
         verbose=verbose,
@@ -120,7 +119,7 @@ class _Settings:
     rasterisers: tuple[str, ...]
     devices: tuple[str, ...]
     resolution: tuple[int, ...]
-    polygons: int
+    size: StudySize  # of the validation
     seed: int
     quick: bool
     verbose: bool
@@ -168,11 +167,9 @@ def _measure_validation(scene: str, folder: Path, settings: _Settings) -> None:
         seed=settings.seed,
         budget_s=study_validate.QUICK_S if settings.quick else study_validate.BUDGET_S,
     )
-    size = study_validate.QUICK if settings.quick else StudySize()
-    size = replace(size, polygons=settings.polygons)
     reporter = Reporter(quiet=True, verbose=settings.verbose)
     validation = study_validate.measure_validation(
-        plan, size, folder, reporter, resume=(folder / "run.json").is_file()
+        plan, settings.size, folder, reporter, resume=(folder / "run.json").is_file()
     )
     raise_if_cases_failed(validation.run)
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from harness.atomic import Output
 from harness.errors import InputError, UsageError
-from harness.export.writers import ExportMesh, ExportMetadata, to_json_value
+from harness.export.writers import ExportMesh, ExportMetadata, find_free_name, to_json_value
 from scenes.projection import find_system
 from scenes.spec import format_install_command
 
@@ -100,9 +100,7 @@ class GeoParquetWriter:
         table = pa.Table.from_pandas(mesh.attributes, preserve_index=False)
         names = table.column_names
         if "geometry" in names:
-            free = next(
-                n for k in range(1, len(names) + 1) if (n := "geometry" + k * "_") not in names
-            )
+            free = find_free_name("geometry", names)
             table = table.rename_columns([free if n == "geometry" else n for n in names])
         geometry = pa.array(_encode_wkb(mesh, self._about, self._collection), pa.binary())
         if table.num_columns == 0:

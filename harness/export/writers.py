@@ -2,6 +2,7 @@
 
 import io
 import json
+from collections.abc import Container
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import IO, Any
@@ -135,6 +136,13 @@ class ObjWriter:
         """Do nothing: the file is complete."""
 
 
+def find_free_name(name: str, taken: Container[str]) -> str:
+    """Return a name, followed by as many _ as it takes to differ from those that are taken."""
+    while name in taken:
+        name += "_"
+    return name
+
+
 class NpzWriter:
     """Writes arrays, for p polygons, n vertices and m triangles:
 
@@ -178,10 +186,7 @@ class NpzWriter:
                     for v, is_missing in zip(column, column.isna(), strict=True)
                 ]
                 values = np.array(texts, dtype=np.str_)
-            name = f"attribute_{label}".replace("/", "_")
-            while name in arrays:
-                name += "_"
-            arrays[name] = values
+            arrays[find_free_name(f"attribute_{label}".replace("/", "_"), arrays)] = values
         for fact in ("triangulator", "units", "credit"):
             arrays[fact] = np.array(getattr(self._about, fact))
         np.savez(self._output.open_published(), **arrays)

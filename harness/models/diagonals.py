@@ -66,6 +66,9 @@ class FaceDiagonals:
     optimal: int
 
 
+CHOOSE_CRITERION = "choose from edge-length, half-perimeter, overdraw"
+
+
 def get_cost_function(criterion: str) -> Cost:
     """Return a criterion's cost function; raise UsageError unless it is a sum over triangles."""
     try:
@@ -74,10 +77,7 @@ def get_cost_function(criterion: str) -> Cost:
         raise UsageError(str(error)) from error
     cost = find_plain_cost(entry)
     if cost is None:
-        raise UsageError(
-            f"criterion {criterion}: unsupported for models (choose from edge-length, "
-            "half-perimeter, overdraw)"
-        )
+        raise UsageError(f"criterion {criterion}: unsupported for models ({CHOOSE_CRITERION})")
     return cost
 
 

@@ -10,7 +10,7 @@ import pandas as pd
 from pandas.util import hash_pandas_object
 
 from harness.errors import UsageError
-from harness.models.diagonals import choose_diagonals, get_cost_function
+from harness.models.diagonals import CHOOSE_CRITERION, choose_diagonals, get_cost_function
 from harness.models.flat_faces import (
     INDEX_BITS,
     Ints,
@@ -75,7 +75,7 @@ def retriangulate(
     if criterion in PIXEL_CRITERIA:
         raise UsageError(
             f"criterion {criterion}: depends on a size in pixels, which a model does not have "
-            "(choose from edge-length, half-perimeter, overdraw)"
+            f"({CHOOSE_CRITERION})"
         )
     changes = Changes()
     changes.unchanged += model.unchanged

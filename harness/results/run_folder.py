@@ -67,7 +67,12 @@ class Run:
     @property
     def folder(self) -> Path:
         """The run's folder."""
-        return self.path if self.path.is_dir() else self.path.parent
+        return find_folder(self.path)
+
+
+def find_folder(path: Path) -> Path:
+    """Return a run's folder, given the folder or its cases.jsonl."""
+    return path if path.is_dir() else path.parent
 
 
 @dataclass(frozen=True)

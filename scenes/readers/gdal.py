@@ -119,7 +119,7 @@ def linearize(geometry: bytes | str) -> bytes | None:
                 library.OGR_G_DestroyGeometry(parsed)
                 return None
         else:
-            wkb = _remove_srid(geometry)
+            wkb, _ = split_srid(geometry)
             failure = library.OGR_G_CreateFromWkb(wkb, None, ctypes.byref(parsed), len(wkb))
         if failure or not parsed:
             return None
@@ -134,19 +134,13 @@ def linearize(geometry: bytes | str) -> bytes | None:
     return None if failure else buffer.raw
 
 
-def _remove_srid(wkb: bytes) -> bytes:
-    """Return EWKB without its SRID, which GDAL does not expect."""
+def split_srid(wkb: bytes) -> tuple[bytes, int]:
+    """Return EWKB without its SRID, which GDAL does not expect, and the SRID, 0 if it has none."""
     order = "<" if wkb[:1] == b"\1" else ">"
     if len(wkb) < 9 or not (kind := struct.unpack_from(f"{order}I", wkb, 1)[0]) & _SRID:
-        return wkb
-    return wkb[:1] + struct.pack(f"{order}I", kind & ~_SRID) + wkb[9:]
-
-
-def read_srid(wkb: bytes) -> int:
-    """Return the SRID of EWKB, or 0 if there is none."""
-    if _remove_srid(wkb) == wkb:
-        return 0
-    return int.from_bytes(wkb[5:9], "little" if wkb[:1] == b"\1" else "big")
+        return wkb, 0
+    (srid,) = struct.unpack_from(f"{order}I", wkb, 5)
+    return wkb[:1] + struct.pack(f"{order}I", kind & ~_SRID) + wkb[9:], srid
 
 
 _GEOMETRIES = ("Point", "LineString", "Polygon", "GeometryCollection")

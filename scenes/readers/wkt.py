@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from scenes.readers.gdal import linearize, read_srid
+from scenes.readers.gdal import linearize, split_srid
 from scenes.readers.guard import check_last_line, number_lines
 from scenes.readers.reader import RawChunk, Source
 from scenes.scene import Note
@@ -131,7 +131,7 @@ def _parse_geometry(source: Any) -> tuple[Any | None, str]:
     geometry = None if straight is None else shapely.from_wkb(straight, on_invalid="ignore")
     if geometry is not None:
         if not isinstance(source, str):
-            geometry = shapely.set_srid(geometry, read_srid(source))
+            geometry = shapely.set_srid(geometry, split_srid(source)[1])
         return geometry, CURVED if is_curved else ""
     return None, f"{UNPARSABLE}: curves" if is_curved else UNPARSABLE
 
